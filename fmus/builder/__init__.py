@@ -1,0 +1,1 @@
+"""Turns a drive's folder (model.c, drive.toml) into its .fmu."""

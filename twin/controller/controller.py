@@ -1,0 +1,156 @@
+"""Hybrid force-position control (Fig. 3 B): force is the outer loop that shifts the z reference, position the inner one.
+
+The position loop turns the Cartesian error into motor speeds, omega_ref = N J PID(p_cmd - p_est). The force loop is
+triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID(F_z_ref - F_z), within +-limit.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import carray, njit
+
+from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
+from twin.controller.reference import reference_position
+from twin.cosim.component import Component, Port, width
+from twin.cosim.native import doubles_at, step_function
+
+INPUTS = (
+    Port("p_B", 3, "m", "estimated platform position"),
+    Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
+    Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
+)
+OUTPUTS = (
+    Port("omega_ref", 3, "rad/s", "commanded motor speeds"),
+    Port("p_ref_B", 3, "m", "pre-defined reference position"),
+    Port("p_cmd_B", 3, "m", "reference of the position loop: p_ref_B shifted by the force loop"),
+    Port("dp_z", 1, "m", "correction of the force loop to the z reference; negative presses harder"),
+    Port("triggered", 1, "1", "whether the force loop is on", "bool"),
+    Port("F_z", 1, "N", "estimated pressing force, low-passed: what trigger and force loop use"),
+    Port("F_z_ref", 1, "N", "reference of the force loop"),
+)
+
+
+class Law(NamedTuple):
+    """Settings of the force-position law, SI.
+
+    Attributes:
+        N: belt ratio, as the controller believes it.
+        omega_max: limit of each commanded motor speed (rad/s).
+        F_z_ref: reference of the force loop (N).
+        trigger_force: the force loop starts at |F_z| above this (N); infinity: never.
+        trigger_time: it starts at this time (s) whatever the force; infinity: never.
+        dp_z_max: limit of the force loop's correction (m).
+        corner: low-pass on the force (Hz).
+    """
+
+    N: float
+    omega_max: float
+    F_z_ref: float
+    trigger_force: float
+    trigger_time: float
+    dp_z_max: float
+    corner: float
+
+
+LAW = np.dtype([(name, "f8") for name in Law._fields], align=True)
+MEMORY = np.dtype(
+    [
+        ("law", LAW),
+        ("force", PID),
+        ("position", PID, (3,)),
+        ("F_z", "f8"),
+        ("triggered", "i8"),
+        ("segment", "i8"),
+        ("way_points", "i8"),
+        ("times", "i8"),
+        ("points", "i8"),
+    ],
+    align=True,
+)
+
+
+@njit(cache=True)
+def force_correction(law, pid, F_z, h):
+    """dp_z (m) of the force loop for pressing force `F_z` (N)."""
+    u, integral = proposal(pid, law.F_z_ref - F_z, h)
+    if abs(u) <= law.dp_z_max:
+        accept(pid, integral)
+    return -min(max(u, -law.dp_z_max), law.dp_z_max)
+
+
+@njit(cache=True)
+def motor_speeds(law, pids, J, ex, ey, ez, h, omega_ref):
+    """omega_ref (3,) of the position loop for the position error (m), each within +-omega_max."""
+    ux, ix = proposal(pids[0], ex, h)
+    uy, iy = proposal(pids[1], ey, h)
+    uz, iz = proposal(pids[2], ez, h)
+    within = True
+    for i in range(3):
+        omega = law.N * (J[3 * i] * ux + J[3 * i + 1] * uy + J[3 * i + 2] * uz)
+        within = within and abs(omega) <= law.omega_max
+        omega_ref[i] = min(max(omega, -law.omega_max), law.omega_max)
+    if within:
+        accept(pids[0], ix)
+        accept(pids[1], iy)
+        accept(pids[2], iz)
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    u_, y_ = carray(u, 15), carray(y, 13)
+    times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
+    x, y_ref, z, m.segment = reference_position(times, points, m.segment, t)
+    m.F_z += low_pass_share(m.law.corner, h) * (-u_[14] - m.F_z)
+    if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
+        m.triggered = 1
+    dp_z = force_correction(m.law, m.force, m.F_z, h) if m.triggered else 0.0
+    motor_speeds(m.law, m.position, u_[3:12], x - u_[0], y_ref - u_[1], z + dp_z - u_[2], h, y_[:3])
+    y_[3], y_[4], y_[5] = x, y_ref, z
+    y_[6], y_[7], y_[8] = x, y_ref, z + dp_z
+    y_[9], y_[10], y_[11], y_[12] = dp_z, m.triggered, m.F_z, m.law.F_z_ref
+    return 0
+
+
+class Controller(Component):
+    """Sampled component: estimates in, motor speeds out.
+
+    Args:
+        law: settings. position, force: gains of the two loops; position acts on m and gives m/s, force acts on N and
+            gives m.
+        times, points: way points of the reference, (n,) s ascending and (n, 3) m.
+        period: in ticks.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        position: Gains,
+        force: Gains,
+        times: Sequence[float],
+        points: Sequence[Sequence[float]],
+        period: int = 1,
+    ):
+        times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
+        memory = np.zeros(1, dtype=MEMORY)
+        memory["law"][0] = tuple(law)
+        memory["force"][0] = loop(force)
+        memory["position"][0] = [loop(position)] * 3
+        memory["way_points"] = len(times_)
+        memory["times"], memory["points"] = times_.ctypes.data, points_.ctypes.data
+        super().__init__(
+            name="controller",
+            inputs=INPUTS,
+            outputs=OUTPUTS,
+            sampled=True,
+            step_address=step.address,
+            self_address=memory.ctypes.data,
+            initial_outputs=np.zeros(width(OUTPUTS)),
+            period=period,
+            keep=(memory, times_, points_),
+        )
+
+
+NEVER = math.inf

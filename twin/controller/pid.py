@@ -1,0 +1,54 @@
+"""A discrete PID: rectangular integral that stops at the limit, first-order filter on the derivative."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+
+class Gains(NamedTuple):
+    """Gains of one loop: kp, ki (per s), kd (s), and the corner of the derivative filter (Hz; 0: unfiltered)."""
+
+    kp: float
+    ki: float = 0.0
+    kd: float = 0.0
+    derivative_corner: float = 0.0
+
+
+PID = np.dtype(
+    [(name, "f8") for name in (*Gains._fields, "integral", "derivative", "error")] + [("started", "i8")], align=True
+)
+
+
+def loop(gains: Gains) -> tuple:
+    """A record of dtype `PID` at rest."""
+    return (*gains, 0.0, 0.0, 0.0, 0)
+
+
+@njit(cache=True)
+def low_pass_share(corner, h):
+    """How much of a new sample a first-order low-pass with `corner` (Hz) takes over per period `h` (s)."""
+    return 1.0 - math.exp(-2.0 * math.pi * corner * h) if corner > 0.0 else 1.0
+
+
+@njit(cache=True)
+def proposal(pid, e, h):
+    """(output, integral): what the loop would do for error `e`; `accept` keeps the integral.
+
+    The derivative acts on the error and starts at 0. Whoever limits the output accepts the integral only if the output
+    was within its limit: conditional integration, so nothing winds up.
+    """
+    if pid.started:
+        rate = (e - pid.error) / h
+        pid.derivative += low_pass_share(pid.derivative_corner, h) * (rate - pid.derivative)
+    pid.error = e
+    pid.started = 1
+    integral = pid.integral + pid.ki * e * h
+    return pid.kp * e + integral + pid.kd * pid.derivative, integral
+
+
+@njit(cache=True)
+def accept(pid, integral):
+    """Keep the proposed integral."""
+    pid.integral = integral

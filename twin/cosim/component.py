@@ -1,0 +1,81 @@
+"""What the master needs to know of a component."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+NOT_FINITE = -1
+"""Status the master gives a component whose step returned NaN or infinity."""
+
+
+@dataclass(frozen=True)
+class Port:
+    """A named input or output.
+
+    Attributes:
+        name: the quantity's name, the same everywhere.
+        size: number of doubles.
+        unit: SI unit as text, "1" for pure numbers.
+        meaning: one phrase, frames and sign included.
+        kind: "double", "int" or "bool": how a recording keeps it; on a wire every value is a double.
+    """
+
+    name: str
+    size: int = 1
+    unit: str = "1"
+    meaning: str = ""
+    kind: str = "double"
+
+
+@dataclass
+class Component:
+    """One participant of a co-simulation, stepped by address.
+
+    `int32 step(void *self, double t, double h, const double *u, double *y)` reads the inputs `u`, writes the outputs
+    `y` and returns 0 (or 1, a warning); anything else stops the run.
+
+    Attributes:
+        name: unique in the system.
+        inputs, outputs: ports, in the order in which `u` and `y` hold them.
+        sampled: True: evaluated AT t_k, no time passes in it. False: goes from t_k to t_k + h.
+        step_address, self_address: the step function and its memory.
+        initial_outputs: outputs that are valid before tick 0.
+        period: in ticks.
+        label: what an error sentence calls it (an FMU's file name, say).
+        keep: whatever owns the memory behind the addresses.
+    """
+
+    name: str
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    sampled: bool
+    step_address: int
+    self_address: int
+    initial_outputs: np.ndarray
+    period: int = 1
+    label: str = ""
+    keep: Any = field(default=None, repr=False)
+
+    def explain(self, status: int) -> str:
+        """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
+        return f"returned status {status}"
+
+    def close(self) -> None:
+        """Release what the component holds outside Python's memory."""
+
+
+def width(ports: tuple[Port, ...]) -> int:
+    """Number of doubles that `ports` take together."""
+    return sum(port.size for port in ports)
+
+
+def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
+    """`omega_ref = 0.13 rad/s, tau_load = 0.061 N m`: the values of `ports`, for people."""
+    texts, start = [], 0
+    for port in ports:
+        part = values[start : start + port.size]
+        start += port.size
+        shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"
+        texts.append(f"{port.name} = {shown}" + ("" if port.unit == "1" else f" {port.unit}"))
+    return ", ".join(texts)

@@ -1,0 +1,38 @@
+"""A pure delay of whole ticks, for a computation that takes time."""
+
+import numpy as np
+from numba import carray
+
+from twin.cosim.component import Component, Port, width
+from twin.cosim.native import doubles_at, step_function
+
+MEMORY = np.dtype([("size", "i8"), ("ticks", "i8"), ("position", "i8"), ("ring", "i8")], align=True)
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    ring = carray(doubles_at(m.ring), m.size * m.ticks)
+    u_, y_ = carray(u, m.size), carray(y, m.size)
+    start = m.position * m.size
+    for j in range(m.size):
+        y_[j] = ring[start + j]
+        ring[start + j] = u_[j]
+    m.position = (m.position + 1) % m.ticks
+    return 0
+
+
+def delay(name: str, port: Port, ticks: int, initial: np.ndarray) -> Component:
+    """Sampled component: its output `port` is its input of `ticks` (>= 1) ticks ago, before that `initial`."""
+    ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))
+    memory = np.array([(width((port,)), ticks, 0, ring.ctypes.data)], dtype=MEMORY)
+    return Component(
+        name=name,
+        inputs=(port,),
+        outputs=(port,),
+        sampled=True,
+        step_address=step.address,
+        self_address=memory.ctypes.data,
+        initial_outputs=ring[0].copy(),
+        keep=(memory, ring),
+    )

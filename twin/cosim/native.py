@@ -1,0 +1,74 @@
+"""Calls by address: what lets one compiled loop step components that it has never seen.
+
+Addresses travel as int64 run-time values, so compiled callers are cached across processes although every process loads
+its libraries elsewhere.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from llvmlite import ir
+from numba import cfunc, from_dtype, types
+from numba.extending import intrinsic
+
+_I32, _I64, _F64, _VOID = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
+_DOUBLES = types.CPointer(types.float64)
+
+
+def step_function(memory: np.dtype) -> Callable[[Callable], Any]:
+    """Decorator: compile `f(self, t, h, u, y) -> int32` as a component's step over a record of dtype `memory`.
+
+    `self` is a pointer to the record, `u` and `y` are pointers to the component's inputs and outputs
+    (`numba.carray` makes arrays of them). The result has `.address` and is cached on disk.
+    """
+    signature = types.int32(types.CPointer(from_dtype(memory)), types.float64, types.float64, _DOUBLES, _DOUBLES)
+    return cfunc(signature, cache=True)
+
+
+@intrinsic
+def call_step(typingctx, function, self, t, h, u, y):
+    """`int32 step(void *self, double t, double h, const double *u, double *y)` at address `function`."""
+    signature = types.int32(
+        types.int64, types.int64, types.float64, types.float64, types.int64, types.int64
+    )
+
+    def codegen(context, builder, signature, arguments):
+        f, self_, t_, h_, u_, y_ = arguments
+        kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _VOID, _VOID])
+        pointers = [builder.inttoptr(value, _VOID) for value in (self_, u_, y_)]
+        target = builder.inttoptr(f, kind.as_pointer())
+        return builder.call(target, [pointers[0], t_, h_, pointers[1], pointers[2]])
+
+    return signature, codegen
+
+
+@intrinsic
+def address_of(typingctx, pointer):
+    """The address (int64) behind a pointer argument of a compiled step."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.ptrtoint(arguments[0], _I64)
+
+    return types.int64(pointer), codegen
+
+
+@intrinsic
+def doubles_at(typingctx, address):
+    """A `double *` from an address; `numba.carray(doubles_at(a), n)` makes it an array."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], _F64.as_pointer())
+
+    return _DOUBLES(types.int64), codegen
+
+
+@intrinsic
+def clock_cycles(typingctx):
+    """The processor's cycle counter; differences are proportional to time."""
+
+    def codegen(context, builder, signature, arguments):
+        counter = builder.module.declare_intrinsic("llvm.readcyclecounter", fnty=ir.FunctionType(_I64, []))
+        return builder.call(counter, [])
+
+    return types.int64(), codegen

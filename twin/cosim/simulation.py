@@ -1,0 +1,93 @@
+"""A system in motion: slices of compiled ticks, and failures turned into sentences."""
+
+import numpy as np
+
+from twin.cosim.component import NOT_FINITE, Component, named_values
+from twin.cosim.master import advance
+from twin.cosim.system import System
+from twin.errors import ComponentFailed
+
+
+class Simulation:
+    """Runs a `System` tick by tick from 0 to `last_tick`.
+
+    Args:
+        system: what to run.
+        last_tick: the tick that gets the last row and no step.
+        slice_ticks: most ticks one call of `advance` runs.
+        timed: count the processor cycles of each component in `cycles`.
+    """
+
+    def __init__(self, system: System, last_tick: int, slice_ticks: int = 100, timed: bool = False):
+        self.system = system
+        self.last_tick = last_tick
+        self.next_tick = 0
+        self.cycles = np.zeros(len(system.components) if timed else 0, dtype=np.int64)
+        self._table = system.table()
+        self._u = np.zeros(system.inputs_width)
+        valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])
+        self._y = np.concatenate([valid, valid])
+        self._rows = np.empty((slice_ticks, system.outputs_width))
+        self.failure: ComponentFailed | None = None
+
+    @property
+    def finished(self) -> bool:
+        return self.next_tick > self.last_tick or self.failure is not None
+
+    def advance(self) -> np.ndarray:
+        """Run one slice.
+
+        Returns:
+            (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
+            component failed, the rows before it, and `failure` says what happened.
+        """
+        first = self.next_tick
+        done, culprit, status = advance(
+            self._table, self.system.sources, self.system.sampled, self.system.tick, self._u, self._y,
+            self._rows, first, len(self._rows), self.last_tick, self.cycles,
+        )  # fmt: skip
+        self.next_tick = first + done
+        if culprit >= 0:
+            sampled = culprit < self.system.sampled
+            self.failure = self._failed(culprit, status, self.next_tick if sampled else self.next_tick - 1)
+        return self._rows[:done]
+
+    def run(self) -> np.ndarray:
+        """Run to the end and return every row: (last_tick + 1, outputs).
+
+        Raises:
+            ComponentFailed: with the sentence that names component, function, simulated time and last inputs.
+        """
+        slices = []
+        while not self.finished:
+            slices.append(self.advance().copy())
+        if self.failure:
+            raise self.failure
+        return np.concatenate(slices)
+
+    def inputs(self, component: Component) -> np.ndarray:
+        """The inputs that `component` was last stepped with."""
+        c = self.system.components.index(component)
+        return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
+
+    def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
+        component = self.system.components[culprit]
+        what = self._not_finite(culprit) if status == NOT_FINITE else component.explain(status)
+        label = f"{component.label} ({component.name})" if component.label else component.name
+        inputs = named_values(component.inputs, self.inputs(component)) or "none"
+        when = f"t = {tick * self.system.tick:.6g} s, tick {tick}"
+        where = f"at {when}" if component.sampled else f"in the step from {when}"
+        return ComponentFailed(f"{label} {what} {where}. Last inputs: {inputs}.")
+
+    def _not_finite(self, culprit: int) -> str:
+        component = self.system.components[culprit]
+        start = int(self.system.y_start[culprit])
+        if not component.sampled:
+            start += self.system.outputs_width
+        for port in component.outputs:
+            values = self._y[start : start + port.size]
+            if not np.all(np.isfinite(values)):
+                bad = values[~np.isfinite(values)][0]
+                return f"returned {'NaN' if np.isnan(bad) else 'infinity'} for {port.name}"
+            start += port.size
+        raise AssertionError("the master reported a value that is not finite, and all are")

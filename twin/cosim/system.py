@@ -1,0 +1,155 @@
+"""Components joined by wires, checked as a whole before anything runs."""
+
+import difflib
+import re
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from twin.cosim.component import Component, Port, width
+from twin.cosim.master import Table
+from twin.errors import InputRefused
+
+Scheme = Literal["gauss_seidel", "jacobi"]
+_END = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
+
+
+@dataclass(frozen=True)
+class Slots:
+    """Where a wire's end lies in the vector of all inputs or all outputs."""
+
+    start: int
+    size: int
+    component: int
+
+
+class System:
+    """A co-simulation ready to be run.
+
+    Args:
+        components: any order among kinds; the order within the sampled and within the continuous ones is the order of
+            evaluation.
+        wires: pairs (output, input) as `"plant.tau_load[0]", "drive_1.tau_load"`; an index picks one element.
+        tick: duration of a tick (s), > 0.
+        scheme: "gauss_seidel": a continuous component sees the newest outputs of those stepped before it in the same
+            tick, and those of t_k of the others. "jacobi": all see t_k.
+
+    Raises:
+        InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two.
+    """
+
+    def __init__(
+        self,
+        components: Sequence[Component],
+        wires: Iterable[tuple[str, str]],
+        tick: float,
+        scheme: Scheme = "gauss_seidel",
+    ):
+        self.components = tuple(sorted(components, key=lambda c: not c.sampled))
+        self.tick = tick
+        self.scheme = scheme
+        self.sampled = sum(c.sampled for c in self.components)
+        names = [c.name for c in self.components]
+        for name in names:
+            if names.count(name) > 1:
+                raise InputRefused(f"two components are called '{name}'; give each a name of its own")
+        for component in self.components:
+            if component.period < 1:
+                raise InputRefused(f"{component.name}: period {component.period}; expected at least 1 tick")
+            if len(component.initial_outputs) != width(component.outputs):
+                raise InputRefused(
+                    f"{component.name}: {len(component.initial_outputs)} initial outputs; "
+                    f"its ports need {width(component.outputs)}"
+                )
+        self.u_start = _starts([width(c.inputs) for c in self.components])
+        self.y_start = _starts([width(c.outputs) for c in self.components])
+        self.sources = self._connect(list(wires))
+
+    @property
+    def inputs_width(self) -> int:
+        return int(self.u_start[-1])
+
+    @property
+    def outputs_width(self) -> int:
+        return int(self.y_start[-1])
+
+    def table(self) -> Table:
+        """The components as the compiled loop reads them."""
+        parts = self.components
+        columns = [
+            [c.step_address for c in parts],
+            [c.self_address for c in parts],
+            [c.period for c in parts],
+            self.u_start[:-1],
+            [width(c.inputs) for c in parts],
+            self.y_start[:-1],
+            [width(c.outputs) for c in parts],
+        ]
+        return Table(*(np.array(column, dtype=np.int64) for column in columns))
+
+    def columns(self, end: str) -> slice:
+        """Which columns of a row hold the output `"component.port"`."""
+        slots = self._slots(end, "output")
+        return slice(slots.start, slots.start + slots.size)
+
+    def component(self, name: str) -> Component:
+        return self.components[self._position(name, name)]
+
+    def _connect(self, wires: list[tuple[str, str]]) -> np.ndarray:
+        sources = np.full(self.inputs_width, -1, dtype=np.int64)
+        for source, target in wires:
+            from_, to = self._slots(source, "output"), self._slots(target, "input")
+            if from_.size != to.size:
+                raise InputRefused(f"wire {source} -> {target}: {from_.size} values into {to.size}")
+            if np.any(sources[to.start : to.start + to.size] >= 0):
+                raise InputRefused(f"input {target} is fed by two wires; remove one ({source})")
+            newest = self.outputs_width if self._sees_newest(from_.component, to.component) else 0
+            sources[to.start : to.start + to.size] = newest + from_.start + np.arange(from_.size)
+        for c, component in enumerate(self.components):
+            start = self.u_start[c]
+            for port in component.inputs:
+                if np.any(sources[start : start + port.size] < 0):
+                    raise InputRefused(f"input {component.name}.{port.name} has no wire; connect an output to it")
+                start += port.size
+        return sources
+
+    def _sees_newest(self, source: int, target: int) -> bool:
+        return self.scheme == "gauss_seidel" and self.sampled <= source < target
+
+    def _position(self, name: str, end: str) -> int:
+        names = [c.name for c in self.components]
+        if name not in names:
+            raise InputRefused(f"wire end '{end}': no component '{name}'{_close(name, names)}")
+        return names.index(name)
+
+    def _slots(self, end: str, side: Literal["input", "output"]) -> Slots:
+        match = _END.fullmatch(end)
+        if match is None:
+            raise InputRefused(f"wire end '{end}': expected component.port or component.port[index]")
+        c = self._position(match["component"], end)
+        component = self.components[c]
+        ports: tuple[Port, ...] = component.inputs if side == "input" else component.outputs
+        start = int((self.u_start if side == "input" else self.y_start)[c])
+        for port in ports:
+            if port.name == match["port"]:
+                if match["index"] is None:
+                    return Slots(start, port.size, c)
+                if int(match["index"]) >= port.size:
+                    raise InputRefused(f"wire end '{end}': {port.name} has {port.size} values, counted from 0")
+                return Slots(start + int(match["index"]), 1, c)
+            start += port.size
+        names = [port.name for port in ports]
+        raise InputRefused(
+            f"wire end '{end}': {component.name} has no {side} '{match['port']}'{_close(match['port'], names)}"
+        )
+
+
+def _starts(sizes: list[int]) -> np.ndarray:
+    return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+
+
+def _close(name: str, names: list[str]) -> str:
+    matches = difflib.get_close_matches(name, names, 1)
+    return f"; did you mean '{matches[0]}'?" if matches else f"; there are {', '.join(names) or 'none'}"

@@ -1,0 +1,35 @@
+"""Typed errors. Each carries the exit code of the process that ends with it."""
+
+
+class TwinError(Exception):
+    """Base of every error this product raises on purpose; its text is one clear sentence for the user."""
+
+    exit_code = 1
+
+
+class InputRefused(TwinError):
+    """A configuration, FMU or file was refused before anything ran: where, got, expected, remedy."""
+
+    exit_code = 2
+
+
+class ComponentFailed(TwinError):
+    """A component failed while the co-simulation was running."""
+
+    exit_code = 3
+
+
+class Unreachable(InputRefused, ValueError):
+    """No pose or no joint angles exist for what was asked.
+
+    Attributes:
+        leg: 1, 2 or 3, the leg that cannot follow; 0 where no single leg is to blame.
+        pose: what was asked, platform position (m) or joint angles (rad).
+        excess: how far out it is, in m (always positive).
+    """
+
+    def __init__(self, message: str, leg: int, pose: tuple[float, ...], excess: float):
+        super().__init__(message)
+        self.leg = leg
+        self.pose = pose
+        self.excess = excess

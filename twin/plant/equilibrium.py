@@ -1,0 +1,34 @@
+"""Where the robot rests: the springs wound up so far that they carry its weight and the contact."""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from twin.plant.contact import contact_force
+from twin.plant.parameters import STATES, PlantParameters
+from twin.robot.geometry import Geometry
+from twin.robot.gravity import arm_gravity_torque, platform_weight
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.jacobian import jacobian
+
+
+def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
+    """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
+
+    The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
+    its backlash, an unloaded one in the middle.
+
+    Raises:
+        Unreachable: `p_B` is outside the workspace.
+    """
+    p = np.asarray(p_B, dtype=float)
+    geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
+    theta_l = joint_angles(geometry, p)
+    F_ee_B = np.array(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0))
+    wrench = F_ee_B + [0.0, 0.0, platform_weight(parameters)]
+    arms = np.array([arm_gravity_torque(parameters, parameters, theta) for theta in theta_l])
+    tau_l = np.linalg.solve(jacobian(geometry, p).T, wrench) - arms
+    d = tau_l / (parameters.k_s * parameters.N * parameters.eta)
+    theta_m = parameters.N * theta_l + d + np.sign(d) * parameters.backlash
+    x = np.zeros(STATES)
+    x[:3] = p
+    return x, theta_m

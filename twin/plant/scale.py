@@ -1,0 +1,36 @@
+"""The electronic scale under the robot: it shows the vertical force in steps."""
+
+import numpy as np
+from numba import carray
+
+from twin.cosim.component import Component, Port, width
+from twin.cosim.native import step_function
+
+INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
+OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
+MEMORY = np.dtype([("resolution", "f8")], align=True)
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    carray(y, 1)[0] = np.floor(-carray(u, 3)[2] / m.resolution + 0.5) * m.resolution
+    return 0
+
+
+class Scale(Component):
+    """Reads the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
+
+    def __init__(self, resolution: float, period: int = 1):
+        memory = np.array([(resolution,)], dtype=MEMORY)
+        super().__init__(
+            name="scale",
+            inputs=INPUTS,
+            outputs=OUTPUTS,
+            sampled=True,
+            step_address=step.address,
+            self_address=memory.ctypes.data,
+            initial_outputs=np.zeros(width(OUTPUTS)),
+            period=period,
+            keep=memory,
+        )

@@ -1,0 +1,4 @@
+"""MCAP in and out: `Writer` records topics of numbers, `read` gives them back as arrays.
+
+`layout` says what a recording holds, `writer` and `reader` are the two doors; nothing else here is for callers.
+"""

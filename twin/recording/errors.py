@@ -1,0 +1,25 @@
+"""What can go wrong with a recording, each with the exit code of the process that ends with it."""
+
+from twin.errors import InputRefused, TwinError
+
+
+class RecordingFailed(TwinError):
+    """A recording could not be written: disk full, no permission; what was written stays readable."""
+
+    exit_code = 3
+
+
+class RecordingRefused(InputRefused):
+    """A file is not a recording that can be read: missing, empty, not MCAP, or of another layout."""
+
+
+class RecordingDamaged(RecordingRefused):
+    """A recording holds bytes that are not those that were written; `salvage=True` reads what precedes them."""
+
+
+class UnknownSeries(RecordingRefused, KeyError):
+    """A recording was asked for a topic or field it does not hold."""
+
+    def __str__(self) -> str:
+        # KeyError prints the repr of its argument, with quotes and escapes; the user gets the sentence
+        return str(self.args[0])

@@ -1,0 +1,121 @@
+"""Whole series of protobuf messages at once, as numpy records of one stride.
+
+Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and sfixed64
+are 8 bytes, bool is 1 as it is 0 or 1) and is written even where it is zero, so the messages of a topic have one
+length, and an MCAP Message record (https://mcap.dev/spec#message-op0x05) around each has one too. A series is then
+a template repeated n times with columns of numbers assigned into it; no message is encoded or decoded on its own.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from twin.recording.layout import Field, Kind
+
+# the fixed front of an MCAP Message record, little endian and unpadded
+HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
+                 ("log_time", "<u8"), ("publish_time", "<u8")])  # fmt: skip
+# opcode and length are not counted in the length of a record
+RECORD_PREFIX = 9
+VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
+# wire types of protobuf
+VARINT, I64, LEN = 0, 1, 2
+
+
+@dataclass(frozen=True)
+class MessageLayout:
+    """Where the bytes of one topic's Message records are.
+
+    Attributes:
+        template: one record (stride,) uint8 with every number zero: tags, lengths and channel only.
+        framing: slices of the record that hold no number and are equal in every message of the topic.
+        head: structured dtype of the record's front, itemsize = stride.
+        values: structured dtype of the record's numbers, one name per field, itemsize = stride.
+    """
+
+    template: np.ndarray
+    framing: tuple[slice, ...]
+    head: np.dtype
+    values: np.dtype
+
+    @property
+    def stride(self) -> int:
+        """Bytes from one record to the next."""
+        return self.values.itemsize
+
+
+def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
+    """Layout of the Message records of channel number `channel` whose messages have `fields`, numbered from 1."""
+    record = bytearray(HEAD.itemsize)
+    # opcode, length and channel are constant; sequence and times are not
+    framing = [slice(0, HEAD.fields["sequence"][1])]  # type: ignore[index]
+    formats, offsets = [], []
+    for number, field in enumerate(fields, start=1):
+        value_type = VALUE_TYPES[field.kind]
+        if field.size > 1:
+            tag = varint(number << 3 | LEN) + varint(field.size * value_type.itemsize)
+        else:
+            tag = varint(number << 3 | (VARINT if field.kind == "bool" else I64))
+        framing.append(slice(len(record), len(record) + len(tag)))
+        record += tag
+        offsets.append(len(record))
+        formats.append((value_type, (field.size,)) if field.size > 1 else value_type)
+        record += bytes(field.size * value_type.itemsize)
+    names = [field.name for field in fields]
+    values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
+    head = np.dtype({
+        "names": list(HEAD.names or ()),
+        "formats": [HEAD[name] for name in HEAD.names or ()],
+        "offsets": [HEAD.fields[name][1] for name in HEAD.names or ()],  # type: ignore[index]
+        "itemsize": len(record),
+    })
+    template = np.frombuffer(record, dtype=np.uint8)
+    front = template.view(head)
+    front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(record) - RECORD_PREFIX, channel
+    return MessageLayout(template, tuple(framing), head, values)
+
+
+def message_records(
+    layout: MessageLayout, fields: Sequence[Field], times: np.ndarray, first_sequence: int, rows: np.ndarray
+) -> np.ndarray:
+    """Message records of `rows`, (n, stride) uint8.
+
+    Args:
+        layout: of the topic.
+        fields: of the topic, in the order of the columns.
+        times: log and publish times, ns, (n,) integer.
+        first_sequence: sequence number of the first message.
+        rows: (n, sum of sizes) float64; a bool is what is not zero.
+
+    Raises:
+        ValueError: an `int` field holds something other than whole numbers (nan included).
+    """
+    records = np.tile(layout.template, (len(rows), 1))
+    head = records.view(layout.head)[:, 0]
+    head["sequence"] = np.arange(first_sequence, first_sequence + len(rows))
+    head["log_time"] = head["publish_time"] = times
+    values = records.view(layout.values)[:, 0]
+    start = 0
+    for field in fields:
+        columns = rows[:, start] if field.size == 1 else rows[:, start : start + field.size]
+        start += field.size
+        if field.kind == "int":
+            # a float beyond the integers converts to some integer without complaint
+            with np.errstate(invalid="ignore"):
+                counts = columns.astype(np.int64)
+            if not np.array_equal(counts, columns):
+                raise ValueError(f"field {field.name} counts in whole numbers, got {columns[counts != columns][0]}")
+            columns = counts
+        values[field.name] = columns != 0 if field.kind == "bool" else columns
+    return records
+
+
+def varint(number: int) -> bytes:
+    """`number` as protobuf's base-128 variable-length integer, least significant group first."""
+    groups = []
+    while number > 0x7F:
+        groups.append(number & 0x7F | 0x80)
+        number >>= 7
+    return bytes([*groups, number])

@@ -1,0 +1,94 @@
+"""The file a recording grows in: `NAME.mcap.partial` until it is finished, and never half a record at its end."""
+
+import contextlib
+import os
+import zlib
+from pathlib import Path
+from typing import BinaryIO
+
+from twin.recording.errors import RecordingFailed
+
+PARTIAL = ".partial"
+
+
+class Output:
+    """Append-only file that is renamed to `path` when it is complete.
+
+    Attributes:
+        path: where the finished file will be.
+        partial: where it grows.
+        size: bytes appended.
+        crc: CRC-32 of all of them.
+    """
+
+    def __init__(self, path: Path) -> None:
+        """Create the partial file, replacing one of that name.
+
+        Raises:
+            RecordingFailed: it cannot be created.
+        """
+        self.path = path
+        self.partial = path.with_name(path.name + PARTIAL)
+        self.size = 0
+        self.crc = 0
+        try:
+            # unbuffered: what `append` returned from is with the operating system and survives this process
+            self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
+        except OSError as error:
+            raise RecordingFailed(f"{self.partial}: cannot be created: {error.strerror}") from error
+
+    @property
+    def closed(self) -> bool:
+        """Whether nothing can be appended any more."""
+        return self._file is None
+
+    def append(self, data: bytes) -> int:
+        """Append all of `data` or nothing; return the offset at which it starts.
+
+        After a failure, or an interrupt in the middle, the file ends where `data` would have begun and is closed.
+
+        Raises:
+            RecordingFailed: the operating system refuses: disk full, file too large, closed file.
+        """
+        if self._file is None:
+            raise RecordingFailed(f"{self.partial}: the recording is closed")
+        rest = memoryview(data)
+        try:
+            while rest:
+                rest = rest[self._file.write(rest) :]
+        except BaseException as error:
+            with contextlib.suppress(OSError):
+                self._file.truncate(self.size)
+            self.close()
+            if isinstance(error, OSError):
+                raise RecordingFailed(
+                    f"{self.partial}: recording stopped: {error.strerror}; "
+                    f"the {self.size} bytes already written stay readable"
+                ) from error
+            raise
+        start = self.size
+        self.size += len(data)
+        self.crc = zlib.crc32(data, self.crc)
+        return start
+
+    def close(self) -> None:
+        """Close the file and leave it as it is."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
+
+    def publish(self) -> None:
+        """Force the file to the disk, close it and give it its final name, replacing a file of that name.
+
+        Raises:
+            RecordingFailed: the disk or the folder refuses; the partial file stays.
+        """
+        if self._file is None:
+            raise RecordingFailed(f"{self.partial}: the recording is closed")
+        try:
+            os.fsync(self._file.fileno())
+            self.close()
+            os.replace(self.partial, self.path)
+        except OSError as error:
+            self.close()
+            raise RecordingFailed(f"{self.partial}: cannot be finished: {error.strerror}") from error

@@ -1,0 +1,93 @@
+"""A recording in memory: series of numbers by name."""
+
+import difflib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from twin.recording.errors import UnknownSeries
+from twin.recording.layout import Field
+from twin.recording.messages import MessageLayout
+from twin.recording.series import NANOSECONDS, Event
+
+
+@dataclass(frozen=True, repr=False)
+class Stream:
+    """All messages of one numeric topic.
+
+    Attributes:
+        fields: in the order of the file's schema.
+        layout: of one record.
+        records: (n, layout.stride) uint8.
+    """
+
+    fields: tuple[Field, ...]
+    layout: MessageLayout
+    records: np.ndarray
+
+    @property
+    def head(self) -> np.ndarray:
+        """Sequence numbers and times (ns) of the records, structured (n,)."""
+        return self.records.view(self.layout.head)[:, 0]
+
+    @property
+    def values(self) -> np.ndarray:
+        """Numbers of the records, structured (n,), one name per field."""
+        return self.records.view(self.layout.values)[:, 0]
+
+
+@dataclass(frozen=True, repr=False)
+class Recording:
+    """What a file holds: `recording["plant.p_B"]`, `recording.time("plant")`.
+
+    Attributes:
+        path: of the file.
+        streams: numeric topics by name, without the leading slash.
+        events: in the order of the file.
+        metadata: name -> key -> text; records of one name are joined, later keys win.
+        complete: whether the file was finished and is undamaged.
+        note: one sentence that says why not and how far it was read; empty if complete.
+    """
+
+    path: Path
+    streams: dict[str, Stream]
+    events: list[Event]
+    metadata: dict[str, dict[str, str]]
+    complete: bool
+    note: str
+
+    def __getitem__(self, key: str) -> np.ndarray:
+        """Values of `topic.field`: (n,) or, for a field of several values, (n, size); float64, int64 or bool.
+
+        Raises:
+            UnknownSeries: no such topic or field; it names the nearest ones.
+        """
+        if key not in self.fields():
+            raise UnknownSeries(f"{self.path}: no series {key!r}; {_nearest(key, self.fields())}")
+        topic, _, name = key.rpartition(".")
+        return np.ascontiguousarray(self.streams[topic].values[name])
+
+    def time(self, topic: str) -> np.ndarray:
+        """Simulation times of the messages of `topic`, s, (n,).
+
+        Raises:
+            UnknownSeries: no such topic; it names the nearest ones.
+        """
+        if topic not in self.streams:
+            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {_nearest(topic, self.streams)}")
+        return self.streams[topic].head["log_time"] / NANOSECONDS
+
+    def fields(self) -> dict[str, Field]:
+        """`topic.field` -> the field with its unit and meaning, in the order of the file."""
+        return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}
+
+
+def _nearest(name: str, names: Iterable[str]) -> str:
+    """Half a sentence that leads from a misspelt `name` to those there are."""
+    there = list(names)
+    close = difflib.get_close_matches(name, there)
+    if close:
+        return f"did you mean {' or '.join(map(repr, close))}?"
+    return f"it holds {', '.join(there) or 'none'}"

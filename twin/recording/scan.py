@@ -1,0 +1,142 @@
+"""The records of a recording's file, each checked before it is believed.
+
+A finished file ends in two CRCs which together cover every byte but those of the closing magic. A file whose
+writer was stopped has only the CRC of each chunk; what keeps its other bytes honest is that a chunk that went
+missing leaves a gap in the sequence numbers. Its metadata is then the one thing under no check.
+"""
+
+import os
+import struct
+import zlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import BytesIO
+from typing import BinaryIO
+
+import zstandard
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
+from mcap.opcode import Opcode
+from mcap.records import Chunk, DataEnd, Header, Metadata
+from mcap.writer import MCAP0_MAGIC
+
+from twin.recording.chunks import encoded
+from twin.recording.messages import RECORD_PREFIX
+
+RECORD_TYPES = {
+    Opcode.HEADER: Header,
+    Opcode.CHUNK: Chunk,
+    Opcode.METADATA: Metadata,
+    Opcode.DATA_END: DataEnd,
+}
+# CRC of the summary and closing magic, the last bytes of a finished file
+CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
+
+
+class Damage(Exception):
+    """Bytes that are not what was written.
+
+    Attributes:
+        position: offset in the file of the record that holds them.
+        reason: half a sentence.
+    """
+
+    def __init__(self, position: int, reason: str) -> None:
+        super().__init__(position, reason)
+        self.position = position
+        self.reason = reason
+
+
+@dataclass(frozen=True)
+class Scanned:
+    """A chunk's content or a metadata record, and the offset in the file of the record it came in."""
+
+    position: int
+    value: bytes | Metadata
+
+
+@dataclass
+class Scan:
+    """Reads the records of a file in their order.
+
+    Attributes:
+        complete: after `contents` is exhausted, whether the file ended as a finished one does.
+        rest: bytes at the end that make no complete record.
+    """
+
+    file: BinaryIO
+    complete: bool = False
+    rest: int = 0
+
+    def contents(self) -> Iterator[Scanned]:
+        """Checked contents of the chunks and metadata records; ends where an unfinished file ends.
+
+        Raises:
+            Damage: the first record that fails a check.
+        """
+        size = self.file.seek(0, os.SEEK_END)
+        self.file.seek(max(0, size - len(MCAP0_MAGIC)))
+        finished = self.file.read() == MCAP0_MAGIC
+        self.file.seek(0)
+        crc = zlib.crc32(self.file.read(len(MCAP0_MAGIC)))
+        position = len(MCAP0_MAGIC)
+        while True:
+            prefix = self.file.read(RECORD_PREFIX)
+            opcode, length = struct.unpack("<BQ", prefix) if len(prefix) == RECORD_PREFIX else (0, size)
+            end = position + RECORD_PREFIX + length
+            if end > size:
+                if finished:
+                    raise Damage(position, "a record is longer than the file")
+                self.rest = size - position
+                return
+            body = self.file.read(length)
+            if opcode == Opcode.DATA_END:
+                if _parsed(position, opcode, body) != DataEnd(crc):
+                    raise Damage(position, "its data section fails its CRC though no chunk does: metadata may be wrong")
+                self._check_summary(end)
+                return
+            crc = zlib.crc32(body, zlib.crc32(prefix, crc))
+            if opcode != Opcode.MESSAGE_INDEX:
+                record = _parsed(position, opcode, body)
+                if isinstance(record, Chunk):
+                    yield Scanned(position, _content(position, record))
+                elif isinstance(record, Metadata):
+                    yield Scanned(position, record)
+            position = end
+
+    def _check_summary(self, position: int) -> None:
+        ending = self.file.read()
+        if not ending.endswith(MCAP0_MAGIC):
+            self.rest = len(ending)
+        elif zlib.crc32(ending[:-CRC_AND_MAGIC]).to_bytes(4, "little") != ending[-CRC_AND_MAGIC:][:4]:
+            raise Damage(position, "its index fails its CRC")
+        else:
+            self.complete = True
+
+
+def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | DataEnd:
+    """The record in `body`, which it fills exactly."""
+    if opcode not in RECORD_TYPES:
+        raise Damage(position, f"a record of kind {opcode} where twin writes none")
+    try:
+        record = RECORD_TYPES[Opcode(opcode)].read(ReadDataStream(BytesIO(body)))
+    except (McapError, struct.error, ValueError) as error:
+        raise Damage(position, "a record that does not parse") from error
+    # mcap's readers return what there is where a length inside points beyond the record
+    if encoded(record)[RECORD_PREFIX:] != body:
+        raise Damage(position, "a record that does not parse")
+    return record
+
+
+def _content(position: int, chunk: Chunk) -> bytes:
+    """Decompressed content of `chunk`, with the CRC it was written with."""
+    try:
+        # a damaged size could ask for any amount of memory
+        if chunk.compression != "zstd" or zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
+            raise Damage(position, "a chunk whose sizes disagree")
+        content = zstandard.decompress(chunk.data)
+    except (zstandard.ZstdError, MemoryError) as error:
+        raise Damage(position, "a chunk that does not decompress") from error
+    if zlib.crc32(content) != chunk.uncompressed_crc:
+        raise Damage(position, "a chunk that fails its CRC")
+    return content

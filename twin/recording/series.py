@@ -1,0 +1,150 @@
+"""Chunks taken apart into the series of numbers and the events they hold."""
+
+import struct
+from dataclasses import dataclass, field
+from io import BytesIO
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.data_stream import ReadDataStream
+from mcap.opcode import Opcode
+from mcap.records import Channel, Message, Schema
+
+from twin.recording.chunks import record_windows
+from twin.recording.layout import Field
+from twin.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
+from twin.recording.scan import Damage
+from twin.recording.schema import described_fields
+
+NANOSECONDS = 1e9
+# opcode, length and, in messages, channel: the front of every record in a chunk
+FRONT = struct.Struct("<BQH")
+
+
+@dataclass(frozen=True)
+class Event:
+    """Something that happened.
+
+    Attributes:
+        time: simulation time, s.
+        level: `debug`, `info`, `warning`, `error` or `fatal`.
+        text: one sentence.
+        name: the component it happened in.
+    """
+
+    time: float
+    level: str
+    text: str
+    name: str
+
+
+@dataclass
+class Series:
+    """The messages of one numeric topic as they lie in the file.
+
+    Attributes:
+        fields: from the file's schema.
+        layout: of one record.
+        parts: records of each chunk, (n,) opaque items of layout.stride bytes.
+        count: messages so far, which is the sequence number expected next.
+    """
+
+    fields: tuple[Field, ...]
+    layout: MessageLayout
+    parts: list[np.ndarray] = field(default_factory=list)
+    count: int = 0
+
+    def records_at(self, content: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+        """Records (n,) at `offsets` (n,) of a chunk's content (bytes,) uint8.
+
+        Raises:
+            ValueError: they have another length than the layout.
+        """
+        lengths = record_windows(content, 8)[offsets + 1].view("<u8")
+        if np.any(lengths != self.layout.stride - RECORD_PREFIX):
+            raise ValueError("messages whose length is not that of their schema")
+        return record_windows(content, self.layout.stride)[offsets]
+
+    def follows(self, records: np.ndarray) -> bool:
+        """Whether the sequence numbers of `records` (n,) continue those already here."""
+        expected = np.arange(self.count, self.count + len(records))
+        return np.array_equal(records.view(self.layout.head)["sequence"], expected)
+
+    def all_records(self) -> np.ndarray:
+        """All records, (n, stride) uint8.
+
+        Raises:
+            ValueError: bytes between the numbers are not what the schema asks for.
+        """
+        stride = self.layout.stride
+        records = np.concatenate([np.empty(0, f"V{stride}"), *self.parts]).view(np.uint8).reshape(-1, stride)
+        for part in self.layout.framing:
+            if np.any(records[:, part] != self.layout.template[part]):
+                raise ValueError("messages whose bytes are not those of their schema")
+        return records
+
+
+@dataclass
+class Contents:
+    """Everything found in a recording's chunks so far.
+
+    Attributes:
+        series: numeric topics by channel number.
+        topics: their names, without the leading slash, by channel number.
+        events: in the order of the file.
+    """
+
+    series: dict[int, Series] = field(default_factory=dict)
+    topics: dict[int, str] = field(default_factory=dict)
+    events: list[Event] = field(default_factory=list)
+    _schemas: dict[int, Schema] = field(default_factory=dict)
+
+    def add(self, position: int, content: bytes) -> None:
+        """Add all messages of the chunk at `position` in the file, or none.
+
+        Raises:
+            Damage: messages that precede the chunk's are not there.
+            ValueError, KeyError, struct.error, McapError, DecodeError: not what twin writes.
+        """
+        offsets: dict[int, list[int]] = {}
+        events = []
+        position = 0
+        while position < len(content):
+            opcode, length, channel = FRONT.unpack_from(content, position)
+            if opcode == Opcode.MESSAGE and channel in self.series:
+                offsets.setdefault(channel, []).append(position)
+            else:
+                start = position + RECORD_PREFIX
+                body = content[start : start + length]
+                if opcode == Opcode.MESSAGE:
+                    events.append(_event(body))
+                else:
+                    self._declare(opcode, body)
+            position += RECORD_PREFIX + length
+        array = np.frombuffer(content, dtype=np.uint8)
+        parts = {c: self.series[c].records_at(array, np.array(own)) for c, own in offsets.items()}
+        if not all(self.series[channel].follows(records) for channel, records in parts.items()):
+            raise Damage(position, "a chunk before which messages are missing")
+        for channel, records in parts.items():
+            self.series[channel].parts.append(records)
+            self.series[channel].count += len(records)
+        self.events += events
+
+    def _declare(self, opcode: int, body: bytes) -> None:
+        stream = ReadDataStream(BytesIO(body))
+        if opcode == Opcode.SCHEMA:
+            schema = Schema.read(stream)
+            self._schemas[schema.id] = schema
+        elif opcode == Opcode.CHANNEL:
+            channel = Channel.read(stream)
+            schema = self._schemas[channel.schema_id]
+            if schema.name != Log.DESCRIPTOR.full_name:
+                fields = described_fields(schema.name, schema.data)
+                self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
+                self.topics[channel.id] = channel.topic.removeprefix("/")
+
+
+def _event(body: bytes) -> Event:
+    message = Message.read(ReadDataStream(BytesIO(body)), len(body))
+    log = Log.FromString(message.data)
+    return Event(message.log_time / NANOSECONDS, Log.Level.Name(log.level).lower(), log.message, log.name)

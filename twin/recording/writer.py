@@ -1,0 +1,224 @@
+"""Writing a recording: slices of rows in, an MCAP file of protobuf messages out."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+import zstandard
+from foxglove_schemas_protobuf.Log_pb2 import Log
+from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Schema
+from mcap.writer import MCAP0_MAGIC
+
+from twin import __version__
+from twin.recording.chunks import COMPRESSION_LEVEL, Block, chunk, encoded, merged, message_indexes, pieces
+from twin.recording.errors import RecordingFailed
+from twin.recording.layout import Topic
+from twin.recording.messages import MessageLayout, message_layout, message_records
+from twin.recording.output import Output
+from twin.recording.schema import descriptor_set, log_descriptor_set, message_names
+from twin.recording.summary import Summary
+
+EVENTS = "/events"
+NANOSECONDS = 1e9
+# a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
+SMALLEST_CHUNK = 64 * 1024
+
+
+@dataclass
+class Stream:
+    """A topic on its way into the file: its channel, its layout and the tick its next row may not precede."""
+
+    topic: Topic
+    channel: int
+    layout: MessageLayout
+    next_tick: int = 0
+
+
+class Writer:
+    """Writes `NAME.mcap.partial` and, when finished, renames it to `NAME.mcap`.
+
+    Times in the file are simulation time from 0: neither wall clock nor machine leaves a trace, so equal input
+    gives equal bytes. As a context manager it finishes on a normal exit and abandons on an exception.
+    """
+
+    def __init__(
+        self,
+        path: str | Path,
+        topics: Sequence[Topic],
+        tick: float,
+        metadata: Mapping[str, Mapping[str, str]],
+    ) -> None:
+        """Create the partial file and write its header and metadata.
+
+        Args:
+            path: of the finished file.
+            topics: the numeric topics; `/events` is added to them.
+            tick: duration of one tick, s.
+            metadata: name -> key -> text, readable in any MCAP tool.
+
+        Raises:
+            RecordingFailed: the file cannot be created or the disk is full.
+            ValueError: two topics of different fields whose names give one message type.
+        """
+        self.tick = tick
+        self._schemas, self._channels = _declarations(topics)
+        self._streams = {
+            topic.name: Stream(topic, channel.id, message_layout(channel.id, topic.fields))
+            for topic, channel in zip(topics, self._channels, strict=False)
+        }
+        self._summary = Summary(self._schemas, self._channels)
+        self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+        self._pending: list[Block] = []
+        self._slice_topics: set[str] = set()
+        self._output = Output(Path(path))
+        self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
+        for name, entries in metadata.items():
+            self.write_metadata(name, entries)
+
+    def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
+        """Record rows of `topic` for the ticks first_tick, first_tick + period, ...
+
+        Meant to be called once per topic and slice of time; a topic that comes round again opens the next slice.
+        Within a slice messages are in order of time across topics, at one time in the order of the calls.
+
+        Args:
+            topic: name of a topic, as declared.
+            first_tick: of the first row; not before the topic's rows already written.
+            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+            ValueError: rows of another shape, ticks that run backwards, a count that is not a whole number.
+        """
+        stream = self._streams[topic]
+        fields, period = stream.topic.fields, stream.topic.period
+        width = sum(field.size for field in fields)
+        if rows.ndim != 2 or rows.shape[1] != width:
+            raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected (n, {width})")
+        if first_tick < stream.next_tick:
+            raise ValueError(f"topic {topic}: tick {first_tick} is written already, up to {stream.next_tick - period}")
+        if topic in self._slice_topics:
+            self._end_slice()
+        self._slice_topics.add(topic)
+        if len(rows) == 0:
+            return
+        times = self._times(first_tick + period * np.arange(len(rows)))
+        records = message_records(stream.layout, fields, times, self._next_sequence(stream.channel), rows)
+        self._buffer(Block(stream.channel, times, records))
+        stream.next_tick = first_tick + period * len(rows)
+
+    def write_event(self, tick: int, level: str, text: str, name: str) -> None:
+        """Record what happened at `tick` as a `foxglove.Log` on `/events`.
+
+        Args:
+            tick: when.
+            level: `debug`, `info`, `warning`, `error` or `fatal`.
+            text: one sentence.
+            name: the component it happened in.
+
+        Raises:
+            ValueError: an unknown level.
+        """
+        times = self._times(np.array([tick]))
+        time = int(times[0])
+        log = Log(level=Log.Level.Value(level.upper()), message=text, name=name)
+        log.timestamp.FromNanoseconds(time)
+        channel = self._channels[-1].id
+        data = log.SerializeToString(deterministic=True)
+        record = encoded(Message(channel, time, data, time, self._next_sequence(channel)))
+        self._buffer(Block(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :]))
+
+    def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
+        """Write a metadata record at once, ahead of messages still buffered.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+        """
+        record = encoded(Metadata(name, dict(entries)))
+        start = self._output.append(record)
+        self._summary.metadata.append(MetadataIndex(start, len(record), name))
+
+    def finish(self) -> Path:
+        """Write what is buffered, the index and the footer; force it to the disk; rename; return the path.
+
+        Raises:
+            RecordingFailed: disk full or recording closed; the partial file stays, readable.
+        """
+        self._write_chunks()
+        self._output.append(self._summary.ending(self._output.size, self._output.crc))
+        self._output.publish()
+        return self._output.path
+
+    def abandon(self) -> Path:
+        """Write what is buffered and close the file under its partial name, which is returned; harmless if closed.
+
+        Raises:
+            RecordingFailed: disk full; the file is closed all the same.
+        """
+        if not self._output.closed:
+            self._write_chunks()
+            self._output.close()
+        return self._output.partial
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            try:
+                self.abandon()
+            except RecordingFailed as failure:
+                # the first error is the one to report; this one came of saving its remains
+                error.add_note(str(failure))
+        elif not self._output.closed:
+            self.finish()
+
+    def _times(self, ticks: np.ndarray) -> np.ndarray:
+        """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
+        return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
+
+    def _next_sequence(self, channel: int) -> int:
+        return self._summary.message_counts.get(channel, 0)
+
+    def _buffer(self, block: Block) -> None:
+        self._summary.message_counts[block.channel] = self._next_sequence(block.channel) + len(block.times)
+        self._pending.append(block)
+
+    def _end_slice(self) -> None:
+        self._slice_topics.clear()
+        if sum(block.records.size for block in self._pending) >= SMALLEST_CHUNK:
+            self._write_chunks()
+
+    def _write_chunks(self) -> None:
+        blocks, self._pending = self._pending, []
+        if not blocks:
+            return
+        for messages in pieces(merged(blocks)):
+            # in the first chunk rather than before it, schemas and channels are under its CRC
+            first = not self._summary.chunks
+            preamble = b"".join(map(encoded, [*self._schemas, *self._channels])) if first else b""
+            record = chunk(messages, preamble, self._compressor)
+            data = encoded(record)
+            indexes = message_indexes(messages, len(preamble))
+            start = self._output.append(data + b"".join(indexes.values()))
+            self._summary.note_chunk(record, start, len(data), indexes)
+
+
+def _declarations(topics: Sequence[Topic]) -> tuple[list[Schema], list[Channel]]:
+    """Schemas and channels of `topics` in their order, and last those of `/events`; ids count from 1."""
+    schemas: dict[str, Schema] = {}
+    channels = []
+    for topic, name in zip(topics, message_names(topics), strict=True):
+        if name not in schemas:
+            schemas[name] = Schema(len(schemas) + 1, descriptor_set(name, topic.fields), "protobuf", name)
+        meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
+        channels.append(Channel(len(channels) + 1, f"/{topic.name}", "protobuf", meanings, schemas[name].id))
+    log = Log.DESCRIPTOR.full_name
+    schemas[log] = Schema(len(schemas) + 1, log_descriptor_set(), "protobuf", log)
+    channels.append(Channel(len(channels) + 1, EVENTS, "protobuf", {}, schemas[log].id))
+    return list(schemas.values()), channels

@@ -1,0 +1,77 @@
+"""The robot's own weight and inertia, which the paper's statics leave out.
+
+The three distal rod pairs are taken as point masses, half of m_b at A_i and half at the platform; the
+proximal link is a uniform rod. Positive theta_l lowers the arm, so its weight is a positive torque.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+
+from twin.robot.jacobian import jacobian_row
+
+G_ACCELERATION = 9.81
+
+
+class Masses(NamedTuple):
+    """Masses (kg) and inertia (kg m^2) of the moving parts, m_a and m_b as in Fig. 2.
+
+    The compiled functions read these attributes only, so they also accept any other record that has them.
+
+    Attributes:
+        m_a: one proximal rod.
+        m_b: the two rods of one distal link together.
+        m_p: platform.
+        I_r: what turns with one proximal link besides the rod: pulley and encoder, about the joint axis.
+    """
+
+    m_a: float
+    m_b: float
+    m_p: float
+    I_r: float
+
+
+@njit(cache=True)
+def arm_gravity_torque(geometry, masses, theta):
+    """Torque in N m with which one arm's weight turns its joint: (m_a/2 + m_b/2) g l_a cos(theta)."""
+    return 0.5 * (masses.m_a + masses.m_b) * G_ACCELERATION * geometry.l_a * np.cos(theta)
+
+
+@njit(cache=True)
+def platform_weight(masses):
+    """Weight in N that hangs at the platform: (m_p + 3/2 m_b) g."""
+    return platform_mass(masses) * G_ACCELERATION
+
+
+@njit(cache=True)
+def platform_mass(masses):
+    """Mass in kg that moves with the platform: m_p + 3/2 m_b."""
+    return masses.m_p + 1.5 * masses.m_b
+
+
+@njit(cache=True)
+def leg_inertia(geometry, masses):
+    """Inertia in kg m^2 of one arm about its joint: m_a l_a^2/3 + m_b l_a^2/2 + I_r."""
+    return (masses.m_a / 3.0 + 0.5 * masses.m_b) * geometry.l_a * geometry.l_a + masses.I_r
+
+
+@njit(cache=True)
+def environment_force(geometry, masses, theta_l, p_B, tau_l):
+    """Force F_ee_B in N by the robot at rest on its environment, its own weight included: ``(x, y, z)``.
+
+    F_ee_B = J^T (tau_l + arm gravity torque) - platform weight e_z: Eq. 27 corrected for gravity.
+
+    Args:
+        geometry, masses: records with the attributes of Geometry and Masses.
+        theta_l, p_B, tau_l: joint angles in rad, the platform position in m that belongs to them and load
+            torques in N m, anything that can be indexed 0..2.
+    """
+    F_x, F_y, F_z = 0.0, 0.0, -platform_weight(masses)
+    for leg in range(3):
+        j_x, j_y, j_z = jacobian_row(geometry, leg, theta_l[leg], p_B[0], p_B[1], p_B[2])
+        tau = tau_l[leg] + arm_gravity_torque(geometry, masses, theta_l[leg])
+        F_x += j_x * tau
+        F_y += j_y * tau
+        F_z += j_z * tau
+    return F_x, F_y, F_z
