@@ -8,11 +8,11 @@ static const double TURN = 6.283185307179586; /* 2 pi, rad */
 
 /* What the parameters of one step imply. */
 typedef struct {
-    double k_t;          /* torque per current, (4) */
-    double g_1, g_2;     /* observer, (7) */
-    double kp_v, ki_v;   /* velocity loop, (8) */
-    double kp_i, ki_i;   /* current loop, (10) */
-    double v_max;        /* radius of the voltage circle, (12) */
+    double k_t;        /* torque per current, (4) */
+    double g_1, g_2;   /* observer, (7) */
+    double kp_v, ki_v; /* velocity loop, (8): gain, and gain per tick of its integral */
+    double kp_i, r_i;  /* current loops, (10): gain, and share of it that a tick adds to the integral */
+    double v_max;      /* radius of the voltage circle, (12) */
 } Design;
 
 static Design design(const Variables *v)
@@ -20,14 +20,15 @@ static Design design(const Variables *v)
     const double k_t = 1.5 * v->p * v->psi;
     const double z_o = exp(-v->omega_o * v->T_c);
     const double kp_v = v->J_m * v->omega_v / k_t;
+    const double r_i = -expm1(-v->R / v->L * v->T_c);
     return (Design){
         .k_t = k_t,
         .g_1 = 1.0 - z_o * z_o,
         .g_2 = (1.0 - z_o) * (1.0 - z_o) / v->T_c,
         .kp_v = kp_v,
-        .ki_v = 0.25 * kp_v * v->omega_v,
-        .kp_i = v->L * v->omega_i,
-        .ki_i = v->R * v->omega_i,
+        .ki_v = 0.25 * kp_v * v->omega_v * v->T_c,
+        .kp_i = -expm1(-v->omega_i * v->T_c) * v->R / r_i,
+        .r_i = r_i,
         .v_max = v->V_bus / sqrt(3.0),
     };
 }
@@ -49,7 +50,7 @@ static void control_velocity(Variables *v, const Design *k)
     const double error = v->omega_ref - v->omega_obs;
     const double wanted = k->kp_v * error + v->x_v;
     v->i_q_ref = fmin(fmax(wanted, -v->i_max), v->i_max);
-    v->x_v += k->ki_v * v->T_c * (error + (v->i_q_ref - wanted) / k->kp_v);
+    v->x_v += k->ki_v * (error + (v->i_q_ref - wanted) / k->kp_v);
 }
 
 /* (10) to (13): current loops, decoupled, within the voltage circle, integrals held back as in (9) */
@@ -64,8 +65,8 @@ static void control_current(Variables *v, const Design *k)
     const double scale = amplitude > k->v_max ? k->v_max / amplitude : 1.0;
     v->v_d = scale * wanted_d;
     v->v_q = scale * wanted_q;
-    v->x_d += k->ki_i * v->T_c * (error_d + (v->v_d - wanted_d) / k->kp_i);
-    v->x_q += k->ki_i * v->T_c * (error_q + (v->v_q - wanted_q) / k->kp_i);
+    v->x_d += k->r_i * (k->kp_i * error_d + v->v_d - wanted_d);
+    v->x_q += k->r_i * (k->kp_i * error_q + v->v_q - wanted_q);
 }
 
 typedef struct {

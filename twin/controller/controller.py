@@ -21,8 +21,9 @@ INPUTS = (
     Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
     Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
 )
+OMEGA_REF = Port("omega_ref", 3, "rad/s", "commanded motor speeds")
 OUTPUTS = (
-    Port("omega_ref", 3, "rad/s", "commanded motor speeds"),
+    OMEGA_REF,
     Port("p_ref_B", 3, "m", "pre-defined reference position"),
     Port("p_cmd_B", 3, "m", "reference of the position loop: p_ref_B shifted by the force loop"),
     Port("dp_z", 1, "m", "correction of the force loop to the z reference; negative presses harder"),

@@ -57,6 +57,12 @@ class Component:
     label: str = ""
     keep: Any = field(default=None, repr=False)
 
+    def initial(self, name: str) -> np.ndarray:
+        """Initial values of the output port `name`."""
+        before = [port.name for port in self.outputs].index(name)
+        start = width(self.outputs[:before])
+        return self.initial_outputs[start : start + self.outputs[before].size]
+
     def explain(self, status: int) -> str:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
         return f"returned status {status}"

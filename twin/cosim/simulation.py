@@ -29,6 +29,8 @@ class Simulation:
         self._y = np.concatenate([valid, valid])
         self._rows = np.empty((slice_ticks, system.outputs_width))
         self.failure: ComponentFailed | None = None
+        # no ticks: compiles, or loads from the cache, before anyone's clock runs
+        self._advance(0, 0)
 
     @property
     def finished(self) -> bool:
@@ -42,10 +44,7 @@ class Simulation:
             component failed, the rows before it, and `failure` says what happened.
         """
         first = self.next_tick
-        done, culprit, status = advance(
-            self._table, self.system.sources, self.system.sampled, self.system.tick, self._u, self._y,
-            self._rows, first, len(self._rows), self.last_tick, self.cycles,
-        )  # fmt: skip
+        done, culprit, status = self._advance(first, len(self._rows))
         self.next_tick = first + done
         if culprit >= 0:
             sampled = culprit < self.system.sampled
@@ -69,6 +68,12 @@ class Simulation:
         """The inputs that `component` was last stepped with."""
         c = self.system.components.index(component)
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
+
+    def _advance(self, first: int, count: int) -> tuple[int, int, int]:
+        return advance(
+            self._table, self.system.sources, self.system.sampled, self.system.tick, self._u, self._y,
+            self._rows, first, count, self.last_tick, self.cycles,
+        )  # fmt: skip
 
     def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
         component = self.system.components[culprit]

@@ -7,6 +7,7 @@ import struct
 import zlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 import zstandard
@@ -16,6 +17,7 @@ from mcap.records import Chunk, McapRecord
 
 # small enough that little is lost with the last one, large enough to compress; before compression, bytes
 LARGEST_CHUNK = 256 * 1024
+# doubles hardly compress: levels 3 and 5 save 1 % and 4 % of the file and cost 20 % and 90 % more time in all
 COMPRESSION_LEVEL = 1
 
 
@@ -71,7 +73,7 @@ def merged(blocks: Sequence[Block]) -> Messages:
 
 
 def record_windows(content: np.ndarray, stride: int) -> np.ndarray:
-    """View of content (bytes,) uint8 as items of `stride` bytes that start at every byte, (bytes - stride + 1,).
+    """View of content (bytes,) uint8 as an item of `stride` bytes from every byte on, (bytes - stride + 1,).
 
     Indexing it with offsets gathers or scatters records of one length from among records of other lengths.
     """
@@ -79,16 +81,16 @@ def record_windows(content: np.ndarray, stride: int) -> np.ndarray:
 
 
 def pieces(messages: Messages) -> Iterator[Messages]:
-    """`messages` in parts of at most LARGEST_CHUNK bytes, cut between ticks where no tick is longer than that.
+    """`messages` in parts of about LARGEST_CHUNK bytes at most.
 
-    All messages of a tick share a chunk, so whatever chunks survive, every topic ends at the same tick.
+    Cuts are between ticks: whatever chunks survive, every topic ends at the same tick.
     """
     parts = -(-len(messages.content) // LARGEST_CHUNK)
     targets = np.arange(1, parts) * len(messages.content) // parts
-    inside = np.searchsorted(messages.offsets, targets)
+    inside = np.searchsorted(messages.offsets, targets, side="right") - 1
     cuts = np.searchsorted(messages.times, messages.times[inside])
     bounds = np.unique([0, *cuts, len(messages.times)])
-    for start, end in zip(bounds[:-1], bounds[1:], strict=True):
+    for start, end in pairwise(bounds.tolist()):
         offsets = messages.offsets[start : end + 1]
         content = messages.content[offsets[0] : offsets[-1]]
         yield Messages(content, messages.times[start:end], messages.channels[start:end], offsets - offsets[0])
@@ -108,7 +110,7 @@ def chunk(messages: Messages, preamble: bytes, compressor: zstandard.ZstdCompres
 
 
 def message_indexes(messages: Messages, shift: int) -> dict[int, bytes]:
-    """Encoded MessageIndex records by channel; `shift` is the length of what precedes the messages in the chunk.
+    """Encoded MessageIndex records by channel; the messages start `shift` bytes into their chunk.
 
     Built from arrays: mcap's own MessageIndex packs entry by entry, which would cost more than all else here.
     """

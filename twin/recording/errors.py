@@ -14,7 +14,7 @@ class RecordingRefused(InputRefused):
 
 
 class RecordingDamaged(RecordingRefused):
-    """A recording holds bytes that are not those that were written; `salvage=True` reads what precedes them."""
+    """A recording's bytes are not those that were written; `salvage=True` reads what precedes the damage."""
 
 
 class UnknownSeries(RecordingRefused, KeyError):

@@ -34,7 +34,7 @@ class Field:
 
     def __post_init__(self) -> None:
         if not FIELD_NAME.fullmatch(self.name):
-            raise ValueError(f"field name {self.name!r}: expected a letter, then letters, digits, underscores")
+            raise ValueError(f"field name {self.name!r}: expected a letter, then letters, digits or _")
         if self.size < 1:
             raise ValueError(f"field {self.name}: size is {self.size}, expected 1 or more")
         if self.kind not in get_args(Kind):
@@ -65,4 +65,4 @@ class Topic:
             raise ValueError(f"topic {self.name}: period is {self.period} ticks, expected 1 or more")
         names = [field.name for field in self.fields]
         if not names or len(set(names)) < len(names):
-            raise ValueError(f"topic {self.name}: expected one or more fields of different names, got {names}")
+            raise ValueError(f"topic {self.name}: expected fields of different names, got {names}")

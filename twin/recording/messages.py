@@ -1,9 +1,10 @@
 """Whole series of protobuf messages at once, as numpy records of one stride.
 
-Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and sfixed64
-are 8 bytes, bool is 1 as it is 0 or 1) and is written even where it is zero, so the messages of a topic have one
-length, and an MCAP Message record (https://mcap.dev/spec#message-op0x05) around each has one too. A series is then
-a template repeated n times with columns of numbers assigned into it; no message is encoded or decoded on its own.
+Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and
+sfixed64 are 8 bytes, bool is 1 as it is 0 or 1) and is written even where it is zero. So the messages of a
+topic have one length, and the MCAP Message records (https://mcap.dev/spec#message-op0x05) around them too. A
+series is then a template repeated n times with columns of numbers assigned into it; no message is encoded or
+decoded on its own.
 """
 
 from collections.abc import Sequence
@@ -15,8 +16,12 @@ from mcap.opcode import Opcode
 from twin.recording.layout import Field, Kind
 
 # the fixed front of an MCAP Message record, little endian and unpadded
-HEAD = np.dtype([("opcode", "u1"), ("length", "<u8"), ("channel", "<u2"), ("sequence", "<u4"),
-                 ("log_time", "<u8"), ("publish_time", "<u8")])  # fmt: skip
+HEAD_NAMES = ["opcode", "length", "channel", "sequence", "log_time", "publish_time"]
+HEAD_FORMATS = [np.dtype(code) for code in ("u1", "<u8", "<u2", "<u4", "<u8", "<u8")]
+HEAD_OFFSETS = [0, 1, 9, 11, 15, 23]
+HEAD_SIZE = 31
+# opcode, length and channel; sequence and times differ from message to message
+CONSTANT_HEAD = slice(0, 11)
 # opcode and length are not counted in the length of a record
 RECORD_PREFIX = 9
 VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
@@ -47,11 +52,11 @@ class MessageLayout:
 
 
 def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
-    """Layout of the Message records of channel number `channel` whose messages have `fields`, numbered from 1."""
-    record = bytearray(HEAD.itemsize)
-    # opcode, length and channel are constant; sequence and times are not
-    framing = [slice(0, HEAD.fields["sequence"][1])]  # type: ignore[index]
-    formats, offsets = [], []
+    """Layout of the Message records of channel number `channel` with `fields` numbered from 1."""
+    record = bytearray(HEAD_SIZE)
+    framing = [CONSTANT_HEAD]
+    formats: list[np.dtype] = []
+    offsets: list[int] = []
     for number, field in enumerate(fields, start=1):
         value_type = VALUE_TYPES[field.kind]
         if field.size > 1:
@@ -61,16 +66,13 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
         framing.append(slice(len(record), len(record) + len(tag)))
         record += tag
         offsets.append(len(record))
-        formats.append((value_type, (field.size,)) if field.size > 1 else value_type)
+        formats.append(np.dtype((value_type, (field.size,))) if field.size > 1 else value_type)
         record += bytes(field.size * value_type.itemsize)
     names = [field.name for field in fields]
     values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
-    head = np.dtype({
-        "names": list(HEAD.names or ()),
-        "formats": [HEAD[name] for name in HEAD.names or ()],
-        "offsets": [HEAD.fields[name][1] for name in HEAD.names or ()],  # type: ignore[index]
-        "itemsize": len(record),
-    })
+    head = np.dtype(
+        {"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": len(record)}
+    )
     template = np.frombuffer(record, dtype=np.uint8)
     front = template.view(head)
     front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(record) - RECORD_PREFIX, channel
@@ -106,7 +108,8 @@ def message_records(
             with np.errstate(invalid="ignore"):
                 counts = columns.astype(np.int64)
             if not np.array_equal(counts, columns):
-                raise ValueError(f"field {field.name} counts in whole numbers, got {columns[counts != columns][0]}")
+                wrong = columns[counts != columns][0]
+                raise ValueError(f"field {field.name} holds whole numbers, got {wrong}")
             columns = counts
         values[field.name] = columns != 0 if field.kind == "bool" else columns
     return records

@@ -1,4 +1,4 @@
-"""The file a recording grows in: `NAME.mcap.partial` until it is finished, and never half a record at its end."""
+"""The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end."""
 
 import contextlib
 import os
@@ -45,7 +45,7 @@ class Output:
     def append(self, data: bytes) -> int:
         """Append all of `data` or nothing; return the offset at which it starts.
 
-        After a failure, or an interrupt in the middle, the file ends where `data` would have begun and is closed.
+        After a failure, or an interrupt halfway, the file ends where `data` would have begun and is closed.
 
         Raises:
             RecordingFailed: the operating system refuses: disk full, file too large, closed file.

@@ -43,7 +43,8 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
 def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     magic = file.read(len(MCAP0_MAGIC))
     if magic != MCAP0_MAGIC:
-        raise RecordingRefused(f"{path}: {'not an MCAP file' if magic else 'an empty file'}, expected a recording")
+        what = "not an MCAP file" if magic else "an empty file"
+        raise RecordingRefused(f"{path}: {what}, expected a recording of twin")
     contents = Contents()
     metadata: dict[str, dict[str, str]] = {}
     scan = Scan(file)
@@ -74,4 +75,6 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
 def _reach(streams: dict[str, Stream]) -> str:
     """How far the messages of `streams` reach, as half a sentence."""
     ends = [stream.head["log_time"][-1] for stream in streams.values() if len(stream.records)]
-    return f"up to {max(ends) / NANOSECONDS:.3f} s, its last complete chunk" if ends else "no chunk: none is complete"
+    if not ends:
+        return "up to its metadata, no chunk is complete"
+    return f"up to {max(ends) / NANOSECONDS:.3f} s, its last complete chunk"

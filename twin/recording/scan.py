@@ -8,7 +8,7 @@ missing leaves a gap in the sequence numbers. Its metadata is then the one thing
 import os
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from io import BytesIO
 from typing import BinaryIO
@@ -23,11 +23,12 @@ from mcap.writer import MCAP0_MAGIC
 from twin.recording.chunks import encoded
 from twin.recording.messages import RECORD_PREFIX
 
-RECORD_TYPES = {
-    Opcode.HEADER: Header,
-    Opcode.CHUNK: Chunk,
-    Opcode.METADATA: Metadata,
-    Opcode.DATA_END: DataEnd,
+# by opcode, all that `Writer` puts between the magics outside chunks, except indexes
+READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | DataEnd]] = {
+    Opcode.HEADER: Header.read,
+    Opcode.CHUNK: Chunk.read,
+    Opcode.METADATA: Metadata.read,
+    Opcode.DATA_END: DataEnd.read,
 }
 # CRC of the summary and closing magic, the last bytes of a finished file
 CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
@@ -92,7 +93,7 @@ class Scan:
             body = self.file.read(length)
             if opcode == Opcode.DATA_END:
                 if _parsed(position, opcode, body) != DataEnd(crc):
-                    raise Damage(position, "its data section fails its CRC though no chunk does: metadata may be wrong")
+                    raise Damage(position, "its CRC fails though no chunk's does, so metadata may be wrong")
                 self._check_summary(end)
                 return
             crc = zlib.crc32(body, zlib.crc32(prefix, crc))
@@ -116,10 +117,10 @@ class Scan:
 
 def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | DataEnd:
     """The record in `body`, which it fills exactly."""
-    if opcode not in RECORD_TYPES:
+    if opcode not in READERS:
         raise Damage(position, f"a record of kind {opcode} where twin writes none")
     try:
-        record = RECORD_TYPES[Opcode(opcode)].read(ReadDataStream(BytesIO(body)))
+        record = READERS[opcode](ReadDataStream(BytesIO(body)))
     except (McapError, struct.error, ValueError) as error:
         raise Damage(position, "a record that does not parse") from error
     # mcap's readers return what there is where a length inside points beyond the record

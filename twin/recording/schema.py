@@ -1,8 +1,8 @@
 """Fields as protobuf schemas: a message type per shape, unit and meaning in the comments of its fields.
 
 A schema in an MCAP file is a serialised FileDescriptorSet. Each field carries the leading comment
-`unit: meaning`; a field of several values is `repeated`, and since protobuf does not say how many, its trailing
-comment does: `3 values`. So the file's own schema is enough to lay its messages out in memory.
+`unit: meaning`; a field of several values is `repeated`, and since protobuf does not say how many, its
+trailing comment does: `3 values`. So the file's own schema is enough to lay its messages out in memory.
 """
 
 from collections.abc import Sequence
@@ -21,7 +21,7 @@ PROTOBUF_TYPES: dict[Kind, FieldDescriptorProto.Type.ValueType] = {
     "bool": FieldDescriptorProto.TYPE_BOOL,
 }
 KINDS: dict[int, Kind] = {number: kind for kind, number in PROTOBUF_TYPES.items()}
-# numbers of `message_type` in FileDescriptorProto and of `field` in DescriptorProto, as source paths need them
+# field numbers of `message_type` in FileDescriptorProto and of `field` in DescriptorProto, for source paths
 MESSAGE_TYPE, FIELD = 4, 2
 
 
@@ -40,7 +40,7 @@ def message_names(topics: Sequence[Topic]) -> list[str]:
         if topic.fields not in names:
             free = [c for c in candidates if f"{PACKAGE}.{c}" not in names.values()]
             if not free:
-                raise ValueError(f"topic {topic.name}: message type {candidates[-1]} already has other fields")
+                raise ValueError(f"topic {topic.name}: type {candidates[-1]} has other fields already")
             names[topic.fields] = f"{PACKAGE}.{free[0]}"
     return [names[topic.fields] for topic in topics]
 

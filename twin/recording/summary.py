@@ -29,7 +29,8 @@ class Summary:
     """What has been written so far, in the records that will end the file.
 
     Attributes:
-        schemas, channels: as written in the first chunk.
+        schemas: as written in the first chunk.
+        channels: likewise.
         chunks: index record of each chunk.
         metadata: index record of each metadata record.
         message_counts: messages by channel number.
@@ -77,7 +78,7 @@ class Summary:
         )
 
     def ending(self, data_size: int, data_crc: int) -> bytes:
-        """DataEnd, summary section, footer and magic, for a file of `data_size` bytes with CRC-32 `data_crc`."""
+        """DataEnd, summary section, footer and magic after `data_size` bytes with CRC-32 `data_crc`."""
         data_end = encoded(DataEnd(data_crc))
         start = data_size + len(data_end)
         groups: list[tuple[Opcode, list]] = [

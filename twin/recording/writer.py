@@ -21,15 +21,15 @@ from twin.recording.output import Output
 from twin.recording.schema import descriptor_set, log_descriptor_set, message_names
 from twin.recording.summary import Summary
 
-EVENTS = "/events"
+EVENTS = "events"
 NANOSECONDS = 1e9
 # a chunk is closed at the end of the slice in which it reaches this size; before compression, bytes
 SMALLEST_CHUNK = 64 * 1024
 
 
 @dataclass
-class Stream:
-    """A topic on its way into the file: its channel, its layout and the tick its next row may not precede."""
+class OpenTopic:
+    """A topic on its way into the file: channel, layout and the tick its next row may not precede."""
 
     topic: Topic
     channel: int
@@ -40,7 +40,7 @@ class Stream:
 class Writer:
     """Writes `NAME.mcap.partial` and, when finished, renames it to `NAME.mcap`.
 
-    Times in the file are simulation time from 0: neither wall clock nor machine leaves a trace, so equal input
+    Times in the file are simulation time from 0; neither clock nor machine leaves a trace, so equal input
     gives equal bytes. As a context manager it finishes on a normal exit and abandons on an exception.
     """
 
@@ -61,13 +61,16 @@ class Writer:
 
         Raises:
             RecordingFailed: the file cannot be created or the disk is full.
-            ValueError: two topics of different fields whose names give one message type.
+            ValueError: two topics of one name, or of different fields whose names give one message type.
         """
+        names = [topic.name for topic in topics]
+        if len({*names, EVENTS}) <= len(names):
+            raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
         self.tick = tick
         self._schemas, self._channels = _declarations(topics)
-        self._streams = {
-            topic.name: Stream(topic, channel.id, message_layout(channel.id, topic.fields))
-            for topic, channel in zip(topics, self._channels, strict=False)
+        self._topics = {
+            topic.name: OpenTopic(topic, channel.id, message_layout(channel.id, topic.fields))
+            for topic, channel in zip(topics, self._channels[:-1], strict=True)
         }
         self._summary = Summary(self._schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
@@ -81,8 +84,8 @@ class Writer:
     def write(self, topic: str, first_tick: int, rows: np.ndarray) -> None:
         """Record rows of `topic` for the ticks first_tick, first_tick + period, ...
 
-        Meant to be called once per topic and slice of time; a topic that comes round again opens the next slice.
-        Within a slice messages are in order of time across topics, at one time in the order of the calls.
+        Meant to be called once per topic and slice of time; a topic that comes round again opens the next
+        slice. Messages of a slice are in order of time across topics, at one time in the order of the calls.
 
         Args:
             topic: name of a topic, as declared.
@@ -91,24 +94,25 @@ class Writer:
 
         Raises:
             RecordingFailed: disk full or recording closed.
+            KeyError: a topic that was not declared.
             ValueError: rows of another shape, ticks that run backwards, a count that is not a whole number.
         """
-        stream = self._streams[topic]
-        fields, period = stream.topic.fields, stream.topic.period
+        opened = self._topics[topic]
+        fields, period = opened.topic.fields, opened.topic.period
         width = sum(field.size for field in fields)
         if rows.ndim != 2 or rows.shape[1] != width:
             raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected (n, {width})")
-        if first_tick < stream.next_tick:
-            raise ValueError(f"topic {topic}: tick {first_tick} is written already, up to {stream.next_tick - period}")
+        if first_tick < opened.next_tick:
+            raise ValueError(f"topic {topic}: tick {first_tick} comes after {opened.next_tick - period}")
         if topic in self._slice_topics:
             self._end_slice()
         self._slice_topics.add(topic)
         if len(rows) == 0:
             return
         times = self._times(first_tick + period * np.arange(len(rows)))
-        records = message_records(stream.layout, fields, times, self._next_sequence(stream.channel), rows)
-        self._buffer(Block(stream.channel, times, records))
-        stream.next_tick = first_tick + period * len(rows)
+        records = message_records(opened.layout, fields, times, self._next_sequence(opened.channel), rows)
+        self._buffer(Block(opened.channel, times, records))
+        opened.next_tick = first_tick + period * len(rows)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`.
@@ -153,7 +157,7 @@ class Writer:
         return self._output.path
 
     def abandon(self) -> Path:
-        """Write what is buffered and close the file under its partial name, which is returned; harmless if closed.
+        """Write what is buffered, close the file under its partial name and return that; harmless if closed.
 
         Raises:
             RecordingFailed: disk full; the file is closed all the same.
@@ -212,7 +216,7 @@ class Writer:
 def _declarations(topics: Sequence[Topic]) -> tuple[list[Schema], list[Channel]]:
     """Schemas and channels of `topics` in their order, and last those of `/events`; ids count from 1."""
     schemas: dict[str, Schema] = {}
-    channels = []
+    channels: list[Channel] = []
     for topic, name in zip(topics, message_names(topics), strict=True):
         if name not in schemas:
             schemas[name] = Schema(len(schemas) + 1, descriptor_set(name, topic.fields), "protobuf", name)
@@ -220,5 +224,5 @@ def _declarations(topics: Sequence[Topic]) -> tuple[list[Schema], list[Channel]]
         channels.append(Channel(len(channels) + 1, f"/{topic.name}", "protobuf", meanings, schemas[name].id))
     log = Log.DESCRIPTOR.full_name
     schemas[log] = Schema(len(schemas) + 1, log_descriptor_set(), "protobuf", log)
-    channels.append(Channel(len(channels) + 1, EVENTS, "protobuf", {}, schemas[log].id))
+    channels.append(Channel(len(channels) + 1, f"/{EVENTS}", "protobuf", {}, schemas[log].id))
     return list(schemas.values()), channels

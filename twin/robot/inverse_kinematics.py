@@ -119,7 +119,7 @@ def distal_length_range(geometry: Geometry, leg: int, p_B: ArrayLike) -> NDArray
 
 def _out_of_reach(geometry: Geometry, leg: int, p_B: NDArray[np.float64], name: str) -> Unreachable:
     shortest, longest = distal_length_range(geometry, leg, p_B)
-    needed = shortest if geometry.l_b < shortest else longest
+    needed = shortest if shortest - geometry.l_b > geometry.l_b - longest else longest
     pose = ", ".join(f"{1e3 * value:.1f}" for value in p_B)
     return Unreachable(
         f"{name} = ({pose}) mm is out of reach: leg {leg + 1} would need l_b = {1e3 * needed:.1f} mm, "

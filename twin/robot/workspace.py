@@ -1,11 +1,13 @@
 """Where the robot can work: reach per leg, height range over a point, conditioning."""
 
 import numpy as np
+from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
 from twin.errors import Unreachable
+from twin.robot.forward_kinematics import circumcentre
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
-from twin.robot.inverse_kinematics import distal_length_range
+from twin.robot.inverse_kinematics import distal_length_range, leg_angle
 from twin.robot.jacobian import jacobian
 from twin.robot.triples import triples
 
@@ -29,15 +31,42 @@ def reach_margins(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.float64]:
     return np.minimum(longest - geometry.l_b, geometry.l_b - shortest)
 
 
-def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
-    """Whether all three legs reach, shape (...) for p_B in m of shape (..., 3).
+@njit(cache=True)
+def _reaches(geometry, x, y, z):
+    theta_1 = leg_angle(geometry, 0, x, y, z)
+    theta_2 = leg_angle(geometry, 1, x, y, z)
+    theta_3 = leg_angle(geometry, 2, x, y, z)
+    c_x, c_y, c_z, _, n_x, n_y, n_z = circumcentre(geometry, theta_1, theta_2, theta_3)
+    # false where an angle is NaN, so also where a leg does not reach
+    return (x - c_x) * n_x + (y - c_y) * n_y + (z - c_z) * n_z <= 0.0
 
-    Says nothing about parallel singularities, see :func:`twin.robot.singularity.distal_volume`.
+
+@njit(cache=True)
+def _reachable(geometry, p_B):
+    reachable = np.empty(p_B.shape[0], dtype=np.bool_)
+    for row in range(p_B.shape[0]):
+        x, y, z = p_B[row]
+        reachable[row] = _reaches(geometry, x, y, z)
+    return reachable
+
+
+def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
+    """Whether all legs reach with the knees outward, on the home pose's side of the parallel singularity.
+
+    Beyond it the joint angles exist too, but the robot stands elsewhere at those angles: it cannot cross.
+
+    Args:
+        geometry: lengths of Fig. 2.
+        p_B: platform positions in the base frame in m, shape (..., 3).
+
+    Returns:
+        One truth value per pose, shape (...).
 
     Raises:
         InputRefused: p_B is not finite or not of shape (..., 3).
     """
-    return np.asarray(np.all(reach_margins(geometry, p_B) >= 0.0, axis=-1))
+    p_B = triples(p_B, "p_B")
+    return _reachable(geometry, p_B.reshape(-1, 3)).reshape(p_B.shape[:-1])
 
 
 def height_range(geometry: Geometry, x: float, y: float) -> tuple[float, float]:

@@ -1,0 +1,51 @@
+"""The robot these tests look at and the poses hypothesis draws for it."""
+
+import math
+
+import numpy as np
+from hypothesis import assume
+from hypothesis import strategies as st
+from numpy.typing import NDArray
+
+from twin.errors import Unreachable
+from twin.robot.geometry import Geometry
+from twin.robot.gravity import Masses
+from twin.robot.jacobian import jacobian
+from twin.robot.singularity import distal_volume
+from twin.robot.workspace import height_range
+
+# assumed, not printed in the paper: lengths and masses that fit its photographs and give theta = 20 deg at home
+GEOMETRY = Geometry(a=0.050, b=0.030, l_a=0.060, l_b=0.1139)
+MASSES = Masses(m_a=0.040, m_b=0.030, m_p=0.100, I_r=2e-5)
+HOME = (0.0, 0.0, -0.105)
+
+TURN = np.array([[-0.5, -math.sqrt(0.75), 0.0], [math.sqrt(0.75), -0.5, 0.0], [0.0, 0.0, 1.0]])
+"""Rotation by +120 degrees about z: it carries leg 1 to leg 2, leg 2 to leg 3, leg 3 to leg 1."""
+
+triple = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+
+working_poses = st.tuples(
+    st.floats(-0.030, 0.030), st.floats(-0.030, 0.030), st.floats(-0.130, -0.085)
+).map(np.array)
+
+
+@st.composite
+def reachable_poses(draw: st.DrawFn, smallest_volume: float = 0.05) -> NDArray[np.float64]:
+    """Anywhere in the workspace on the home pose's side of the parallel singularity, shape (3,), in m."""
+    x, y = draw(st.floats(-0.12, 0.12)), draw(st.floats(-0.12, 0.12))
+    share = draw(st.floats(0.01, 0.99))
+    try:
+        lowest, highest = height_range(GEOMETRY, x, y)
+    except Unreachable:
+        assume(False)
+    p_B = np.array([x, y, lowest + share * (highest - lowest)])
+    assume(p_B[2] < -1e-3)
+    assume(distal_volume(jacobian(GEOMETRY, p_B)) < -smallest_volume)
+    return p_B
+
+
+@st.composite
+def geometries(draw: st.DrawFn) -> Geometry:
+    """Any robot whose distal links are long enough to meet below outward arms."""
+    a, b, l_a = (draw(st.floats(0.02, 0.2)) for _ in range(3))
+    return Geometry(a, b, l_a, draw(st.floats(1.5, 3.0)) * (abs(a - b) + l_a))

@@ -1,0 +1,72 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.robot.poses import GEOMETRY, HOME, MASSES, triple, working_poses
+from twin.robot.gravity import (
+    G_ACCELERATION,
+    arm_gravity_torque,
+    environment_force,
+    leg_inertia,
+    platform_mass,
+    platform_weight,
+)
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.statics import end_effector_force, joint_torques
+
+
+def potential_energy(p_B):
+    """Sum of m g z over the parts: rods at their middles, rod pairs half at A_i and half at the platform."""
+    height_A = -GEOMETRY.l_a * np.sin(joint_angles(GEOMETRY, p_B))
+    parts = MASSES.m_a * height_A / 2.0 + MASSES.m_b / 2.0 * height_A + MASSES.m_b / 2.0 * p_B[2]
+    return G_ACCELERATION * (parts.sum() + MASSES.m_p * p_B[2])
+
+
+def energy_gradient(p_B, step=1e-5):
+    steps = step * np.eye(3)
+    return np.array([potential_energy(p_B + s) - potential_energy(p_B - s) for s in steps]) / (2.0 * step)
+
+
+@given(working_poses, triple)
+def test_environment_carries_what_joints_and_weight_leave_over(p_B, tau_l):
+    theta_l = joint_angles(GEOMETRY, p_B)
+    F_ee_B = environment_force(GEOMETRY, MASSES, theta_l, p_B, tau_l)
+    # 1e-8 N: central difference of the energy over 1e-5 m, truncation |J|^3 step^2 x 0.1 J
+    expected = end_effector_force(GEOMETRY, theta_l, tau_l) - energy_gradient(p_B)
+    np.testing.assert_allclose(F_ee_B, expected, atol=1e-6)
+
+
+@given(working_poses)
+def test_torques_that_carry_the_weight_leave_no_force_on_the_environment(p_B):
+    tau_l = joint_torques(GEOMETRY, p_B, energy_gradient(p_B))
+    F_ee_B = environment_force(GEOMETRY, MASSES, joint_angles(GEOMETRY, p_B), p_B, tau_l)
+    np.testing.assert_allclose(F_ee_B, 0.0, atol=1e-6)  # as above
+
+
+def test_unpowered_robot_presses_with_2_20_newton_at_home():
+    F_ee_B = environment_force(GEOMETRY, MASSES, joint_angles(GEOMETRY, HOME), HOME, (0.0, 0.0, 0.0))
+    # the reference value is given to 0.01 N; x and y vanish by symmetry
+    np.testing.assert_allclose(F_ee_B, (0.0, 0.0, -2.20), atol=0.005)
+
+
+def test_a_horizontal_arm_weighs_most_and_a_hanging_one_nothing():
+    horizontal = arm_gravity_torque(GEOMETRY, MASSES, 0.0)
+    # half the rod's weight and half the rod pair's, 35 g, at l_a = 60 mm; rounding only
+    assert horizontal == pytest.approx(0.035 * 9.81 * 0.060, rel=1e-15)
+    assert arm_gravity_torque(GEOMETRY, MASSES, np.pi / 2.0) == pytest.approx(0.0, abs=1e-17)
+
+
+def test_leg_inertia_is_rod_about_its_end_plus_half_a_rod_pair_plus_pulley():
+    s = np.linspace(0.0, GEOMETRY.l_a, 10_001)
+    rod = np.trapezoid(MASSES.m_a / GEOMETRY.l_a * s**2, s)
+    # 1e-8: trapezoidal rule with 10,000 intervals
+    expected = rod + MASSES.m_b / 2.0 * GEOMETRY.l_a**2 + MASSES.I_r
+    assert leg_inertia(GEOMETRY, MASSES) == pytest.approx(expected, rel=1e-8)
+
+
+@given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
+def test_weight_is_the_mass_that_moves_with_the_platform_times_g(m_p, m_b):
+    masses = MASSES._replace(m_p=m_p, m_b=m_b)
+    assert platform_mass(masses) == m_p + 3.0 * m_b / 2.0
+    assert platform_weight(masses) == platform_mass(masses) * 9.81

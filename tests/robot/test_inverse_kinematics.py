@@ -1,0 +1,155 @@
+import math
+
+import mpmath
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.robot.poses import GEOMETRY, HOME, TURN, geometries, reachable_poses, working_poses
+from twin.errors import InputRefused, Unreachable
+from twin.robot.geometry import Geometry, distal_link, leg_coordinates
+from twin.robot.inverse_kinematics import joint_angles, leg_angle, leg_angle_inward, loop_coefficients
+
+branches = st.sampled_from(["outward", "inward"])
+
+
+def distal_lengths(geometry, theta_l, p_B):
+    return [
+        np.linalg.norm(distal_link(geometry, leg, math.cos(theta), math.sin(theta), *p_B))
+        for leg, theta in enumerate(theta_l)
+    ]
+
+
+def test_home_pose_is_at_19_99_degrees_on_every_leg():
+    # the reference value is given to 0.01 deg
+    np.testing.assert_allclose(np.degrees(joint_angles(GEOMETRY, HOME)), 19.99, atol=0.005)
+
+
+@given(reachable_poses(), branches)
+def test_joint_angles_give_every_distal_link_its_length(p_B, branch):
+    # 1e-14 m: near the edge of the workspace D cancels, its root and so the angle lose half their digits there,
+    # but the length is stationary in the angle
+    np.testing.assert_allclose(
+        distal_lengths(GEOMETRY, joint_angles(GEOMETRY, p_B, branch), p_B), GEOMETRY.l_b, atol=1e-14
+    )
+
+
+@given(reachable_poses(), st.sampled_from([0, 1, 2]), st.floats(-4.0, 4.0))
+def test_loop_coefficients_are_the_squared_length_error_at_any_angle(p_B, leg, theta):
+    E, F, G = loop_coefficients(GEOMETRY, leg, *p_B)
+    length = np.linalg.norm(distal_link(GEOMETRY, leg, math.cos(theta), math.sin(theta), *p_B))
+    # 1e-16 m2: rounding of sums of squares around 0.05 m2
+    assert E * math.cos(theta) + F * math.sin(theta) + G == pytest.approx(length**2 - GEOMETRY.l_b**2, abs=1e-16)
+
+
+@given(reachable_poses(), st.sampled_from([0, 1, 2]))
+def test_the_two_knees_mirror_each_other_in_the_line_from_base_to_platform_joint(p_B, leg):
+    u, _ = leg_coordinates(GEOMETRY, leg, p_B[0], p_B[1])
+    line = math.atan2(-p_B[2], u)
+    outward, inward = leg_angle(GEOMETRY, leg, *p_B), leg_angle_inward(GEOMETRY, leg, *p_B)
+    assert outward < line < inward
+    # 1e-12: both angles share the error of sqrt(D), which cancels in the sum
+    assert outward + inward == pytest.approx(2.0 * line, abs=1e-12)
+
+
+@given(working_poses, branches)
+def test_turning_the_platform_by_120_degrees_passes_the_angles_to_the_next_leg(p_B, branch):
+    # 1e-13 rad: the turned pose is rounded to 1e-17 m, times |J| = 20 rad/m, times the angle's conditioning
+    np.testing.assert_allclose(
+        joint_angles(GEOMETRY, TURN @ p_B, branch), np.roll(joint_angles(GEOMETRY, p_B, branch), 1), atol=1e-13
+    )
+
+
+@given(working_poses)
+def test_mirroring_the_pose_in_x_swaps_legs_two_and_three(p_B):
+    mirrored = joint_angles(GEOMETRY, p_B * [-1, 1, 1])
+    # exact: the two legs see the same numbers, once with the sign of w changed
+    np.testing.assert_array_equal(mirrored, joint_angles(GEOMETRY, p_B)[[0, 2, 1]])
+
+
+@given(working_poses, st.floats(0.01, 100.0))
+def test_angles_do_not_depend_on_the_unit_of_length(p_B, scale):
+    scaled = Geometry(*(scale * length for length in GEOMETRY))
+    # 1e-13: rounding of the scaled lengths through the same formula
+    np.testing.assert_allclose(joint_angles(scaled, scale * p_B), joint_angles(GEOMETRY, p_B), atol=1e-13)
+
+
+@given(working_poses, st.sampled_from([0, 1, 2]))
+def test_outward_angle_is_the_root_found_with_fifty_digits(p_B, leg):
+    with mpmath.workdps(50):
+        E, F, G = (mpmath.mpf(float(value)) for value in loop_coefficients(GEOMETRY, leg, *p_B))
+        root = 2 * mpmath.atan2(G + E, mpmath.sqrt(E**2 + F**2 - G**2) - F)
+    # 5e-15 rad: a handful of roundings of numbers of order one, no cancellation
+    assert leg_angle(GEOMETRY, leg, *p_B) == pytest.approx(float(root), abs=5e-15)
+
+
+def test_a_batch_equals_its_single_poses():
+    p_B = np.random.default_rng(1).uniform([-0.03, -0.03, -0.13], [0.03, 0.03, -0.085], (4, 5, 3))
+    batch = joint_angles(GEOMETRY, p_B)
+    single = [[joint_angles(GEOMETRY, p) for p in row] for row in p_B]
+    np.testing.assert_array_equal(batch, single)
+
+
+def test_an_empty_batch_stays_empty():
+    assert joint_angles(GEOMETRY, np.empty((0, 3))).shape == (0, 3)
+
+
+def test_a_leg_out_of_reach_is_not_a_number():
+    assert math.isnan(leg_angle(GEOMETRY, 0, 0.0, 0.0, -0.2))
+    assert math.isnan(leg_angle_inward(GEOMETRY, 0, 0.0, 0.0, -0.2))
+
+
+def test_refusal_names_leg_pose_and_missing_length():
+    with pytest.raises(Unreachable) as refused:
+        joint_angles(GEOMETRY, (0.0, 0.0, -0.180))
+    # leg 1: sqrt(20^2 + 180^2) - 60 = 121.1 mm from the farthest point A_1 reaches
+    assert "leg 1 would need l_b = 121.1 mm, has 113.9 mm" in str(refused.value)
+    assert "(0.0, 0.0, -180.0) mm" in str(refused.value)
+    assert refused.value.leg == 1
+    assert refused.value.pose == (0.0, 0.0, -0.180)
+
+
+def test_refusal_names_the_first_offender_of_a_batch_and_its_index():
+    p_B = np.full((2, 3, 3), HOME)
+    p_B[1, 0] = (0.0, 0.09, -0.160)
+    p_B[1, 2] = (0.0, 0.0, -0.200)
+    with pytest.raises(Unreachable, match=r"p_B\[1, 0\] = \(0\.0, 90\.0, -160\.0\) mm") as refused:
+        joint_angles(GEOMETRY, p_B)
+    assert refused.value.leg == 1
+
+
+far_or_close = st.tuples(st.floats(-0.2, 0.2), st.floats(-0.2, 0.2), st.floats(-0.3, -1e-3))
+
+
+@given(geometries(), far_or_close)
+def test_a_distal_link_changed_by_the_excess_just_reaches(geometry, p_B):
+    try:
+        joint_angles(geometry, p_B)
+        return
+    except Unreachable as refused:
+        leg, excess = refused.leg - 1, refused.excess
+    assert excess > 0.0
+
+    def reaches(change):
+        longer_and_shorter = (geometry.l_b + change, geometry.l_b - change)
+        return any(
+            not math.isnan(leg_angle(geometry._replace(l_b=l_b), leg, *p_B))
+            for l_b in longer_and_shorter
+            if l_b > 0.0
+        )
+
+    # 1e-9 m on either side of the edge, far above rounding of lengths below 1 m
+    assert reaches(excess + 1e-9)
+    assert excess < 1e-9 or not reaches(excess - 1e-9)
+
+
+@pytest.mark.parametrize("p_B", [0.1, (0.0, 0.0), np.zeros((3, 2))])
+def test_a_pose_of_wrong_shape_is_refused(p_B):
+    with pytest.raises(InputRefused, match=r"p_B has shape .*; expected \(\.\.\., 3\)"):
+        joint_angles(GEOMETRY, p_B)
+
+
+def test_a_pose_that_is_not_finite_is_refused_with_its_index():
+    with pytest.raises(InputRefused, match=r"p_B\[1\] = .*nan.* is not finite"):
+        joint_angles(GEOMETRY, [HOME, (0.0, math.nan, -0.1)])

@@ -1,0 +1,165 @@
+"""From an experiment to components and wires: the only place where the parts meet."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.controller.belief import Belief
+from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
+from twin.controller.estimator import Estimator
+from twin.controller.pid import Gains
+from twin.cosim.component import Component
+from twin.cosim.delay import delay
+from twin.cosim.system import System
+from twin.drive.component import DriveShop
+from twin.drive.description import DriveDescription, described
+from twin.experiment.experiment import Experiment
+from twin.plant.component import Plant
+from twin.plant.encoder import Encoder
+from twin.plant.equilibrium import resting
+from twin.plant.parameters import PlantParameters
+from twin.plant.scale import Scale
+
+
+@dataclass
+class Assembly:
+    """A system that owns its FMU instances; a context manager that frees them.
+
+    Attributes:
+        system: ready to be simulated. drives: what was read of the three FMUs.
+    """
+
+    system: System
+    drives: tuple[DriveDescription, ...]
+    shop: DriveShop
+
+    def __enter__(self) -> "Assembly":
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        for component in self.system.components:
+            component.close()
+        self.shop.close()
+
+
+def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None = None) -> Assembly:
+    """Build every component of `experiment` and wire them.
+
+    The robot starts at rest in static equilibrium at the first way point of its reference.
+
+    Args:
+        experiment: what to build.
+        substitutes: components of the same ports that take the place of the ones with their names.
+
+    Raises:
+        InputRefused: a drive FMU does not fit. All three are checked before any is loaded.
+    """
+    descriptions = _described_drives(experiment)
+    parameters = plant_parameters(experiment)
+    x, theta_m = resting(parameters, experiment.reference.p[0])
+    plant = Plant(parameters, x, theta_m, experiment.plant.substeps)
+    tau_load = plant.initial("tau_load")
+    period = experiment.controller_ticks
+    components: list[Component] = [
+        Encoder(
+            experiment.plant.motor_counts_per_turn,
+            experiment.plant.joint_counts_per_turn,
+            experiment.plant.motor_zero,
+            experiment.plant.joint_zero,
+            period,
+        ),
+        Estimator(belief(experiment), experiment.controller.gravity_compensation, period),
+        controller(experiment),
+        *_delayed(experiment),
+        Scale(experiment.scale.resolution * 9.81, experiment.scale_ticks),
+    ]
+    shop = DriveShop()
+    try:
+        for i, (drive, description) in enumerate(zip(experiment.drives, descriptions, strict=True)):
+            components.append(shop.drive(f"drive_{i + 1}", description, drive.parameters, theta_m[i], tau_load[i]))
+        components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
+        wires = _wires("delay" if experiment.controller.delay_ticks else "controller")
+        system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
+    except BaseException:
+        shop.close()
+        raise
+    return Assembly(system, descriptions, shop)
+
+
+def plant_parameters(experiment: Experiment) -> PlantParameters:
+    """What is true, as the plant's constants."""
+    p, c = experiment.plant, experiment.contact
+    return PlantParameters(
+        a=p.a, b=p.b, l_a=p.l_a, l_b=p.l_b, m_a=p.m_a, m_b=p.m_b, m_p=p.m_p, I_r=p.I_r, b_j=p.b_j,
+        k_s=p.k_s, N=p.N, eta=p.eta, backlash=p.backlash, eta_rate=p.eta_rate,
+        z_s=c.height, tilt=c.tilt, K=c.stiffness, damping=c.damping,
+        mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
+    )  # fmt: skip
+
+
+def belief(experiment: Experiment) -> Belief:
+    """What the controller believes."""
+    m = experiment.controller.model
+    return Belief(
+        a=m.a, b=m.b, l_a=m.l_a, l_b=m.l_b, m_a=m.m_a, m_b=m.m_b, m_p=m.m_p, k_s=m.k_s, N=m.N, eta=m.eta,
+        motor_counts=m.motor_counts_per_turn, joint_counts=m.joint_counts_per_turn,
+        motor_zero=m.motor_zero, joint_zero=m.joint_zero,
+    )  # fmt: skip
+
+
+def controller(experiment: Experiment) -> Controller:
+    """The force-position law with the experiment's gains and reference; in position mode nothing ever triggers it."""
+    c = experiment.controller
+    force_on = c.mode == "force_position"
+    law = Law(
+        N=c.model.N,
+        omega_max=c.speed_limit,
+        F_z_ref=c.force.reference,
+        trigger_force=c.force.trigger if force_on and c.force.trigger is not None else NEVER,
+        trigger_time=c.force.trigger_time if force_on and c.force.trigger_time is not None else NEVER,
+        dp_z_max=c.force.limit,
+        corner=c.force.filter,
+    )
+    position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
+    force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
+    return Controller(law, position, force, experiment.reference.t, experiment.reference.p, experiment.controller_ticks)
+
+
+def _described_drives(experiment: Experiment) -> tuple[DriveDescription, ...]:
+    known = {drive.fmu: described(drive.fmu) for drive in experiment.drives}
+    for drive in experiment.drives:
+        known[drive.fmu].checked_parameters(drive.parameters)
+    return tuple(known[drive.fmu] for drive in experiment.drives)
+
+
+def _delayed(experiment: Experiment) -> list[Component]:
+    """The computation delay between controller and drives, if one is set."""
+    ticks = experiment.controller.delay_ticks
+    return [delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))] if ticks else []
+
+
+def _wires(commander: str) -> list[tuple[str, str]]:
+    wires = [
+        ("plant.theta_l", "encoder.theta_l"),
+        ("encoder.count_m", "estimator.count_m"),
+        ("encoder.count_l", "estimator.count_l"),
+        ("estimator.p_B", "controller.p_B"),
+        ("estimator.J", "controller.J"),
+        ("estimator.F_ee_B", "controller.F_ee_B"),
+        ("plant.F_ee_B", "scale.F_ee_B"),
+    ]
+    if commander != "controller":
+        wires.append(("controller.omega_ref", f"{commander}.omega_ref"))
+    for i in range(3):
+        drive = f"drive_{i + 1}"
+        wires += [
+            (f"{drive}.theta_m", f"encoder.theta_m[{i}]"),
+            (f"{drive}.theta_m", f"plant.theta_m[{i}]"),
+            (f"{commander}.omega_ref[{i}]", f"{drive}.omega_ref"),
+            (f"plant.tau_load[{i}]", f"{drive}.tau_load"),
+        ]
+    return wires

@@ -1,0 +1,5 @@
+"""`twin compare`: recordings against the paper."""
+
+
+def compare() -> None:
+    """to come"""

@@ -1,0 +1,187 @@
+"""One run: an experiment assembled, stepped in slices, recorded as it goes."""
+
+import json
+import platform
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.assembly import Assembly, assemble
+from twin.cosim.component import Component
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
+from twin.errors import ComponentFailed
+from twin.experiment.experiment import Experiment
+from twin.recording.folder import RECORDING
+from twin.recording.layout import Field, Topic
+from twin.recording.writer import Writer
+
+SLICE_TICKS = 100
+SUMMARY = "summary.json"
+PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
+
+Progress = Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Run:
+    """A finished run.
+
+    Attributes:
+        recording: the MCAP file.
+        simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
+        events: (time in s, text).
+        microseconds: wall time per tick of each component, if it was measured.
+    """
+
+    recording: Path
+    simulated: float
+    stepping: float
+    writing: float
+    events: tuple[tuple[float, str], ...]
+    microseconds: dict[str, float]
+
+    @property
+    def real_time_factor(self) -> float:
+        return self.simulated / self.stepping
+
+
+def execute(
+    experiment: Experiment,
+    folder: Path,
+    progress: Progress = lambda done, total: None,
+    substitutes: Mapping[str, Component] | None = None,
+    timed: bool = False,
+) -> Run:
+    """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
+
+    Args:
+        experiment: checked.
+        folder: the run's own folder.
+        progress: told (ticks done, ticks in all) after every slice.
+        substitutes: see `assemble`.
+        timed: measure each component.
+
+    Raises:
+        InputRefused: a drive FMU does not fit.
+        ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
+        RecordingFailed: the disk is full; likewise.
+    """
+    with assemble(experiment, substitutes) as assembly:
+        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed)
+    summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
+    (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
+    return run
+
+
+def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool) -> Run:
+    system = assembly.system
+    simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed)
+    topics = [_topic(component) for component in system.components]
+    spans = [_span(system, position) for position in range(len(topics))]
+    watch = TriggerWatch(system)
+    events: list[tuple[float, str]] = []
+    stepping = writing = 0.0
+    with Writer(path, topics, system.tick, provenance(experiment, assembly)) as writer:
+        while not simulation.finished:
+            first = simulation.next_tick
+            began = time.perf_counter()
+            rows = simulation.advance()
+            stepped = time.perf_counter()
+            for topic, span in zip(topics, spans, strict=True):
+                start = -first % topic.period
+                writer.write(topic.name, first + start, rows[start :: topic.period, span])
+            for tick, text in watch.events(first, rows):
+                writer.write_event(tick, "INFO", text, "controller")
+                events.append((tick * system.tick, text))
+            stepping += stepped - began
+            writing += time.perf_counter() - stepped
+            progress(simulation.next_tick, experiment.duration_ticks + 1)
+        if simulation.failure:
+            writer.write_event(simulation.next_tick, "ERROR", str(simulation.failure), "cosim")
+            raise _with_remedy(simulation, writer.abandon())
+        began = time.perf_counter()
+        recording = writer.finish()
+        writing += time.perf_counter() - began
+    share = 1e6 * stepping / max(1, simulation.cycles.sum()) / (experiment.duration_ticks + 1)
+    return Run(
+        recording=recording,
+        simulated=experiment.duration_ticks * system.tick,
+        stepping=stepping,
+        writing=writing,
+        events=tuple(events),
+        microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
+    )
+
+
+class TriggerWatch:
+    """Sees the force loop being triggered."""
+
+    def __init__(self, system: System):
+        self._triggered = system.columns("controller.triggered").start
+        self._F_z = system.columns("controller.F_z").start
+        self._before = 0.0
+
+    def events(self, first: int, rows: np.ndarray) -> list[tuple[int, str]]:
+        """(tick, text) of what happened in `rows`, the first of which is tick `first`."""
+        if len(rows) == 0:
+            return []
+        flags = np.concatenate([[self._before], rows[:, self._triggered]])
+        self._before = flags[-1]
+        rises = np.flatnonzero(np.diff(flags) > 0)
+        return [
+            (first + int(k), f"force control triggered at F_z = {rows[k, self._F_z]:.3f} N") for k in rises
+        ]
+
+
+def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
+    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    fmus = {
+        f"drive_{i + 1}": json.dumps(
+            {
+                "file": description.path.name,
+                "sha256": description.sha256,
+                "model": description.model.modelName,
+                "fmi": description.model.fmiVersion,
+                "generation_tool": description.model.generationTool,
+                "parameters": drive.parameters,
+            }
+        )
+        for i, (drive, description) in enumerate(zip(experiment.drives, assembly.drives, strict=True))
+    }
+    values = _named_fmus(experiment.values)
+    return {
+        "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
+        "origins": dict(experiment.origins),
+        "fmu": fmus,
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    }
+
+
+def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with FMUs by file name only: where they lie on this machine is nobody's business."""
+    return {
+        key: _named_fmus(value) if isinstance(value, dict) else Path(value).name if key == "fmu" else value
+        for key, value in values.items()
+    }
+
+
+def _topic(component: Component) -> Topic:
+    """`drive_1` is recorded as the topic drive/1, everything else under its own name."""
+    name = component.name.replace("drive_", "drive/")
+    fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
+    return Topic(name, fields, component.period)
+
+
+def _span(system: System, position: int) -> slice:
+    return slice(int(system.y_start[position]), int(system.y_start[position + 1]))
+
+
+def _with_remedy(simulation: Simulation, partial: Path) -> ComponentFailed:
+    until = max(0, simulation.next_tick - 1) * simulation.system.tick
+    return ComponentFailed(f"{simulation.failure}\nRecorded until then: {partial} ({until:.3f} s).")

@@ -1,0 +1,83 @@
+"""Validation errors as sentences: where, what we got, what was expected."""
+
+import difflib
+from typing import Any, get_args
+
+from pydantic import BaseModel, ValidationError
+
+_EXPECTED = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text in quotes",
+    "bool_type": "true or false",
+    "tuple_type": "an array",
+    "dict_type": "a table",
+    "model_type": "a table",
+    "finite_number": "a finite number",
+}
+_BOUNDS = {"greater_than": ("gt", ">"), "greater_than_equal": ("ge", ">="), "less_than": ("lt", "<"), "less_than_equal": ("le", "<=")}
+
+
+def sentences(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
+    """One sentence per mistake in [table], which `model` describes."""
+    return [_sentence(detail, model, table) for detail in error.errors()]
+
+
+def unknown(key: str, known: list[str]) -> str:
+    """`unknown key 'kp'; did you mean 'kp_per_s'?`"""
+    # a key without its unit is the commonest slip
+    close = [k for k in known if k.startswith(f"{key}_")] or difflib.get_close_matches(key, known, 1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+    return f"unknown key '{key}'; {hint}"
+
+
+def keys(model: type[BaseModel]) -> list[str]:
+    """The TOML keys of `model`."""
+    return [info.alias or name for name, info in model.model_fields.items()]
+
+
+def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
+    path = [part for part in detail["loc"] if isinstance(part, str)]
+    place = [str(part) for part in detail["loc"] if isinstance(part, int)]
+    owner, tables = model, [table]
+    while len(path) > 1:
+        step = path.pop(0)
+        tables.append(step)
+        owner = _section(owner, step) or owner
+    where, key = f"[{'.'.join(tables)}]", path[0] if path else ""
+    kind, got = detail["type"], detail["input"]
+    if kind == "extra_forbidden":
+        return f"{where} {unknown(key, keys(owner))}"
+    if kind == "missing":
+        if place:
+            return f"{where} {key}: {_shown(detail['input'])} has too few values"
+        return f"{where} missing key '{key}'"
+    index = f" (entry {' '.join(str(int(p) + 1) for p in place)})" if place else ""
+    shown = f"{where} {key} = {_shown(got)}{index}"
+    if kind in _BOUNDS:
+        name, sign = _BOUNDS[kind]
+        return f"{shown}: expected a number {sign} {detail['ctx'][name]:g}"
+    if kind == "literal_error":
+        return f"{shown}: expected {detail['ctx']['expected']}"
+    if kind == "value_error":
+        return f"{shown}: {detail['ctx']['error']}"
+    return f"{shown}: expected {_EXPECTED.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
+
+
+def _section(model: type[BaseModel], key: str) -> type[BaseModel] | None:
+    for name, info in model.model_fields.items():
+        if (info.alias or name) == key:
+            candidates = (info.annotation, *get_args(info.annotation))
+            for kind in candidates:
+                if isinstance(kind, type) and issubclass(kind, BaseModel):
+                    return kind
+    return None
+
+
+def _shown(value: Any) -> str:
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, tuple):
+        return "[" + ", ".join(_shown(item) for item in value) + "]"
+    return f'"{value}"' if isinstance(value, str) else str(value)

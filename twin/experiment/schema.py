@@ -1,0 +1,138 @@
+"""The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
+
+from typing import Literal
+
+from pydantic import Field, field_validator
+
+from twin.experiment.quantity import Section, quantity
+
+Triple = tuple[float, float, float]
+
+
+class Model(Section):
+    """What both the robot's maker and its controller know of a robot: Fig. 2, Eq. 18-20, the encoders."""
+
+    a: float = quantity("a_mm", gt=0)
+    b: float = quantity("b_mm", gt=0)
+    l_a: float = quantity("l_a_mm", gt=0)
+    l_b: float = quantity("l_b_mm", gt=0)
+    m_a: float = quantity("m_a_g", ge=0)
+    m_b: float = quantity("m_b_g", ge=0)
+    m_p: float = quantity("m_p_g", ge=0)
+    k_s: float = quantity("k_s_Nm_per_rad", gt=0)
+    N: float = Field(gt=0)
+    eta: float = Field(gt=0, le=1)
+    motor_counts_per_turn: int = Field(gt=0)
+    joint_counts_per_turn: int = Field(gt=0)
+    motor_zero: Triple = quantity("motor_zero_deg")
+    joint_zero: Triple = quantity("joint_zero_deg")
+
+
+class Robot(Model):
+    """[robot]: a robot as it is, with what its controller does not model."""
+
+    name: str
+    I_r: float = quantity("I_r_kg_m2", ge=0)
+    b_j: float = quantity("b_j_Nm_s_per_rad", ge=0)
+    backlash: float = quantity("backlash_deg", ge=0)
+    eta_rate: float = quantity("eta_rate_rad_per_s", ge=0)
+
+
+class Plant(Robot):
+    """[plant]: [robot], where the real one differs from it; and how finely it is integrated."""
+
+    substeps: int = Field(ge=1, le=1000)
+
+
+class Contact(Section):
+    """[contact]: what the robot presses on."""
+
+    kind: Literal["scale"]
+    height: float = quantity("height_mm")
+    tilt: float = quantity("tilt_deg", gt=-45, lt=45)
+    stiffness: float = quantity("stiffness_N_per_m", ge=0)
+    damping: float = quantity("damping_s_per_m", ge=0)
+    friction: float = Field(ge=0)
+    bristle: float = quantity("bristle_N_per_m", gt=0)
+    bristle_damping: float = quantity("bristle_damping_N_s_per_m", ge=0)
+
+
+class Scale(Section):
+    """[scale]: the electronic scale's display."""
+
+    resolution: float = quantity("resolution_g", gt=0)
+    period: float = quantity("period_ms", gt=0)
+
+
+class Cosim(Section):
+    """[cosim]: how the components are stepped."""
+
+    tick: float = quantity("tick_ms", gt=0)
+    scheme: Literal["gauss_seidel", "jacobi"]
+
+
+class JointDrive(Section):
+    """[drive.joint_1] to [drive.joint_3]: where one joint's drive differs."""
+
+    fmu: str | None = None
+    parameters: dict[str, float] = {}
+
+
+class Drive(Section):
+    """[drive]: the drive of every joint. Parameters have the FMU's own names and units."""
+
+    fmu: str
+    parameters: dict[str, float] = {}
+    joint_1: JointDrive = JointDrive()
+    joint_2: JointDrive = JointDrive()
+    joint_3: JointDrive = JointDrive()
+
+
+class PositionLoop(Section):
+    """[controller.position]: PID from position error (m) to platform speed (m/s), the same on x, y and z."""
+
+    kp: float = quantity("kp_per_s", ge=0)
+    ki: float = quantity("ki_per_s2", 0.0, ge=0)
+    kd: float = Field(0.0, ge=0)
+    derivative_filter: float = quantity("derivative_filter_Hz", 0.0, ge=0)
+
+
+class ForceLoop(Section):
+    """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
+
+    reference: float = quantity("reference_N", gt=0)
+    trigger: float | None = quantity("trigger_N", None, ge=0)
+    trigger_time: float | None = quantity("trigger_time_s", None, ge=0)
+    kp: float = quantity("kp_mm_per_N", ge=0)
+    ki: float = quantity("ki_mm_per_N_s", ge=0)
+    kd: float = quantity("kd_mm_s_per_N", 0.0, ge=0)
+    derivative_filter: float = quantity("derivative_filter_Hz", 0.0, ge=0)
+    limit: float = quantity("limit_mm", gt=0)
+    filter: float = quantity("filter_Hz", ge=0)
+
+
+class Controller(Section):
+    """[controller]: the robot's computer."""
+
+    mode: Literal["force_position", "position"]
+    period: float = quantity("period_ms", gt=0)
+    delay_ticks: int = Field(0, ge=0, le=1000)
+    speed_limit: float = quantity("speed_limit_rad_per_s", gt=0)
+    gravity_compensation: bool
+    position: PositionLoop
+    force: ForceLoop
+    model: Model
+
+
+class Reference(Section):
+    """[reference]: way points, straight lines at constant speed between them."""
+
+    t: tuple[float, ...] = quantity("t_s", min_length=1)
+    p: tuple[Triple, ...] = quantity("p_mm", min_length=1)
+
+    @field_validator("t")
+    @classmethod
+    def _ascending(cls, t: tuple[float, ...]) -> tuple[float, ...]:
+        if any(later <= earlier for earlier, later in zip(t, t[1:], strict=False)):
+            raise ValueError("expected times that increase from one way point to the next")
+        return t

@@ -1,0 +1,137 @@
+"""Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`."""
+
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+
+
+@dataclass
+class Source:
+    """What the files say, before it is checked.
+
+    Attributes:
+        values: nested tables; arrays as tuples.
+        origins: where a value comes from, by dotted key: its own `source`, or the file or option that set it.
+    """
+
+    values: dict[str, Any] = field(default_factory=dict)
+    origins: dict[str, str] = field(default_factory=dict)
+
+    def put(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
+        """Lay `table` over what is there, key by key."""
+        target = self.values if into is None else into
+        for key, value in table.items():
+            dotted = f"{prefix}{key}"
+            if isinstance(value, dict) and "value" in value and value.keys() <= {"value", "source"}:
+                target[key] = _frozen(value["value"])
+                self.origins[dotted] = str(value.get("source", origin))
+            elif isinstance(value, dict):
+                inner = target.get(key)
+                target[key] = inner if isinstance(inner, dict) else {}
+                self.put(value, origin, f"{dotted}.", target[key])
+            else:
+                target[key] = _frozen(value)
+                self.origins[dotted] = origin
+
+
+def read_source(path: Path) -> Source:
+    """The file at `path` laid over the files it `extends`.
+
+    Raises:
+        InputRefused: no such file, not TOML, a circle of `extends`.
+    """
+    source = Source()
+    for file in reversed(_chain(path)):
+        table = _table(file)
+        table.pop("extends", None)
+        source.put(table, f"set in {file.name}")
+    return source
+
+
+def override(source: Source, texts: Iterable[str]) -> None:
+    """Lay command line settings, "a.b=1" each, over `source`.
+
+    Raises:
+        InputRefused: not of the form key=value.
+    """
+    for text in texts:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
+        source.put(_nested(key.strip().split("."), _value(value.strip())), "set on the command line")
+
+
+def replace_drive(source: Source, fmu: str, folder: Path) -> None:
+    """Make `fmu` the drive of every joint, its parameters at their own start values.
+
+    `fmu` is a path as seen from the current folder, or the name of a drive in fmus/ as seen from `folder`.
+    """
+    path = Path(fmu)
+    if not path.exists():
+        shelved = located(f"fmus/{fmu}", folder)
+        path = shelved if shelved.exists() else path
+    source.values["drive"] = {"fmu": str(path.absolute())}
+    source.origins = {key: origin for key, origin in source.origins.items() if not key.startswith("drive.")}
+    source.origins["drive.fmu"] = "set on the command line"
+
+
+def located(name: str, start: Path) -> Path:
+    """The file `name` as seen from folder `start`: absolute, or in `start`, its parents, or the current folder.
+
+    What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
+    """
+    wanted = Path(name).expanduser()
+    if wanted.is_absolute():
+        return wanted
+    for folder in (start, *start.parents, Path.cwd()):
+        if (folder / wanted).exists():
+            return folder / wanted
+    return start / wanted
+
+
+def _chain(path: Path) -> list[Path]:
+    chain = [path]
+    while (parent := _table(chain[-1]).get("extends")) is not None:
+        if not isinstance(parent, str):
+            raise InputRefused(f"{chain[-1]}: extends = {parent!r}: expected the name of a TOML file")
+        following = located(parent, chain[-1].resolve().parent)
+        if any(following.resolve() == file.resolve() for file in chain):
+            raise InputRefused(f"{path}: its files extend each other in a circle; remove one 'extends'")
+        chain.append(following)
+    return chain
+
+
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except FileNotFoundError:
+        raise InputRefused(f"{path}: no such experiment file") from None
+    except IsADirectoryError:
+        raise InputRefused(f"{path}: a folder; expected an experiment file (.toml)") from None
+    except OSError as problem:
+        raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise InputRefused(f"{path}: not valid TOML: {problem}") from None
+
+
+def _value(text: str) -> Any:
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+def _nested(keys: list[str], value: Any) -> dict[str, Any]:
+    for key in reversed(keys):
+        value = {key: value}
+    return value
+
+
+def _frozen(value: Any) -> Any:
+    return tuple(_frozen(item) for item in value) if isinstance(value, list) else value

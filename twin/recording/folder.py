@@ -1,0 +1,64 @@
+"""Where runs live: results/<experiment>/<run>/run.mcap, and how to find one again."""
+
+from datetime import datetime
+from pathlib import Path
+
+from twin.recording.errors import RecordingRefused
+
+RECORDING = "run.mcap"
+LATEST = "latest"
+
+
+def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
+    """A new folder results/<experiment>/<time>/, and results/<experiment>/latest pointing to it."""
+    home = results / experiment
+    home.mkdir(parents=True, exist_ok=True)
+    stamp = now.strftime("%Y-%m-%d_%H%M%S")
+    for attempt in range(1, 1000):
+        folder = home / (stamp if attempt == 1 else f"{stamp}_{attempt}")
+        try:
+            folder.mkdir()
+            break
+        except FileExistsError:
+            continue
+    latest = home / LATEST
+    try:
+        latest.unlink(missing_ok=True)
+        latest.symlink_to(folder.name, target_is_directory=True)
+    # Windows grants links to administrators only; `recording_in` then takes the newest folder
+    except OSError:
+        pass
+    return folder
+
+
+def claim_run_folder(folder: Path) -> Path:
+    """`folder` itself, created, as the folder of one run.
+
+    Raises:
+        RecordingRefused: it exists and is not empty, or cannot be created.
+    """
+    try:
+        if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
+            raise RecordingRefused(f"{folder}: already there and not empty; name a new folder, a run is never overwritten")
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise RecordingRefused(f"{folder}: cannot be created: {problem.strerror}") from None
+    return folder
+
+
+def recording_in(path: Path) -> Path:
+    """The recording meant by `path`: an .mcap file, a run's folder, or an experiment's folder (its latest run).
+
+    Raises:
+        RecordingRefused: there is none.
+    """
+    if path.is_file():
+        return path
+    runs = [path, path / LATEST]
+    if path.is_dir():
+        runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
+    for folder in runs:
+        for name in (RECORDING, f"{RECORDING}.partial"):
+            if (folder / name).is_file():
+                return folder / name
+    raise RecordingRefused(f"{path}: no recording; expected an .mcap file, a run's folder or results/<experiment>")
