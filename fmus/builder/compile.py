@@ -9,17 +9,20 @@ from struct import pack
 from .c_table import variables_header, variables_table
 from .drive import FMI2, Drive
 
-# glibc 2.17 (2012) is the oldest that ziglang's headers support well; newer systems run it unchanged
+# By platform folder of FMI 2.0: the library's suffix and the compiler's targets. glibc 2.17 is of 2012 and
+# macOS 11 the first for both processors; newer systems run the same binary. Windows 10 is the first with the
+# C runtime that the dll asks for.
 TARGETS = {
     "linux64": ("so", ["x86_64-linux-gnu.2.17"]),
     "win64": ("dll", ["x86_64-windows-gnu"]),
-    "darwin64": ("dylib", ["x86_64-macos", "aarch64-macos"]),
+    "darwin64": ("dylib", ["x86_64-macos.11.0", "aarch64-macos.11.0"]),
 }
 # no fast-math, no contraction to fused multiply-add: the same numbers on every platform, up to its libm
-FLAGS = "-std=c11 -O2 -ffp-contract=off -fvisibility=hidden -Wall -Wextra -Werror -shared -s".split()
+FLAGS = ["-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s"]
+WARNINGS = ["-Wall", "-Wextra", "-Werror"]
 
-# Mach-O: cputype, cpusubtype, log2 of the page size
-MACHO_SLICES = {"x86_64-macos": (0x01000007, 3, 12), "aarch64-macos": (0x0100000C, 0, 14)}
+# Mach-O by processor: cputype, cpusubtype (<mach/machine.h>), log2 of the page size
+MACHO = {"x86_64": (0x01000007, 3, 12), "aarch64": (0x0100000C, 0, 14)}
 
 
 def write_generated(drive: Drive, folder: Path) -> None:
@@ -41,20 +44,23 @@ def shared_library(drive: Drive, platform: str, folder: Path) -> Path:
     if len(triples) == 1:
         _compile(drive, triples[0], folder, library)
     else:
-        slices = {triple: library.with_suffix(f".{triple}") for triple in triples}
-        for triple, path in slices.items():
+        slices = {}
+        for triple in triples:
+            processor = triple.split("-")[0]
+            path = library.with_suffix(f".{processor}")
             _compile(drive, triple, folder, path)
-        library.write_bytes(universal_binary({triple: path.read_bytes() for triple, path in slices.items()}))
+            slices[processor] = path.read_bytes()
+        library.write_bytes(universal_binary(slices))
     return library
 
 
 def universal_binary(slices: dict[str, bytes]) -> bytes:
-    """Join Mach-O libraries, by target triple, into one (layout: <mach-o/fat.h>, big-endian)."""
+    """Join Mach-O libraries, by processor (keys of MACHO), into one (layout: <mach-o/fat.h>, big-endian)."""
     header = pack(">II", 0xCAFEBABE, len(slices))
     body = b""
     start = 8 + 20 * len(slices)
-    for triple, content in slices.items():
-        cpu, subtype, alignment = MACHO_SLICES[triple]
+    for processor, content in slices.items():
+        cpu, subtype, alignment = MACHO[processor]
         body += bytes(-(start + len(body)) % (1 << alignment))
         header += pack(">IIIII", cpu, subtype, start + len(body), len(content), alignment)
         body += content
@@ -69,6 +75,9 @@ def _compile(drive: Drive, triple: str, folder: Path, library: Path) -> None:
     model = next(path for path in drive.sources if path.name == "model.c")
     sources = [model, *sorted(FMI2.glob("*.c")), folder / "variables.c"]
     includes = [f"-I{path}" for path in (folder, FMI2)] + ["-isystem", str(headers)]
-    libraries = [] if "windows" in triple else ["-lm"]
-    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", triple]
-    subprocess.run([*compiler, *FLAGS, *includes, *map(str, sources), *libraries, "-o", str(library)], check=True)
+    linking = [] if "windows" in triple else ["-lm"]
+    if "macos" in triple:
+        # by default the absolute path of the output, which would tell one checkout from another
+        linking += ["-install_name", f"@rpath/{drive.name}.dylib"]
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", triple, *FLAGS, *WARNINGS]
+    subprocess.run([*compiler, *includes, *map(str, sources), *linking, "-o", str(library)], check=True)

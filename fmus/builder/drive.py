@@ -13,7 +13,7 @@ GUID_NAMESPACE = uuid.UUID("6f1d4c1e-6d0a-5c0b-9f0e-7d2b1a4c8e35")
 
 @dataclass(frozen=True)
 class Variable:
-    """One `[[variable]]` of drive.toml: a ScalarVariable of FMI 2.0 (section 2.2.7) of type Real, SI units."""
+    """One `[[variable]]` of drive.toml: a Real ScalarVariable of FMI 2.0 (section 2.2.7) in SI units."""
 
     name: str
     causality: str

@@ -1,4 +1,4 @@
-/* Saving, restoring and serialising the state (FMI 2.0.4, section 2.1.8). It is one struct of plain numbers. */
+/* Saving, restoring and serialising the state, one struct of plain numbers (FMI 2.0.4, section 2.1.8). */
 #include "slave.h"
 
 #include <stdlib.h>

@@ -1,4 +1,4 @@
-/* Birth, modes, steps and death of a slave (FMI 2.0.4, sections 2.1.5, 2.1.6, 4.2.1). */
+/* Birth, modes, steps and death of a slave (FMI 2.0.4, sections 2.1.5, 2.1.6, 4.2.2, 4.2.3). */
 #include "slave.h"
 
 #include <math.h>
@@ -38,10 +38,10 @@ const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
 
 const char *fmi2GetVersion(void) { return "2.0"; }
 
-fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean logging_on, size_t n, const fmi2String categories[])
+fmi2Status fmi2SetDebugLogging(fmi2Component c, fmi2Boolean on, size_t n, const fmi2String categories[])
 {
     /* errors are always logged and there are no debug messages to switch */
-    (void)c, (void)logging_on, (void)n, (void)categories;
+    (void)c, (void)on, (void)n, (void)categories;
     return fmi2OK;
 }
 

@@ -42,7 +42,7 @@ fmi2Status fmi2CancelStep(fmi2Component c)
     return refuse(c, "fmi2CancelStep: steps are synchronous (canRunAsynchronuously is false)");
 }
 
-/* No step is ever pending, so there is nothing to report beyond fmi2GetRealStatus and fmi2GetBooleanStatus. */
+/* No step is ever pending: nothing to report beyond fmi2GetRealStatus and fmi2GetBooleanStatus. */
 #define DISCARD_STATUS(function, type)                                                                \
     fmi2Status function(fmi2Component c, const fmi2StatusKind kind, type *value)                      \
     {                                                                                                 \

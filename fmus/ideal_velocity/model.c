@@ -1,4 +1,4 @@
-/* A perfect velocity source: whatever the load, the shaft turns as commanded. Equations (1), (2) of README.md. */
+/* A perfect velocity source: the shaft turns as commanded. Equations (1) and (2) of README.md. */
 #include "model.h"
 
 #include <math.h>

@@ -77,7 +77,8 @@ typedef struct {
 static Machine rates(const Variables *v, const Design *k, Machine x)
 {
     const double omega_e = v->p * x.omega;
-    const double friction = v->b_m * x.omega + v->tau_c * x.omega / sqrt(x.omega * x.omega + v->omega_c * v->omega_c);
+    const double bend = sqrt(x.omega * x.omega + v->omega_c * v->omega_c);
+    const double friction = v->b_m * x.omega + v->tau_c * x.omega / bend;
     return (Machine){
         .i_d = (v->v_d - v->R * x.i_d) / v->L + omega_e * x.i_q,
         .i_q = (v->v_q - v->R * x.i_q - omega_e * v->psi) / v->L - omega_e * x.i_d,
@@ -88,7 +89,12 @@ static Machine rates(const Variables *v, const Design *k, Machine x)
 
 static Machine moved(Machine x, Machine dx, double dt)
 {
-    return (Machine){x.i_d + dt * dx.i_d, x.i_q + dt * dx.i_q, x.omega + dt * dx.omega, x.theta + dt * dx.theta};
+    return (Machine){
+        .i_d = x.i_d + dt * dx.i_d,
+        .i_q = x.i_q + dt * dx.i_q,
+        .omega = x.omega + dt * dx.omega,
+        .theta = x.theta + dt * dx.theta,
+    };
 }
 
 /* One classical Runge-Kutta step of order 4 over dt <= T_c with the voltages held */
@@ -106,9 +112,9 @@ static void run_machine(Variables *v, const Design *k, double dt)
     v->i_d = x.i_d, v->current = x.i_q, v->omega_m = x.omega, v->theta_m = x.theta;
 }
 
-/* (14): the controller ticks every T_c on its own clock, wherever the communication points fall. `until_tick` is
- * counted down, never rounded, so no time is lost; a tick that falls on a communication point up to rounding
- * belongs to the step that begins there and sees that step's inputs. */
+/* (14): the controller ticks every T_c on its own clock, wherever the communication points fall. `until_tick`
+ * is counted down, never rounded, so no time is lost; a tick that falls on a communication point up to
+ * rounding belongs to the step that begins there and sees that step's inputs. */
 bool model_step(Variables *v, double h)
 {
     const Design k = design(v);

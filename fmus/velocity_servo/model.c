@@ -25,13 +25,13 @@ bool model_step(Variables *v, double h)
 {
     const double target = clamp(v->omega_ref, -v->omega_max, v->omega_max) - v->droop * v->tau_load; /* (1) */
 
-    /* (2), (3): where the two limits contradict each other, physics (torque) wins over command (acceleration) */
+    /* (2), (3): where the limits contradict each other, physics (torque) wins over command (acceleration) */
     const double lo_torque = (-v->tau_max - v->tau_load) / v->J_m;
     const double hi_torque = (v->tau_max - v->tau_load) / v->J_m;
     const double lo = clamp(-v->alpha_max, lo_torque, hi_torque);
     const double hi = clamp(v->alpha_max, lo_torque, hi_torque);
 
-    /* (7): at most three phases: a limit, none, and a limit again where the load holds omega_m off its target */
+    /* (7): at most three phases: a limit, none, and a limit again where the load drags omega_m off */
     double left = h;
     double wanted = (target - v->omega_m) / v->T_m;
     if (wanted > hi || wanted < lo) {

@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 @dataclass
 class Pmsm:
-    """Machine and controller with their default parameters; numbers in brackets are the README's equations."""
+    """Machine and controller with their default parameters; numbers in brackets: the README's equations."""
 
     p: float = 7.0
     psi: float = 0.01
@@ -27,15 +27,15 @@ class Pmsm:
     omega_v: float = 2 * pi * 40
     omega_o: float = 2 * pi * 300
 
-    x: np.ndarray = field(default_factory=lambda: np.zeros(4))  # i_d, i_q, omega_m, theta_m
-    v_d: float = 0.0
-    v_q: float = 0.0
-    i_q_ref: float = 0.0
-    theta_obs: float = 0.0
-    omega_obs: float = 0.0
-    x_v: float = 0.0
-    x_d: float = 0.0
-    x_q: float = 0.0
+    x: np.ndarray = field(init=False, default_factory=lambda: np.zeros(4))  # i_d, i_q, omega_m, theta_m
+    v_d: float = field(init=False, default=0.0)
+    v_q: float = field(init=False, default=0.0)
+    i_q_ref: float = field(init=False, default=0.0)
+    theta_obs: float = field(init=False, default=0.0)
+    omega_obs: float = field(init=False, default=0.0)
+    x_v: float = field(init=False, default=0.0)
+    x_d: float = field(init=False, default=0.0)
+    x_q: float = field(init=False, default=0.0)
 
     @property
     def k_t(self) -> float:

@@ -54,13 +54,14 @@ def integrated(omega_m: float, omega_ref: float, tau_load: float, h: float) -> t
 
     limits = [SERVO.acceleration(omega, omega_ref, tau_load) for omega in (-1e9, 1e9)]
     kinks = [gap_to(limit) for limit in limits]
-    tight = {"method": "DOP853", "rtol": 1e-13, "atol": 1e-15}
-    first = solve_ivp(rates, (0.0, h), [0.0, omega_m], events=kinks, max_step=h / 20, **tight)
+    first = solve_ivp(
+        rates, (0.0, h), [0.0, omega_m], "DOP853", events=kinks, max_step=h / 20, rtol=1e-13, atol=1e-15
+    )
     assert first.t_events is not None
     x = np.array([0.0, omega_m])
     for start, end in pairwise([0.0, *sorted(np.concatenate(first.t_events)), h]):
-        x = solve_ivp(rates, (start, end), x, **tight).y[:, -1]
-    return x[0], x[1]
+        x = solve_ivp(rates, (start, end), x, "DOP853", rtol=1e-13, atol=1e-15).y[:, -1]
+    return float(x[0]), float(x[1])
 
 
 @settings(max_examples=60, deadline=None)

@@ -51,7 +51,7 @@ def test_printed_leg_three_is_right_only_if_phi_is_the_acute_angle_to_the_x_axis
     theta_3 = joint_angles(GEOMETRY, OFF_HOME)[2]
     printed = printed_distal_link_of_leg_3(theta_3, OFF_HOME, math.radians(30))
     corrected = distal_link(GEOMETRY, 2, math.cos(theta_3), math.sin(theta_3), *OFF_HOME)
-    np.testing.assert_allclose(printed, corrected, atol=1e-16)  # rounding of lengths
+    np.testing.assert_allclose(printed, corrected, rtol=0, atol=1e-16)  # rounding of lengths
 
 
 # Eq. 8 to 12
@@ -135,14 +135,16 @@ def printed_position(theta_l):
 
 def test_eq_17_is_the_forward_kinematics_away_from_home():
     # 1e-13 m: the printed elimination divides by a small determinant
-    np.testing.assert_allclose(printed_position(joint_angles(GEOMETRY, OFF_HOME)), OFF_HOME, atol=1e-13)
+    np.testing.assert_allclose(
+        printed_position(joint_angles(GEOMETRY, OFF_HOME)), OFF_HOME, rtol=0, atol=1e-13
+    )
 
 
 def test_eq_17_divides_by_zero_at_home_and_the_corrected_form_does_not():
     theta_l = [joint_angles(GEOMETRY, HOME)[0]] * 3
     with pytest.raises(ZeroDivisionError):
         printed_position(theta_l)
-    np.testing.assert_allclose(position(GEOMETRY, theta_l), HOME, atol=1e-16)  # rounding of lengths
+    np.testing.assert_allclose(position(GEOMETRY, theta_l), HOME, rtol=0, atol=1e-16)  # rounding of lengths
 
 
 def test_a_sampled_sweep_through_home_meets_the_division_by_zero():
@@ -180,17 +182,17 @@ def test_the_rotations_of_eq_23_are_swapped():
     theta_l = joint_angles(GEOMETRY, HOME)
     tau_l = joint_torques(GEOMETRY, HOME, (0.0, 0.0, -5.005))
     printed = force_by_the_papers_route(theta_l, tau_l, PRINTED)
-    np.testing.assert_allclose(printed, (0.0, -0.890, -6.975), atol=5e-4)  # given to 1 mN
+    np.testing.assert_allclose(printed, (0.0, -0.890, -6.975), rtol=0, atol=5e-4)  # given to 1 mN
     corrected = force_by_the_papers_route(theta_l, tau_l, CORRECTED)
-    np.testing.assert_allclose(corrected, (0.0, 0.0, -5.005), atol=1e-14)  # rounding of 5 N
-    np.testing.assert_allclose(corrected, end_effector_force(GEOMETRY, theta_l, tau_l), atol=1e-14)
+    np.testing.assert_allclose(corrected, (0.0, 0.0, -5.005), rtol=0, atol=1e-14)  # rounding of 5 N
+    np.testing.assert_allclose(corrected, end_effector_force(GEOMETRY, theta_l, tau_l), rtol=0, atol=1e-14)
 
 
 def test_eq_23_and_24_turn_vectors_away_from_the_frames_the_text_describes():
     for leg in range(3):
         outward = np.array([LEG_COS[leg], LEG_SIN[leg], 0.0])
         # in its own frame every leg points along -y, as leg 1 does in B; 1e-15: rounding of unit vectors
-        np.testing.assert_allclose(rotation(CORRECTED[leg]) @ outward, (0.0, -1.0, 0.0), atol=1e-15)
+        np.testing.assert_allclose(rotation(CORRECTED[leg]) @ outward, (0.0, -1.0, 0.0), rtol=0, atol=1e-15)
     for leg in (1, 2):
         outward = np.array([LEG_COS[leg], LEG_SIN[leg], 0.0])
         assert np.linalg.norm(rotation(PRINTED[leg]) @ outward - [0.0, -1.0, 0.0]) > 1.0
@@ -205,7 +207,7 @@ def test_calibrating_at_home_hides_the_swap_and_leaves_a_false_side_force():
         )
 
     calibration = press[2] / printed(HOME)[2]
-    assert calibration * printed(HOME)[2] == pytest.approx(press[2])
+    assert calibration * printed(HOME)[2] == pytest.approx(press[2], rel=1e-15)  # rounding
     # at the end of the sweep the paper's route reports 1.1 N sideways where there is none
     _, F_y, _ = calibration * printed((0.0, -0.020, -0.105))
     assert abs(F_y) == pytest.approx(1.13, abs=0.03)
@@ -218,7 +220,7 @@ def test_eq_26_rotates_a_magnitude_and_gives_no_vector():
     assert (rotation(-120) * magnitude).shape == (3, 3)
     corrected = force_by_the_papers_route(theta_l, tau_l, CORRECTED)
     # 1e-14: rounding of forces around 5 N
-    np.testing.assert_allclose(corrected, jacobian(GEOMETRY, OFF_HOME).T @ tau_l, atol=1e-14)
+    np.testing.assert_allclose(corrected, jacobian(GEOMETRY, OFF_HOME).T @ tau_l, rtol=0, atol=1e-14)
 
 
 def test_eq_25_holds_about_the_joint_axis_only():
@@ -253,7 +255,7 @@ def test_in_free_air_eq_27_reports_the_robots_weight_and_would_trigger_the_force
     assert -printed[2] == pytest.approx(F_z, abs=0.005)  # given to 0.01 N
     assert abs(printed[2]) > 0.6
     corrected = environment_force(GEOMETRY, MASSES, theta_l, p_B, tau_l)
-    np.testing.assert_allclose(corrected, 0.0, atol=1e-14)  # rounding of 2 N
+    np.testing.assert_allclose(corrected, 0.0, rtol=0, atol=1e-14)  # rounding of 2 N
 
 
 # Eq. 18 and 20

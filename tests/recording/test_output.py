@@ -75,9 +75,11 @@ def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
 
 
 def test_the_error_that_stopped_the_run_is_not_hidden_by_the_disk(tmp_path: Path) -> None:
-    with largest_file(2000), pytest.raises(ZeroDivisionError) as caught, Writer(
-        tmp_path / "run.mcap", TOPICS, TICK, METADATA
-    ) as writer:
+    with (
+        largest_file(2000),
+        pytest.raises(ZeroDivisionError) as caught,
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA) as writer,
+    ):
         writer.write("drive/1", 0, np.random.default_rng(0).normal(size=(500, 2)))
         raise ZeroDivisionError
     assert "recording stopped: File too large" in caught.value.__notes__[0]

@@ -26,9 +26,9 @@ def decoded(reader: SeekingReader | NonSeekingReader) -> dict[str, np.ndarray]:
     values = defaultdict(list)
     for _, channel, _, message in reader.iter_decoded_messages():
         if channel.topic != "/events":
-            for field in message.DESCRIPTOR.fields:
-                value = getattr(message, field.name)
-                values[channel.topic[1:] + "." + field.name].append(list(value) if field.is_repeated else value)
+            for name, field in message.DESCRIPTOR.fields_by_name.items():
+                value = getattr(message, name)
+                values[f"{channel.topic[1:]}.{name}"].append(list(value) if field.is_repeated else value)
     return {key: np.array(series) for key, series in values.items()}
 
 

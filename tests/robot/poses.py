@@ -14,7 +14,7 @@ from twin.robot.jacobian import jacobian
 from twin.robot.singularity import distal_volume
 from twin.robot.workspace import height_range
 
-# assumed, not printed in the paper: lengths and masses that fit its photographs and give theta = 20 deg at home
+# assumed, because the paper prints neither lengths nor masses
 GEOMETRY = Geometry(a=0.050, b=0.030, l_a=0.060, l_b=0.1139)
 MASSES = Masses(m_a=0.040, m_b=0.030, m_p=0.100, I_r=2e-5)
 HOME = (0.0, 0.0, -0.105)
@@ -22,11 +22,12 @@ HOME = (0.0, 0.0, -0.105)
 TURN = np.array([[-0.5, -math.sqrt(0.75), 0.0], [math.sqrt(0.75), -0.5, 0.0], [0.0, 0.0, 1.0]])
 """Rotation by +120 degrees about z: it carries leg 1 to leg 2, leg 2 to leg 3, leg 3 to leg 1."""
 
-triple = st.tuples(*[st.floats(-1.0, 1.0)] * 3).map(np.array)
+# in steps of 1e-3: numbers near the smallest float would only test underflow
+triple = st.tuples(*[st.integers(-1000, 1000)] * 3).map(lambda whole: np.array(whole) / 1000.0)
 
-working_poses = st.tuples(
-    st.floats(-0.030, 0.030), st.floats(-0.030, 0.030), st.floats(-0.130, -0.085)
-).map(np.array)
+working_poses = st.tuples(st.floats(-0.030, 0.030), st.floats(-0.030, 0.030), st.floats(-0.130, -0.085)).map(
+    np.array
+)
 
 
 @st.composite
@@ -46,6 +47,7 @@ def reachable_poses(draw: st.DrawFn, smallest_volume: float = 0.05) -> NDArray[n
 
 @st.composite
 def geometries(draw: st.DrawFn) -> Geometry:
-    """Any robot whose distal links are long enough to meet below outward arms."""
-    a, b, l_a = (draw(st.floats(0.02, 0.2)) for _ in range(3))
-    return Geometry(a, b, l_a, draw(st.floats(1.5, 3.0)) * (abs(a - b) + l_a))
+    """Any robot with a platform no larger than its base and distal links that meet below outward arms."""
+    a, l_a = draw(st.floats(0.02, 0.2)), draw(st.floats(0.02, 0.2))
+    b = draw(st.floats(0.1, 1.0)) * a
+    return Geometry(a, b, l_a, draw(st.floats(2.0, 4.0)) * (a - b + l_a))

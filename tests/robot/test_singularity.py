@@ -71,7 +71,7 @@ def test_distal_volume_changes_sign_with_the_side_of_the_plane():
     # 1 um to either side, with distal links of the length that fits
     for side, sign in ((-1e-6, -1.0), (1e-6, 1.0)):
         longer = geometry._replace(l_b=math.hypot(geometry.l_b, side))
-        assert np.sign(distal_volume(jacobian(longer, p_B + [0.0, 0.0, side]))) == sign
+        assert np.sign(distal_volume(jacobian(longer, p_B + np.array([0.0, 0.0, side])))) == sign
 
 
 def test_parallel_singularity_is_refused_without_blaming_a_leg():

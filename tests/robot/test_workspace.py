@@ -19,7 +19,7 @@ def smallest_margin(z, x, y):
 
 def test_reach_on_the_axis_runs_from_172_7_to_50_1_mm_below_the_base():
     # the reference values are given to 0.1 mm
-    np.testing.assert_allclose(height_range(GEOMETRY, 0.0, 0.0), (-0.1727, -0.0501), atol=5e-5)
+    np.testing.assert_allclose(height_range(GEOMETRY, 0.0, 0.0), (-0.1727, -0.0501), rtol=0, atol=5e-5)
 
 
 @given(st.floats(-0.04, 0.04), st.floats(-0.04, 0.04))
@@ -74,7 +74,7 @@ def test_a_reachable_pose_is_where_the_robot_stands_at_its_own_joint_angles(p_B)
 def test_turning_a_pose_by_120_degrees_passes_the_margins_to_the_next_leg(p_B):
     # 1e-15 m: rounding of the turned pose
     np.testing.assert_allclose(
-        reach_margins(GEOMETRY, TURN @ p_B), np.roll(reach_margins(GEOMETRY, p_B), 1), atol=1e-15
+        reach_margins(GEOMETRY, TURN @ p_B), np.roll(reach_margins(GEOMETRY, p_B), 1), rtol=0, atol=1e-15
     )
 
 

@@ -1,9 +1,13 @@
 """`twin drive`: look at a drive FMU before using it."""
 
+import json
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from twin.drive.description import DriveDescription
 
 app = typer.Typer(help="Look at drive FMUs.", no_args_is_help=True)
 
@@ -22,4 +26,52 @@ def info(
 
     Exit code: 0 it fits the drive contract, 2 it does not.
     """
-    raise NotImplementedError
+    from twin.drive.description import described
+
+    description = described(fmu)
+    print(json.dumps(_facts(description)) if as_json else _table(description))
+
+
+def _facts(description: "DriveDescription") -> dict[str, object]:
+    model = description.model
+    return {
+        "file": str(description.path),
+        "sha256": description.sha256,
+        "fmi_version": model.fmiVersion,
+        "model_name": model.modelName,
+        "description": model.description,
+        "generation_tool": model.generationTool,
+        "platforms": list(description.platforms),
+        "get_set_state": bool(model.coSimulation.canGetAndSetFMUstate),
+        "roles": {
+            role.port.name: {"causality": role.causality, "unit": role.port.unit, "stated": role.port.name not in description.unstated}
+            for role in description.roles
+        },
+        "parameters": {
+            name: {"unit": v.unit, "start": v.start, "min": v.min, "max": v.max, "description": v.description}
+            for name, v in description.parameters.items()
+        },
+        "warnings": description.warnings(),
+    }
+
+
+def _table(description: "DriveDescription") -> str:
+    facts, model = _facts(description), description.model
+    lines = [
+        f"{description.path.name}  {model.modelName}, FMI {model.fmiVersion} co-simulation",
+        *([f"  {model.description}"] if model.description else []),
+        f"  sha256     {description.sha256}",
+        f"  binaries   {', '.join(description.platforms)}",
+        f"  made with  {model.generationTool or 'not stated'}",
+        "",
+        "The drive contract, mapped by name, unit and causality",
+    ]
+    for role in description.roles:
+        arrow = "<-" if role.causality == "input" else "->"
+        unit = f"[{role.port.unit}]" if role.port.name not in description.unstated else f"[not stated, taken as {role.port.unit}]"
+        lines.append(f"  {arrow} {role.port.name:10} {unit:8} {role.port.meaning}")
+    lines += ["", "Parameters" if description.parameters else "No parameters"]
+    for name, v in description.parameters.items():
+        lines.append(f"  {name:18} {v.start or '':>10} {v.unit or '1':14} {v.description or ''}"[:80].rstrip())
+    lines += [f"warning: {text}" for text in facts["warnings"]]  # type: ignore[attr-defined]
+    return "\n".join(lines)

@@ -24,6 +24,7 @@ class DriveDescription:
         roles: the roles it fills, inputs first, in the order of the contract.
         references: FMI value reference of each of `roles`.
         unstated: names of roles whose unit the FMU does not state; taken as the contract's.
+        platforms: that it has binaries for, as FMI names them.
         model: what FMPy read.
     """
 
@@ -32,12 +33,19 @@ class DriveDescription:
     roles: tuple[Role, ...]
     references: tuple[int, ...]
     unstated: tuple[str, ...]
+    platforms: tuple[str, ...]
     model: Any
 
     @property
     def parameters(self) -> dict[str, Any]:
         """The FMU's parameters by name, as FMPy's variables."""
         return {v.name: v for v in self.model.modelVariables if v.causality == "parameter"}
+
+    def warnings(self) -> list[str]:
+        """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
+        from fmpy.validation import validate_fmu
+
+        return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
 
     def checked_parameters(self, values: Mapping[str, float]) -> dict[int, float]:
         """Parameter `values` by value reference.
@@ -99,10 +107,10 @@ def described(path: Path) -> DriveDescription:
     if model.coSimulation.needsExecutionTool:
         raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
     binary = f"binaries/{platform}/{model.coSimulation.modelIdentifier}{sharedLibraryExtension}"
+    platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
     if binary not in names:
-        present = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
         raise InputRefused(
-            f"{file}: no binary for this platform ({binary}); it has {', '.join(present) or 'none'}. "
+            f"{file}: no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. "
             f"Export it for {platform}, or build it from its sources"
         )
     filled = [(role, _variable(file, model, role)) for role in ROLES]
@@ -113,6 +121,7 @@ def described(path: Path) -> DriveDescription:
         roles=tuple(role for role, _ in present_roles),
         references=tuple(variable.valueReference for _, variable in present_roles),
         unstated=tuple(role.port.name for role, variable in present_roles if not _unit_name(variable)),
+        platforms=tuple(platforms),
         model=model,
     )
 

@@ -1,0 +1,1 @@
+"""Numbers from curves: arrays in, numbers out."""

@@ -1,0 +1,1 @@
+"""What the paper claims, as data with quotes, and how each claim is measured."""

@@ -121,7 +121,8 @@ def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadat
         raise Damage(position, f"a record of kind {opcode} where twin writes none")
     try:
         record = READERS[opcode](ReadDataStream(BytesIO(body)))
-    except (McapError, struct.error, ValueError) as error:
+    # a damaged length inside may be beyond what an index can hold
+    except (McapError, struct.error, ValueError, OverflowError) as error:
         raise Damage(position, "a record that does not parse") from error
     # mcap's readers return what there is where a length inside points beyond the record
     if encoded(record)[RECORD_PREFIX:] != body:

@@ -1,0 +1,55 @@
+# `make run` and `make test` set everything up by themselves; nothing else is needed but Python >= 3.11.
+PYTHON ?= python3
+# what `make test` installs beside the product; CI adds the C cross compiler that rebuilds the FMUs: test,fmus
+EXTRAS ?= test
+JOBS   ?= 2
+VENV   := .venv
+TWIN   := $(VENV)/bin/twin
+FIG4   := experiments/fig4_force_position.toml experiments/fig4_position.toml
+
+.DEFAULT_GOAL := help
+.PHONY: help run test lint bench picture endurance fmus clean
+
+help:  ## this list
+	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+
+run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it against the paper
+	$(TWIN) run $(FIG4)
+	$(TWIN) compare --paper fig4 results/fig4_force_position results/fig4_position
+
+test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
+	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "not endurance"
+
+lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
+	$(VENV)/bin/ruff check .
+	$(VENV)/bin/ruff format --check .
+	$(VENV)/bin/mypy
+	$(VENV)/bin/lint-imports
+
+endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests
+	$(VENV)/bin/python -m pytest -m endurance
+
+bench: $(VENV)/.run  ## speed, as ratios measured side by side
+	$(VENV)/bin/python -m benchmarks
+
+picture: run  ## redraw the README's picture
+	cp results/fig4/fig4.png docs/fig4.png
+
+fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources
+	$(VENV)/bin/python fmus/build.py
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
+	  || { echo "$(PYTHON) is older than Python 3.11; try: make PYTHON=python3.12"; exit 2; }
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@touch $@
+
+$(VENV)/.test-%: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[$*]"
+	@touch $@ $(VENV)/.run
+
+clean:  ## remove the environment and all results
+	rm -rf $(VENV) results/*/

@@ -1,0 +1,67 @@
+"""The plant as a python-control system: the right-hand side and outputs that the co-simulation component steps.
+
+One dynamics, two users: nothing of the physics is written here.
+"""
+
+from typing import Any
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.cosim.component import Port, width
+from twin.plant.component import INPUTS, OUTPUTS, outputs
+from twin.plant.dynamics import derivative
+from twin.plant.parameters import STATES, PlantParameters
+
+STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
+
+
+def signal_labels(ports: tuple[Port, ...]) -> list[str]:
+    """One label per value of `ports`: `p_B_x` for a vector in frame B, `theta_l_1` for a leg, `F_n` for a scalar."""
+    labels = []
+    for port in ports:
+        parts = "xyz" if port.name.endswith("_B") else [str(i + 1) for i in range(port.size)]
+        labels += [port.name] if port.size == 1 else [f"{port.name}_{part}" for part in parts]
+    return labels
+
+
+def plant_system(parameters: PlantParameters, name: str = "plant") -> control.NonlinearIOSystem:
+    """Springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI.
+
+    The equations are those of `twin/plant/dynamics.py` and `twin/plant/contact.py`. Between the component and this
+    system there is one difference: the component scales its bristle back onto the friction cone after each step
+    (`twin.plant.component.settle`), a jump that a differential equation cannot make. While the robot slides the state
+    z_b may therefore be longer here; the friction force is inside the cone in both.
+
+    Args:
+        parameters: what is true. They become the system's `params`, a dictionary of the same names, so that one value
+            can be replaced for one call: `control.linearize(system, x, u, params={"k_s": 2.0})`.
+        name: of the system.
+
+    Returns:
+        A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/plant/parameters.py` (`STATE_LABELS`)
+        and the 24 values of the component's output ports, labelled as in `signal_labels`. Outside the workspace its
+        derivative is NaN.
+    """
+    return control.nlsys(
+        _derivative,
+        _outputs,
+        params=parameters._asdict(),
+        inputs=signal_labels(INPUTS),
+        outputs=signal_labels(OUTPUTS),
+        states=STATE_LABELS,
+        name=name,
+    )
+
+
+def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
+    dx = np.empty(STATES)
+    derivative(PlantParameters(**params), x, u, dx)
+    return dx
+
+
+def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
+    y = np.empty(width(OUTPUTS))
+    outputs(PlantParameters(**params), x, u, y)
+    return y

@@ -1,0 +1,90 @@
+"""A claim of the paper: a quote, a number to measure, and bounds with their source."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, Literal
+
+Verdict = Literal["holds", "fails", "trivial", "not reproducible"]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """One claim, written before any run.
+
+    Attributes:
+        key: short name. text: one line for the scorecard. figure: where it stands. quote: the paper's words, or why
+            we ask it if the paper does not.
+        measure: runs -> the number judged; infinity where it never happens. None: nothing can be measured.
+        low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
+        source: where the bounds come from.
+        trivial: runs -> why this run says nothing about the claim, or "".
+        reason: why it cannot be reproduced, if `measure` is None.
+    """
+
+    key: str
+    text: str
+    figure: str
+    quote: str
+    measure: Callable[[Any], float] | None = None
+    low: float = -math.inf
+    high: float = math.inf
+    unit: str = ""
+    scale: float = 1.0
+    digits: int = 2
+    source: str = ""
+    trivial: Callable[[Any], str] = lambda runs: ""
+    reason: str = ""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """A claim and what a run says to it; `value` in the claim's unit."""
+
+    claim: Claim
+    value: float
+    verdict: Verdict
+    reason: str
+
+    @property
+    def measured(self) -> str:
+        """`5.606 s`, or `never`."""
+        if self.claim.measure is None:
+            return ""
+        return f"{self.value:.{self.claim.digits}f} {self.claim.unit}".rstrip() if math.isfinite(self.value) else "never"
+
+    @property
+    def expected(self) -> str:
+        """`5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
+        low, high = self.claim.low, self.claim.high
+        if math.isfinite(low) and math.isfinite(high):
+            return f"{low:g} .. {high:g}"
+        return f">= {low:g}" if math.isfinite(low) else f"<= {high:g}" if math.isfinite(high) else ""
+
+
+def judged(claim: Claim, runs: Any) -> Finding:
+    """Measure `claim` on `runs`."""
+    if claim.measure is None:
+        return Finding(claim, math.nan, "not reproducible", claim.reason)
+    value = claim.measure(runs) * claim.scale
+    if reason := claim.trivial(runs):
+        return Finding(claim, value, "trivial", reason)
+    return Finding(claim, value, "holds" if claim.low <= value <= claim.high else "fails", "")
+
+
+def as_facts(finding: Finding) -> dict[str, object]:
+    """For JSON: what was claimed, measured, expected and found."""
+    claim = finding.claim
+    return {
+        "claim": claim.key,
+        "text": claim.text,
+        "figure": claim.figure,
+        "quote": claim.quote,
+        "measured": finding.value if math.isfinite(finding.value) else None,
+        "unit": claim.unit,
+        "low": claim.low if math.isfinite(claim.low) else None,
+        "high": claim.high if math.isfinite(claim.high) else None,
+        "tolerance_source": claim.source,
+        "verdict": finding.verdict,
+        "reason": finding.reason,
+    }
