@@ -36,6 +36,7 @@ class Run:
         recording: the MCAP file.
         simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
         events: (time in s, text).
+        drives: what stood behind each joint: file, FMI version, hash.
         microseconds: wall time per tick of each component, if it was measured.
     """
 
@@ -44,6 +45,7 @@ class Run:
     stepping: float
     writing: float
     events: tuple[tuple[float, str], ...]
+    drives: tuple[str, ...]
     microseconds: dict[str, float]
 
     @property
@@ -115,6 +117,7 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
         stepping=stepping,
         writing=writing,
         events=tuple(events),
+        drives=tuple(f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in assembly.drives),
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
     )
 

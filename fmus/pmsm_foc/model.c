@@ -113,14 +113,14 @@ static void run_machine(Variables *v, const Design *k, double dt)
 }
 
 /* (14): the controller ticks every T_c on its own clock, wherever the communication points fall. `until_tick`
- * is counted down, never rounded, so no time is lost; a tick that falls on a communication point up to
- * rounding belongs to the step that begins there and sees that step's inputs. */
+ * is counted down and never set, so no time is lost. A tick that falls on a communication point, up to
+ * rounding, belongs to the step that begins there and sees that step's inputs. */
 bool model_step(Variables *v, double h)
 {
     const Design k = design(v);
     const double rounding = 1e-6 * v->T_c;
     for (double left = h; left > 0.0;) {
-        if (v->until_tick <= rounding) {
+        if (v->until_tick <= 0.0) {
             observe(v, &k);
             control_velocity(v, &k);
             control_current(v, &k);

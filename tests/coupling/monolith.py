@@ -5,107 +5,105 @@ integrates them from controller tick to controller tick; at a tick the same comp
 run as in the co-simulation. What is left to differ is the coupling alone.
 """
 
-import ctypes
-import warnings
-from dataclasses import dataclass
-
 import control
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twin.analysis.plant_system import plant_system
+from tests.laws.runs import Sampled
+from twin.analysis.plant_system import plant_system, signal_labels
 from twin.assembly import belief, controller, plant_parameters
 from twin.controller.estimator import Estimator
-from twin.cosim.component import Component, width
+from twin.cosim.component import width
 from twin.experiment.experiment import Experiment
-from twin.plant.component import settle
+from twin.plant.component import OUTPUTS, outputs, settle
+from twin.plant.dynamics import derivative
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 
-_STEP = ctypes.CFUNCTYPE(
-    ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
-)
+LEGS = (1, 2, 3)
+OUTPUT_VALUES = width(OUTPUTS)
+THETA_L, TAU_LOAD = slice(6, 9), 15
+ESTIMATES_USED = [*range(6, 18), *range(21, 24)]
+"""Of the estimator's outputs p_B, J and F_ee_B go to the controller."""
 
-# relative 1e-9 of states near 0.1 m and 1 rad; absolute the same in m, m/s and rad: below 1e-5 N of force
-RTOL, ATOL = 1e-9, 1e-10
+T_M = 0.020
+"""Default of velocity_servo.fmu (s)."""
 
-
-@dataclass
-class Sampled:
-    """A sampled component, evaluated by hand."""
-
-    component: Component
-
-    def __post_init__(self) -> None:
-        self._step = _STEP(self.component.step_address)
-        self._y = np.zeros(width(self.component.outputs))
-
-    def outputs(self, t: float, h: float, u: NDArray[np.float64]) -> NDArray[np.float64]:
-        """All output values for all input values `u` at time `t` (s), a view that the next call overwrites."""
-        u = np.ascontiguousarray(u, dtype=float)
-        assert self._step(self.component.self_address, t, h, u.ctypes.data, self._y.ctypes.data) == 0
-        return self._y
+# 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
+# 4e-5 N
+RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 
-def velocity_servo(leg: int, T_m: float, droop: float) -> control.StateSpace:
-    """T_m d omega_m/dt = omega_ref - droop tau_load - omega_m: velocity_servo.fmu with its limits out of reach."""
+def drive_droop(experiment: Experiment) -> NDArray[np.float64]:
+    """The three drives' droop (3,), rad/s per N m: the only parameter that the experiments set."""
+    return np.array([drive.parameters["droop"] for drive in experiment.drives])
+
+
+def velocity_servos(T_m: float, droop: NDArray[np.float64]) -> control.StateSpace:
+    """T_m d omega_m/dt = omega_ref - droop tau_load - omega_m per leg: velocity_servo.fmu with its limits out of reach.
+
+    States theta_m_1 .. 3, omega_m_1 .. 3. One system of three, because `control.interconnect` pays per system.
+    """
+    O, I = np.zeros((3, 3)), np.eye(3)
     return control.ss(
-        [[0.0, 1.0], [0.0, -1.0 / T_m]],
-        [[0.0, 0.0], [1.0 / T_m, -droop / T_m]],
-        np.eye(2),
-        np.zeros((2, 2)),
-        inputs=[f"omega_ref_{leg}", f"tau_load_{leg}"],
-        outputs=[f"theta_m_{leg}", f"omega_m_{leg}"],
-        states=[f"theta_m_{leg}", f"omega_m_{leg}"],
-        name=f"drive_{leg}",
+        np.block([[O, I], [O, -I / T_m]]),
+        np.block([[O, O], [I / T_m, -np.diag(droop) / T_m]]),
+        np.block([I, O]),
+        np.zeros((3, 6)),
+        inputs=[f"{signal}_{leg}" for signal in ("omega_ref", "tau_load") for leg in LEGS],
+        outputs=[f"theta_m_{leg}" for leg in LEGS],
+        name="drives",
     )
 
 
 def coupled_system(experiment: Experiment) -> control.InterconnectedSystem:
-    """Three drives and the plant, inputs omega_ref_1 .. 3, outputs those of the plant and theta_m_1 .. 3.
-
-    T_m is the FMU's default, the experiment sets droop only.
-    """
+    """Three drives and the plant, inputs omega_ref_1 .. 3, outputs those of the plant and theta_m_1 .. 3."""
+    drives = velocity_servos(T_M, drive_droop(experiment))
     plant = plant_system(plant_parameters(experiment))
-    drives = [velocity_servo(i + 1, 0.020, d.parameters["droop"]) for i, d in enumerate(experiment.drives)]
-    with warnings.catch_warnings():
-        # omega_m is of no interest
-        warnings.filterwarnings("ignore", "Unused output")
-        return control.interconnect(
-            [*drives, plant],
-            inputs=[f"omega_ref_{leg}" for leg in (1, 2, 3)],
-            outputs=[*plant.output_labels, *(f"theta_m_{leg}" for leg in (1, 2, 3))],
-        )
+    return control.interconnect(
+        [drives, plant],
+        inputs=[f"omega_ref_{leg}" for leg in LEGS],
+        outputs=[*plant.output_labels, *drives.output_labels],
+    )
+
+
+@njit(cache=True)
+def coupled_derivative(parameters, T_m, droop, omega_ref, x):
+    """What `coupled_system` evaluates, compiled: dx/dt (14,) at x = (theta_m, omega_m, plant's state)."""
+    dx = np.empty_like(x)
+    dx[:3] = x[3:6]
+    y = np.empty(OUTPUT_VALUES)
+    outputs(parameters, x[6:], x[:3], y)
+    for leg in range(3):
+        dx[3 + leg] = (omega_ref[leg] - droop[leg] * y[TAU_LOAD + leg] - x[3 + leg]) / T_m
+    derivative(parameters, x[6:], x[:3], dx[6:])
+    return dx
 
 
 def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray[np.float64]]:
     """Run `experiment` without co-simulating it.
 
     Returns:
-        By label, one value per controller tick from 0 to `duration` (s): the outputs of `coupled_system`.
+        By label, one value per controller tick from 0 to `duration` (s): the outputs of the plant.
     """
-    system = coupled_system(experiment)
     parameters, p = plant_parameters(experiment), experiment.plant
     x_plant, theta_m = resting(parameters, experiment.reference.p[0])
-    x = np.concatenate([np.stack([theta_m, np.zeros(3)], axis=-1).ravel(), x_plant])
+    x = np.concatenate([theta_m, np.zeros(3), x_plant])
     encoder = Sampled(Encoder(p.motor_counts_per_turn, p.joint_counts_per_turn, p.motor_zero, p.joint_zero))
     estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
     law = Sampled(controller(experiment))
-    T_s = experiment.controller.period
-    theta_l = [system.output_labels.index(f"theta_l_{leg}") for leg in (1, 2, 3)]
-    omega_ref = np.zeros(3)
-    rows = []
-    for k in range(round(duration / T_s) + 1):
-        t = k * T_s
-        y = system.output(t, x, omega_ref)
-        rows.append(y)
-        counts = encoder.outputs(t, T_s, np.concatenate([y[-3:], y[theta_l]]))
-        estimate = estimator.outputs(t, T_s, counts)
-        omega_ref = law.outputs(t, T_s, estimate[[*range(6, 18), 21, 22, 23]])[:3].copy()
+    T_s, droop = experiment.controller.period, drive_droop(experiment)
+    rows = np.empty((round(duration / T_s) + 1, OUTPUT_VALUES))
+    for k, y in enumerate(rows):
+        outputs(parameters, x[6:], x[:3], y)
+        counts = encoder(np.concatenate([x[:3], y[THETA_L]]))
+        estimate = estimator(counts)
+        omega_ref = law(estimate[ESTIMATES_USED], k * T_s, T_s)[:3]
         x = solve_ivp(
-            lambda t, x: system.dynamics(t, x, omega_ref),
-            (t, t + T_s), x, method="DOP853", first_step=T_s, rtol=RTOL, atol=ATOL,
+            lambda _, x: coupled_derivative(parameters, T_M, droop, omega_ref, x),
+            (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=RTOL, atol=ATOL,
         ).y[:, -1]  # fmt: skip
         settle(parameters, x[6:])
-    return dict(zip(system.output_labels, np.array(rows).T, strict=True))
+    return dict(zip(signal_labels(OUTPUTS), rows.T, strict=True))

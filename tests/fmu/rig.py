@@ -1,5 +1,6 @@
 """A test rig for one drive: opens its .fmu with FMPy, sets it up and steps it."""
 
+import atexit
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -14,6 +15,7 @@ FMUS = Path(__file__).resolve().parents[2] / "fmus"
 DRIVES = sorted(path.stem for path in FMUS.glob("*/*.fmu"))
 
 _scratch = tempfile.TemporaryDirectory(prefix="drive_fmus_")
+atexit.register(_scratch.cleanup)
 
 
 def fmu_path(drive: str) -> Path:

@@ -80,6 +80,15 @@ def test_every_platform_has_a_library_of_its_format(drive: str, platform: str) -
     assert library.startswith(MAGIC[platform])
 
 
+@of_every_drive
+def test_no_file_tells_where_it_was_built(drive: str) -> None:
+    checkout = str(fmu_path(drive).parents[2]).encode()
+    with zipfile.ZipFile(fmu_path(drive)) as archive:
+        for name in archive.namelist():
+            assert checkout not in archive.read(name), name
+        assert f"@rpath/{drive}.dylib".encode() in archive.read(f"binaries/darwin64/{drive}.dylib")
+
+
 def test_a_universal_binary_points_at_its_aligned_slices() -> None:
     slices = {"x86_64": b"intel" * 1000, "aarch64": b"arm"}
     binary = universal_binary(slices)

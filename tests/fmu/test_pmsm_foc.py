@@ -206,6 +206,15 @@ def test_steps_that_cut_ticks_change_nothing_but_integration_error(h: float) -> 
         assert cut["until_tick"] == pytest.approx(whole["until_tick"], abs=1e-15)
 
 
+@pytest.mark.parametrize("deviation", [-5e-7, 5e-7])
+def test_nearly_whole_ticks_do_not_make_the_clock_drift(deviation: float) -> None:
+    # below what counts as rounding, 1e-6 of a tick: the surplus must add up all the same
+    with Rig(DRIVE).start() as drive:
+        drive.run(PMSM.T_c * (1 + deviation), 2000)
+        expected = -2000 * deviation * PMSM.T_c % PMSM.T_c
+        assert drive["until_tick"] == pytest.approx(expected, abs=1e-15)  # 4000 roundings of 1e-20 s
+
+
 def test_voltage_changes_only_at_the_controllers_ticks() -> None:
     with Rig(DRIVE).start(omega_ref=0.5) as drive:
         changes = []

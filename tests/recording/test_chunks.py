@@ -32,7 +32,8 @@ def test_merging_orders_records_by_time_then_by_block_and_loses_none(several: li
     assert messages.channels.tolist() == [record[0] for record in found]
 
 
-@given(st.lists(st.integers(1, 30_000), min_size=1, max_size=60), st.integers(1, 7))
+# mostly several pieces: 10 to 60 records of up to 100 kB
+@given(st.lists(st.integers(1, 100_000), min_size=10, max_size=60), st.integers(1, 7))
 def test_pieces_are_the_whole_in_order_and_never_cut_a_tick(lengths: list[int], per_tick: int) -> None:
     offsets = np.concatenate([[0], np.cumsum(lengths)])
     content = np.arange(offsets[-1]).astype(np.uint8)

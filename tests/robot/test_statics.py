@@ -5,7 +5,6 @@ from hypothesis import strategies as st
 
 from tests.robot.poses import GEOMETRY, HOME, TURN, reachable_poses, triple, working_poses
 from twin.errors import InputRefused, Unreachable
-from twin.robot.forward_kinematics import position
 from twin.robot.geometry import distal_link
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
@@ -105,13 +104,3 @@ def test_angles_that_do_not_close_are_refused():
 def test_torques_that_are_not_finite_are_refused():
     with pytest.raises(InputRefused, match="tau_l"):
         end_effector_force(GEOMETRY, joint_angles(GEOMETRY, HOME), (0.1, np.inf, 0.1))
-
-
-@given(working_poses)
-def test_statics_see_the_position_that_belongs_to_their_angles(p_B):
-    theta_l = joint_angles(GEOMETRY, p_B)
-    J = jacobian(GEOMETRY, position(GEOMETRY, theta_l))
-    # 1e-12 N per N m: the position's rounding times the force's gradient
-    np.testing.assert_allclose(
-        end_effector_force(GEOMETRY, theta_l, np.ones(3)), J.sum(axis=0), rtol=0, atol=1e-12
-    )

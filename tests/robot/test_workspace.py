@@ -7,6 +7,7 @@ from scipy.optimize import brentq
 from tests.robot.poses import GEOMETRY, HOME, TURN
 from twin.errors import Unreachable
 from twin.robot.forward_kinematics import position
+from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles, loop_coefficients
 from twin.robot.workspace import condition_number, height_range, is_reachable, reach_margins
 
@@ -38,6 +39,25 @@ def test_no_height_is_within_reach_far_from_the_axis():
     assert refused.value.leg == 1
     # 300 mm sideways less l_b = 113.9 mm; rounding only
     assert refused.value.excess == pytest.approx(0.3 - 0.1139, abs=1e-15)
+
+
+def test_no_height_is_within_reach_where_the_legs_ranges_do_not_overlap():
+    short_armed = Geometry(a=0.2, b=0.03, l_a=0.02, l_b=0.3)
+    with pytest.raises(Unreachable) as refused:
+        height_range(short_armed, 0.0, 0.1)
+    # leg 1 sees the point u = -0.27 m away: it reaches down to sqrt(0.32^2 - 0.27^2) = 0.172 m below the base
+    assert refused.value.leg == 1
+    heights = np.linspace(-0.4, 0.0, 4001)
+    poses = np.stack([np.zeros_like(heights), np.full_like(heights, 0.1), heights], axis=-1)
+    margins = reach_margins(short_armed, poses)
+    assert (margins.max(axis=0) > 0.0).all()
+    assert margins.min(axis=1).max() < 0.0
+
+
+def test_a_pose_beyond_the_parallel_singularity_is_not_reachable_although_all_legs_reach():
+    p_B = (-0.0025, -0.1176, -0.0504)
+    assert reach_margins(GEOMETRY, p_B).min() > 0.005
+    assert not is_reachable(GEOMETRY, p_B)
 
 
 @given(st.floats(-0.3, 0.3), st.floats(-0.3, 0.3), st.floats(-0.3, -1e-3))

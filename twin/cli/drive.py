@@ -1,6 +1,7 @@
 """`twin drive`: look at a drive FMU before using it."""
 
 import json
+import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,6 +9,8 @@ import typer
 
 if TYPE_CHECKING:
     from twin.drive.description import DriveDescription
+
+WIDTH = 80
 
 app = typer.Typer(help="Look at drive FMUs.", no_args_is_help=True)
 
@@ -44,7 +47,11 @@ def _facts(description: "DriveDescription") -> dict[str, object]:
         "platforms": list(description.platforms),
         "get_set_state": bool(model.coSimulation.canGetAndSetFMUstate),
         "roles": {
-            role.port.name: {"causality": role.causality, "unit": role.port.unit, "stated": role.port.name not in description.unstated}
+            role.port.name: {
+                "causality": role.causality,
+                "unit": role.port.unit,
+                "unit_stated": role.port.name not in description.unstated,
+            }
             for role in description.roles
         },
         "parameters": {
@@ -59,19 +66,21 @@ def _table(description: "DriveDescription") -> str:
     facts, model = _facts(description), description.model
     lines = [
         f"{description.path.name}  {model.modelName}, FMI {model.fmiVersion} co-simulation",
-        *([f"  {model.description}"] if model.description else []),
+        *textwrap.wrap(model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
         f"  sha256     {description.sha256}",
         f"  binaries   {', '.join(description.platforms)}",
         f"  made with  {model.generationTool or 'not stated'}",
         "",
-        "The drive contract, mapped by name, unit and causality",
+        "Drive contract, mapped by name, unit and causality",
     ]
     for role in description.roles:
         arrow = "<-" if role.causality == "input" else "->"
-        unit = f"[{role.port.unit}]" if role.port.name not in description.unstated else f"[not stated, taken as {role.port.unit}]"
-        lines.append(f"  {arrow} {role.port.name:10} {unit:8} {role.port.meaning}")
+        taken = "" if role.port.name not in description.unstated else " (unit not stated)"
+        lines.append(f"  {arrow} {role.port.name:10} {f'[{role.port.unit}]':8} {role.port.meaning}{taken}")
     lines += ["", "Parameters" if description.parameters else "No parameters"]
     for name, v in description.parameters.items():
-        lines.append(f"  {name:18} {v.start or '':>10} {v.unit or '1':14} {v.description or ''}"[:80].rstrip())
-    lines += [f"warning: {text}" for text in facts["warnings"]]  # type: ignore[attr-defined]
+        value = f"{float(v.start):g}" if v.type == "Real" and v.start is not None else str(v.start)
+        head = f"  {name:12} {value:>9} {v.unit or '1':13} "
+        lines += textwrap.wrap(v.description or "", WIDTH, initial_indent=head, subsequent_indent=" " * len(head)) or [head]
+    lines += [line for text in description.warnings() for line in textwrap.wrap(f"warning: {text}", WIDTH)]
     return "\n".join(lines)

@@ -23,7 +23,7 @@ def run(
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The run's own folder [default: results/<experiment>/<time>].")
+        Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/EXPERIMENT/TIME.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per run instead of text.")] = False,
 ) -> None:
@@ -82,6 +82,7 @@ class Display:
 def _sentence(name: str, done: "Run") -> str:
     lines = [f"{name}  {done.simulated:g} s at {done.real_time_factor:.0f} x real time"]
     lines += [f"  {text} at t = {t:.3f} s" for t, text in done.events]
+    lines += [f"  drive {drive}" for drive in dict.fromkeys(done.drives)]
     return "\n".join([*lines, f"  {done.recording}"])
 
 
@@ -93,5 +94,6 @@ def _facts(name: str, done: "Run") -> dict[str, object]:
         "stepping_s": done.stepping,
         "recording_s": done.writing,
         "real_time_factor": done.real_time_factor,
+        "drives": list(done.drives),
         "events": [{"t_s": t, "text": text} for t, text in done.events],
     }

@@ -8,83 +8,103 @@ of each continuous component, which may belong to a later tick. Gauss-Seidel and
 wire reads, so the coupling scheme is data (see `system.py`).
 """
 
-from typing import NamedTuple
-
 import numpy as np
-from numba import njit
+from numba import carray, njit
 
 from twin.cosim.component import NOT_FINITE
-from twin.cosim.native import call_step, clock_cycles
+from twin.cosim.native import call_step, clock_cycles, doubles_at, integers_at
 
+TABLE = np.dtype(
+    [
+        ("step", "i8"),
+        ("self", "i8"),
+        ("period", "i8"),
+        ("sources", "i8"),
+        ("u", "i8"),
+        ("u_size", "i8"),
+        ("valid", "i8"),
+        ("newest", "i8"),
+        ("y_size", "i8"),
+        ("cycles", "i8"),
+    ],
+    align=True,
+)
+"""What the loop knows of a component: addresses of its step, its memory, the indices into `y` that feed it, its inputs
+and both halves of its outputs (a sampled component has only the valid one); period in ticks; number of inputs and
+outputs; processor cycles spent in it.
 
-class Table(NamedTuple):
-    """What the loop knows of the components, one entry each, sampled ones first (all int64)."""
-
-    step: np.ndarray
-    self: np.ndarray
-    period: np.ndarray
-    u_start: np.ndarray
-    u_size: np.ndarray
-    y_start: np.ndarray
-    y_size: np.ndarray
+Addresses, because arrays inside a record of arrays cost a reference count per step, and more than the step itself.
+"""
 
 
 @njit(cache=True, inline="always")
-def _step(table, wires, u, y, c, y_start, t, dt):
-    for j in range(table.u_start[c], table.u_start[c] + table.u_size[c]):
-        u[j] = y[wires[j]]
-    status = call_step(
-        table.step[c], table.self[c], t, table.period[c] * dt,
-        u.ctypes.data + 8 * table.u_start[c], y.ctypes.data + 8 * y_start,
-    )  # fmt: skip
+def _due(part, k):
+    # a division costs more than the step of a small drive
+    return part.period == 1 or k % part.period == 0
+
+
+@njit(cache=True, inline="always")
+def _step(part, timed, y, t, dt):
+    began = clock_cycles() if timed else 0
+    u = carray(doubles_at(part.u), part.u_size)
+    sources = carray(integers_at(part.sources), part.u_size)
+    for j in range(part.u_size):
+        u[j] = y[sources[j]]
+    status = call_step(part.step, part.self, t, part.period * dt, part.u, part.newest)
+    if timed:
+        part.cycles += clock_cycles() - began
     if status != 0 and status != 1:
         return status
-    for j in range(y_start, y_start + table.y_size[c]):
-        if not np.isfinite(y[j]):
+    newest = carray(doubles_at(part.newest), part.y_size)
+    for j in range(part.y_size):
+        if not np.isfinite(newest[j]):
             return NOT_FINITE
     return 0
 
 
+@njit(cache=True, inline="always")
+def _publish(part):
+    valid, newest = carray(doubles_at(part.valid), part.y_size), carray(doubles_at(part.newest), part.y_size)
+    for j in range(part.y_size):
+        valid[j] = newest[j]
+
+
 @njit(cache=True, nogil=True)
-def advance(table, wires, sampled, dt, u, y, rows, first, count, last, cycles):
+def advance(table, sampled, timed, dt, y, rows, first, count, last):
     """Run ticks `first` to `first + count - 1`, at most to `last`; tick `last` gets a row but no step.
 
     Args:
-        table: the components, the first `sampled` of them sampled.
-        wires: (number of inputs,) index into `y` that feeds each input.
+        table: (number of components,) of `TABLE`, the first `sampled` of them sampled.
+        timed: whether to count cycles.
         dt: tick (s).
-        u, y: inputs (n,), outputs (2 m,): valid half, newest half.
+        y: outputs (2 m,): valid half, newest half.
         rows: (>= count, m), filled with the valid half of each tick.
-        cycles: (number of components,) processor cycles spent are added; empty: not measured.
 
     Returns:
         (rows written, component, status): component -1 if all went well, else the one whose step at tick
         `first + rows written - 1` (continuous) or `first + rows written` (sampled) failed.
     """
-    half = y.shape[0] // 2
+    components = table.shape[0]
     for k in range(first, min(first + count, last + 1)):
         t = k * dt
         for c in range(sampled):
-            if k % table.period[c] == 0:
-                began = clock_cycles() if cycles.shape[0] else 0
-                status = _step(table, wires, u, y, c, table.y_start[c], t, dt)
-                if cycles.shape[0]:
-                    cycles[c] += clock_cycles() - began
+            part = table[c]
+            if _due(part, k):
+                status = _step(part, timed, y, t, dt)
                 if status != 0:
                     return k - first, c, status
-        rows[k - first, :] = y[:half]
+        for j in range(rows.shape[1]):
+            rows[k - first, j] = y[j]
         if k == last:
             return k - first + 1, -1, 0
-        for c in range(sampled, table.step.shape[0]):
-            if k % table.period[c] == 0:
-                began = clock_cycles() if cycles.shape[0] else 0
-                status = _step(table, wires, u, y, c, half + table.y_start[c], t, dt)
-                if cycles.shape[0]:
-                    cycles[c] += clock_cycles() - began
+        for c in range(sampled, components):
+            part = table[c]
+            if _due(part, k):
+                status = _step(part, timed, y, t, dt)
                 if status != 0:
                     return k - first + 1, c, status
-        for c in range(sampled, table.step.shape[0]):
-            if (k + 1) % table.period[c] == 0:
-                for j in range(table.y_start[c], table.y_start[c] + table.y_size[c]):
-                    y[j] = y[half + j]
+        for c in range(sampled, components):
+            part = table[c]
+            if _due(part, k + 1):
+                _publish(part)
     return min(count, last + 1 - first), -1, 0

@@ -7,13 +7,16 @@ its libraries elsewhere.
 from collections.abc import Callable
 from typing import Any
 
+import numba.extending
 import numpy as np
 from llvmlite import ir
 from numba import cfunc, from_dtype, types
-from numba.extending import intrinsic
 
 _I32, _I64, _F64, _VOID = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
 _DOUBLES = types.CPointer(types.float64)
+
+# numba's type stub takes the typing context for an argument of the call
+intrinsic: Any = numba.extending.intrinsic
 
 
 def step_function(memory: np.dtype) -> Callable[[Callable], Any]:
@@ -61,6 +64,16 @@ def doubles_at(typingctx, address):
         return builder.inttoptr(arguments[0], _F64.as_pointer())
 
     return _DOUBLES(types.int64), codegen
+
+
+@intrinsic
+def integers_at(typingctx, address):
+    """A `uint64_t *` from an address; an index read from it is never negative, which saves a check."""
+
+    def codegen(context, builder, signature, arguments):
+        return builder.inttoptr(arguments[0], _I64.as_pointer())
+
+    return types.CPointer(types.uint64)(types.int64), codegen
 
 
 @intrinsic

@@ -15,19 +15,19 @@ class Simulation:
         system: what to run.
         last_tick: the tick that gets the last row and no step.
         slice_ticks: most ticks one call of `advance` runs.
-        timed: count the processor cycles of each component in `cycles`.
+        timed: count the processor cycles of each component.
     """
 
     def __init__(self, system: System, last_tick: int, slice_ticks: int = 100, timed: bool = False):
         self.system = system
         self.last_tick = last_tick
         self.next_tick = 0
-        self.cycles = np.zeros(len(system.components) if timed else 0, dtype=np.int64)
-        self._table = system.table()
         self._u = np.zeros(system.inputs_width)
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])
         self._y = np.concatenate([valid, valid])
         self._rows = np.empty((slice_ticks, system.outputs_width))
+        self._table = system.table(self._u, self._y)
+        self._timed = timed
         self.failure: ComponentFailed | None = None
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._advance(0, 0)
@@ -35,6 +35,11 @@ class Simulation:
     @property
     def finished(self) -> bool:
         return self.next_tick > self.last_tick or self.failure is not None
+
+    @property
+    def cycles(self) -> np.ndarray:
+        """Processor cycles spent in each component, (number of components,); empty if not timed."""
+        return self._table["cycles"] if self._timed else np.zeros(0, dtype=np.int64)
 
     def advance(self) -> np.ndarray:
         """Run one slice.
@@ -71,8 +76,8 @@ class Simulation:
 
     def _advance(self, first: int, count: int) -> tuple[int, int, int]:
         return advance(
-            self._table, self.system.sources, self.system.sampled, self.system.tick, self._u, self._y,
-            self._rows, first, count, self.last_tick, self.cycles,
+            self._table, self.system.sampled, self._timed, self.system.tick, self._y,
+            self._rows, first, count, self.last_tick,
         )  # fmt: skip
 
     def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:

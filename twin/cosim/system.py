@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from twin.cosim.component import Component, Port, width
-from twin.cosim.master import Table
+from twin.cosim.master import TABLE
 from twin.errors import InputRefused
 
 Scheme = Literal["gauss_seidel", "jacobi"]
@@ -75,19 +75,25 @@ class System:
     def outputs_width(self) -> int:
         return int(self.y_start[-1])
 
-    def table(self) -> Table:
-        """The components as the compiled loop reads them."""
-        parts = self.components
-        columns = [
-            [c.step_address for c in parts],
-            [c.self_address for c in parts],
-            [c.period for c in parts],
-            self.u_start[:-1],
-            [width(c.inputs) for c in parts],
-            self.y_start[:-1],
-            [width(c.outputs) for c in parts],
-        ]
-        return Table(*(np.array(column, dtype=np.int64) for column in columns))
+    def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
+        """The components as the compiled loop reads them.
+
+        Args:
+            u: memory of all inputs, (inputs_width,). y: of all outputs, twice: (2 * outputs_width,).
+
+        Returns:
+            (number of components,) of `TABLE`; it holds addresses of `u`, `y` and this system, and keeps none alive.
+        """
+        table = np.zeros(len(self.components), dtype=TABLE)
+        table["step"] = [c.step_address for c in self.components]
+        table["self"] = [c.self_address for c in self.components]
+        table["period"] = [c.period for c in self.components]
+        table["sources"] = self.sources.ctypes.data + self.sources.itemsize * self.u_start[:-1]
+        table["u"], table["u_size"] = u.ctypes.data + u.itemsize * self.u_start[:-1], np.diff(self.u_start)
+        table["valid"], table["y_size"] = y.ctypes.data + y.itemsize * self.y_start[:-1], np.diff(self.y_start)
+        table["newest"] = table["valid"]
+        table["newest"][self.sampled :] += y.itemsize * self.outputs_width
+        return table
 
     def columns(self, end: str) -> slice:
         """Which columns of a row hold the output `"component.port"`."""

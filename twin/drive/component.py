@@ -1,6 +1,7 @@
 """Drive FMUs as components: FMPy unpacks, instantiates and initialises, the compiled adapter steps."""
 
 import ctypes
+import os
 import shutil
 import tempfile
 from collections.abc import Mapping
@@ -116,6 +117,7 @@ class Drive(Component):
 
     def _instantiated(self, name: str, folder: Path) -> Any:
         model, file = self._description.model, self._description.path
+        here = os.getcwd()
         try:
             fmu = fmi2.FMU2Slave(
                 guid=model.guid,
@@ -126,6 +128,9 @@ class Drive(Component):
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{file}: its binary does not load: {problem}") from None
+        # FMPy goes to the library's folder to load it, and stays there if that fails
+        finally:
+            os.chdir(here)
         callbacks = fmi2.fmi2CallbackFunctions()
         callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
         callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory

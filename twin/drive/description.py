@@ -4,6 +4,7 @@ import difflib
 import hashlib
 import math
 import zipfile
+import zlib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -138,7 +139,7 @@ def _entries(file: Path) -> set[str]:
             if damaged:
                 raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the FMU again")
             return set(names)
-    except (zipfile.BadZipFile, EOFError, NotImplementedError) as problem:
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as problem:
         raise InputRefused(f"{file}: not a complete FMU, {str(problem).lower()}; an FMU is a zip archive") from None
 
 

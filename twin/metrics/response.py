@@ -32,3 +32,9 @@ def first_time(t: Curve, condition: NDArray[np.bool_]) -> float:
 def overshoot(y: Curve, target: float) -> float:
     """By how much y exceeds a positive target at most, as a share of it; 0 if it never does."""
     return max(0.0, float(np.max(y)) / target - 1.0)
+
+
+def rise_time(t: Curve, y: Curve, before: float, after: float) -> float:
+    """Time (s) that y takes from 10 % to 90 % of the way from `before` to `after`; infinity if it never gets there."""
+    share = (y - before) / (after - before)
+    return first_time(t, share >= 0.9) - first_time(t, share >= 0.1)

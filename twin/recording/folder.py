@@ -39,7 +39,9 @@ def claim_run_folder(folder: Path) -> Path:
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
-            raise RecordingRefused(f"{folder}: already there and not empty; name a new folder, a run is never overwritten")
+            raise RecordingRefused(
+                f"{folder}: already there and not empty; name a new folder, a run is never overwritten"
+            )
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise RecordingRefused(f"{folder}: cannot be created: {problem.strerror}") from None

@@ -17,7 +17,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
-from twin.errors import Unreachable
+from twin.errors import InputRefused, Unreachable
 from twin.robot.geometry import Geometry, leg_coordinates
 from twin.robot.triples import place, triples
 
@@ -88,8 +88,10 @@ def joint_angles(
 
     Raises:
         Unreachable: a leg cannot reach; names the first such pose, the leg and the missing length.
-        InputRefused: p_B is not finite or not of shape (..., 3).
+        InputRefused: p_B is not finite or not of shape (..., 3), or there is no such branch.
     """
+    if branch not in ("outward", "inward"):
+        raise InputRefused(f"branch is {branch!r}; expected 'outward' or 'inward'")
     p_B = triples(p_B, "p_B")
     theta_l = _angles(geometry, p_B.reshape(-1, 3), branch == "inward")
     bad = np.isnan(theta_l)

@@ -1,0 +1,1 @@
+"""What the twin costs, measured side by side in one run. `python -m benchmarks`; see README.md."""

@@ -1,0 +1,54 @@
+/* The benchmark's yardstick: drive FMUs in a co-simulation with nothing around them but this loop. */
+#include <stddef.h>
+#include <stdint.h>
+
+/* The memory of a drive component, field by field as in twin/drive/adapter.py. */
+typedef struct {
+    void *instance;
+    int (*set_real)(void *instance, const unsigned *references, size_t count, const double *values);
+    int (*do_step)(void *instance, double t, double h, int no_set_state_prior_to_t);
+    int (*get_real)(void *instance, const unsigned *references, size_t count, double *values);
+    int64_t inputs;
+    const unsigned *input_references;
+    int64_t outputs;
+    const unsigned *output_references;
+    double theta_m_offset;
+} Drive;
+
+static int step(const Drive *drive, double t, double h, const double *u, double *y)
+{
+    if (drive->set_real(drive->instance, drive->input_references, drive->inputs, u) > 1)
+        return 2;
+    if (drive->do_step(drive->instance, t, h, 1) > 1)
+        return 2;
+    return drive->get_real(drive->instance, drive->output_references, drive->outputs, y);
+}
+
+/* Gauss-Seidel: `sources` says which element of `y` feeds each input. */
+int macro_steps(const Drive *const *drives, int count, const int64_t *sources, double *u, double *y, double h,
+                int64_t ticks)
+{
+    for (int64_t k = 0; k < ticks; k++) {
+        const int64_t *source = sources;
+        double *output = y;
+        for (int c = 0; c < count; c++) {
+            for (int64_t j = 0; j < drives[c]->inputs; j++)
+                u[j] = y[*source++];
+            if (step(drives[c], k * h, h, u, output) > 1)
+                return c + 1;
+            output[0] += drives[c]->theta_m_offset;
+            output += drives[c]->outputs;
+        }
+    }
+    return 0;
+}
+
+/* The same calls with inputs that never change: what the FMUs themselves take. */
+int calls_alone(const Drive *const *drives, int count, const double *u, double *y, double h, int64_t ticks)
+{
+    for (int64_t k = 0; k < ticks; k++)
+        for (int c = 0; c < count; c++)
+            if (step(drives[c], k * h, h, u, y) > 1)
+                return c + 1;
+    return 0;
+}

@@ -1,0 +1,155 @@
+"""What the compiled master adds to the FMUs' own time, against a C loop and against FMPy's own methods.
+
+Three drives in a ring, nothing else: omega_ref is fed by the neighbour's theta_m, tau_load by its omega_m. Physically
+meaningless, but every input changes in every step, and the C loop has to end with the same bits.
+"""
+
+import tempfile
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from fmpy import extract
+from fmpy.fmi2 import FMU2Slave
+
+from benchmarks.c_loop import CLoop, NoCompiler
+from benchmarks.measurement import Measurement, Rounds
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
+from twin.drive.component import DriveShop
+from twin.drive.description import DriveDescription, described
+from twin.execution import SLICE_TICKS
+
+TICKS = 20_000
+FMPY_TICKS = 1_000
+ROUNDS = 31
+# small angles that add up to 0: the ring then stays far from every limit of the drives for all ticks
+START = (0.002, -0.001, -0.001)
+TICK = 1e-3
+
+
+@contextmanager
+def ring(description: DriveDescription) -> Iterator[System]:
+    """Three fresh instances of a drive, wired in a ring."""
+    shop = DriveShop()
+    try:
+        drives = [shop.drive(f"drive_{i}", description, {}, theta_m, 0.0) for i, theta_m in enumerate(START)]
+        wires = []
+        for i in range(3):
+            wires.append((f"drive_{(i - 1) % 3}.theta_m", f"drive_{i}.omega_ref"))
+            wires.append((f"drive_{(i - 1) % 3}.omega_m", f"drive_{i}.tau_load"))
+        yield System(drives, wires, TICK)
+    finally:
+        shop.close()
+
+
+def master_seconds(description: DriveDescription, slice_ticks: int) -> tuple[float, np.ndarray]:
+    """Seconds of `TICKS` macro steps in the compiled master, and the last row."""
+    with ring(description) as system:
+        simulation = Simulation(system, TICKS, slice_ticks)
+        rows = np.empty(0)
+        began = time.perf_counter()
+        while not simulation.finished:
+            rows = simulation.advance()
+        seconds = time.perf_counter() - began
+        if simulation.failure:
+            raise simulation.failure
+        return seconds, rows[-1].copy()
+
+
+def fmpy_seconds(description: DriveDescription, unpacked: Path) -> float:
+    """Seconds of `TICKS` macro steps with the methods of FMPy's `FMU2Slave`, from `FMPY_TICKS` of them."""
+    count = sum(role.causality == "input" for role in description.roles)
+    inputs, outputs = list(description.references[:count]), list(description.references[count:])
+    slaves = [
+        FMU2Slave(
+            guid=description.model.guid,
+            unzipDirectory=str(unpacked),
+            modelIdentifier=description.model.coSimulation.modelIdentifier,
+            instanceName=f"drive_{i}",
+        )
+        for i in range(3)
+    ]
+    for slave in slaves:
+        slave.instantiate()
+        slave.setupExperiment(startTime=0.0)
+        slave.enterInitializationMode()
+        slave.exitInitializationMode()
+    y = [[theta_m, 0.0] for theta_m in START]
+    began = time.perf_counter()
+    for k in range(FMPY_TICKS):
+        for i, slave in enumerate(slaves):
+            theta_m, omega_m = y[i - 1][:2]
+            slave.setReal(inputs, [theta_m, omega_m])
+            slave.doStep(k * TICK, TICK)
+            y[i] = slave.getReal(outputs)
+    seconds = time.perf_counter() - began
+    for slave in slaves:
+        slave.terminate()
+        slave.freeInstance()
+    return seconds * TICKS / FMPY_TICKS
+
+
+def measurements(drive: Path) -> list[Measurement]:
+    """The lines of the table for one drive FMU."""
+    description = described(drive)
+    name = drive.name
+    with tempfile.TemporaryDirectory() as scratch:
+        unpacked = Path(extract(str(description.path), Path(scratch) / "fmu"))
+        subjects = {
+            "master": lambda: master_seconds(description, TICKS + 1)[0],
+            "sliced": lambda: master_seconds(description, SLICE_TICKS)[0],
+            "fmpy": lambda: fmpy_seconds(description, unpacked),
+        }
+        try:
+            loop = CLoop(Path(scratch))
+        except NoCompiler as problem:
+            rounds = Rounds(subjects, ROUNDS)
+            against_c = [Measurement(f"{name}: master / C loop", None, "x", at_most=1.5, remark=str(problem))]
+        else:
+            refuse_different_results(description, loop)
+
+            def in_c() -> float:
+                with ring(description) as system:
+                    return loop.macro_steps(system, TICKS)[0]
+
+            def alone() -> float:
+                with ring(description) as system:
+                    return loop.calls_alone(system, TICKS)
+
+            rounds = Rounds({**subjects, "c": in_c, "fmu": alone}, ROUNDS)
+            against_c = _against_c(name, rounds)
+    return [
+        Measurement(f"{name}: master, macro step", 1e9 * rounds.typical("master") / TICKS, "ns"),
+        *against_c,
+        Measurement(f"{name}: FMPy's methods / master", rounds.ratio("fmpy", "master"), "x", at_least=100.0),
+    ]
+
+
+def _against_c(name: str, rounds: Rounds) -> list[Measurement]:
+    def net(subject: str) -> float:
+        return 1e9 * (rounds.typical(subject) - rounds.typical("fmu")) / TICKS
+
+    return [
+        Measurement(f"{name}: C loop, macro step", 1e9 * rounds.typical("c") / TICKS, "ns"),
+        Measurement(f"{name}: of it the FMU calls alone", 1e9 * rounds.typical("fmu") / TICKS, "ns"),
+        Measurement(f"{name}: master / C loop", rounds.ratio("master", "c"), "x", at_most=1.5),
+        Measurement(f"{name}: the same in slices of {SLICE_TICKS} ticks", rounds.ratio("sliced", "c"), "x"),
+        Measurement(f"{name}: master beyond the FMU calls", net("master"), "ns"),
+        Measurement(f"{name}: C loop beyond the FMU calls", net("c"), "ns"),
+    ]
+
+
+def refuse_different_results(description: DriveDescription, loop: CLoop) -> None:
+    """A race between loops that compute different things would mean nothing.
+
+    Raises:
+        RuntimeError: the last outputs differ in any bit.
+    """
+    with ring(description) as system:
+        _, in_c = loop.macro_steps(system, TICKS)
+    _, in_master = master_seconds(description, SLICE_TICKS)
+    if not np.array_equal(in_c, in_master):
+        raise RuntimeError(f"{description.path.name}: C loop and master end differently: {in_c}, {in_master}")

@@ -1,0 +1,74 @@
+"""What a user waits for before anything runs: whole processes, measured from outside."""
+
+import os
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from statistics import median
+
+from benchmarks.measurement import Measurement, Rounds
+
+ROUNDS = 5
+IMPORTS = "import twin.execution, twin.experiment.experiment, twin.recording.folder"
+MEGABYTE = 1024.0 if sys.platform != "darwin" else 1024.0**2
+"""`ru_maxrss` counts kibibytes, on macOS bytes."""
+
+
+def process(arguments: Sequence[str], **environment: str) -> tuple[float, float]:
+    """Wall seconds and peak memory (MB) of one Python process with `arguments`.
+
+    Raises:
+        RuntimeError: it did not exit with 0.
+    """
+    command = [sys.executable, *arguments]
+    began = time.perf_counter()
+    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, **environment})
+    _, status, usage = os.wait4(child.pid, 0)
+    seconds = time.perf_counter() - began
+    child.returncode = os.waitstatus_to_exitcode(status)
+    if child.returncode != 0:
+        raise RuntimeError(f"{' '.join(command)} exited with {child.returncode}")
+    return seconds, usage.ru_maxrss / MEGABYTE
+
+
+def measurements(experiment: Path) -> list[Measurement]:
+    """The lines of the table; `experiment` is the one that `twin run` is given."""
+    with tempfile.TemporaryDirectory() as scratch:
+        runs = 0
+
+        def run(**environment: str) -> tuple[float, float]:
+            nonlocal runs
+            runs += 1
+            return process(["-m", "twin", "run", str(experiment), "--out", f"{scratch}/run_{runs}"], **environment)
+
+        cold, cold_peak = run(NUMBA_CACHE_DIR=f"{scratch}/cache")
+        run()  # whatever the last edit made stale is compiled here
+        peaks = []
+
+        def warm() -> float:
+            seconds, peak = run()
+            peaks.append(peak)
+            return seconds
+
+        rounds = Rounds(
+            {
+                "python": lambda: process(["-c", "pass"])[0],
+                "help": lambda: process(["-m", "twin", "--help"])[0],
+                "imports": lambda: process(["-c", IMPORTS])[0],
+                "run": warm,
+            },
+            ROUNDS,
+        )
+    bare = rounds.typical("python")
+    return [
+        Measurement("start: bare Python", bare, "s"),
+        Measurement("start: twin --help", rounds.typical("help"), "s", at_most=0.3),
+        Measurement("start: what twin run imports", rounds.typical("imports") - bare, "s"),
+        Measurement("start: twin run Fig. 4, warm", rounds.typical("run"), "s", at_most=2.5),
+        Measurement("start: its peak memory", median(peaks), "MB", at_most=300.0),
+        Measurement("start: compiling into an empty cache", cold - rounds.typical("run"), "s"),
+        Measurement("start: peak memory while compiling", cold_peak, "MB"),
+    ]

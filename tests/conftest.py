@@ -1,0 +1,35 @@
+"""What many tests stand on: the repository's files, and the paper's experiment run once."""
+
+from pathlib import Path
+
+import pytest
+
+from twin.execution import execute
+from twin.experiment.experiment import load_experiment
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+
+ROOT = Path(__file__).parents[1]
+
+
+@pytest.fixture(scope="session")
+def root() -> Path:
+    """The repository."""
+    return ROOT
+
+
+@pytest.fixture(scope="session")
+def force_position(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Fig. 4 under force-position control."""
+    return _ran("fig4_force_position", tmp_path_factory)
+
+
+@pytest.fixture(scope="session")
+def position(tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    """Fig. 4 under position control alone."""
+    return _ran("fig4_position", tmp_path_factory)
+
+
+def _ran(name: str, tmp_path_factory: pytest.TempPathFactory) -> Recording:
+    experiment = load_experiment(ROOT / "experiments" / f"{name}.toml")
+    return read(execute(experiment, tmp_path_factory.mktemp(name)).recording)

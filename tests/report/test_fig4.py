@@ -1,0 +1,27 @@
+from pathlib import Path
+
+import numpy as np
+from PIL import Image
+
+from twin.paper.fig4_runs import fig4_runs
+from twin.recording.recording import Recording
+from twin.report.fig4 import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4
+
+
+def test_the_picture_shows_the_four_curves_in_the_papers_colours(
+    force_position: Recording, position: Recording, tmp_path: Path
+):
+    draw_fig4(fig4_runs(force_position, position), tmp_path / "fig4.png")
+    with Image.open(tmp_path / "fig4.png") as picture:
+        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+    for color in (PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE):
+        rgb = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
+        # a curve across a panel is hundreds of pixels long; its core is not blended with the background
+        assert np.count_nonzero(np.all(pixels == rgb, axis=1)) > 200, color
+
+
+def test_the_same_runs_give_the_same_picture(force_position: Recording, position: Recording, tmp_path: Path):
+    runs = fig4_runs(force_position, position)
+    for name in ("a.png", "b.png"):
+        draw_fig4(runs, tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
