@@ -1,10 +1,10 @@
 """What a user waits for before anything runs: whole processes, measured from outside."""
 
+import json
 import os
 import subprocess
 import sys
 import tempfile
-import time
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import median
@@ -12,6 +12,7 @@ from statistics import median
 from benchmarks.measurement import Measurement, Rounds
 
 ROUNDS = 5
+WATCH = Path(__file__).with_name("watch.py")
 IMPORTS = "import twin.execution, twin.experiment.experiment, twin.recording.folder"
 MEGABYTE = 1024.0 if sys.platform != "darwin" else 1024.0**2
 """`ru_maxrss` counts kibibytes, on macOS bytes."""
@@ -24,14 +25,18 @@ def process(arguments: Sequence[str], **environment: str) -> tuple[float, float]
         RuntimeError: it did not exit with 0.
     """
     command = [sys.executable, *arguments]
-    began = time.perf_counter()
-    child = subprocess.Popen(command, stdout=subprocess.DEVNULL, env={**os.environ, **environment})
-    _, status, usage = os.wait4(child.pid, 0)
-    seconds = time.perf_counter() - began
-    child.returncode = os.waitstatus_to_exitcode(status)
-    if child.returncode != 0:
-        raise RuntimeError(f"{' '.join(command)} exited with {child.returncode}")
-    return seconds, usage.ru_maxrss / MEGABYTE
+    watched = subprocess.run(
+        [sys.executable, "-I", str(WATCH), *command],
+        capture_output=True,
+        env={**os.environ, **environment},
+        check=True,
+    )
+    seen = json.loads(watched.stdout)
+    if seen["exit"] != 0:
+        raise RuntimeError(
+            f"{' '.join(command)} exited with {seen['exit']}: {watched.stderr.decode().strip()}"
+        )
+    return seen["seconds"], seen["maxrss"] / MEGABYTE
 
 
 def measurements(experiment: Path) -> list[Measurement]:
@@ -42,7 +47,9 @@ def measurements(experiment: Path) -> list[Measurement]:
         def run(**environment: str) -> tuple[float, float]:
             nonlocal runs
             runs += 1
-            return process(["-m", "twin", "run", str(experiment), "--out", f"{scratch}/run_{runs}"], **environment)
+            return process(
+                ["-m", "twin", "run", str(experiment), "--out", f"{scratch}/run_{runs}"], **environment
+            )
 
         cold, cold_peak = run(NUMBA_CACHE_DIR=f"{scratch}/cache")
         run()  # whatever the last edit made stale is compiled here

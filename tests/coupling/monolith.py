@@ -1,8 +1,11 @@
 """The coupled robot as one differential equation: the reference that a co-simulation is an approximation of.
 
-Plant and drives are joined by `control.interconnect`, so they exchange theta_m and tau_load at every instant. scipy
-integrates them from controller tick to controller tick; at a tick the same compiled encoder, estimator and controller
-run as in the co-simulation. What is left to differ is the coupling alone.
+Plant and drives exchange theta_m and tau_load at every instant. scipy integrates them from controller tick to
+controller tick; at a tick the same compiled encoder, estimator and controller run as in the co-simulation. What is left
+to differ is the coupling alone.
+
+`coupled_system` says what is integrated, in terms of python-control; `coupled_derivative` is the same compiled, which
+makes 20 s of it affordable, and `test_monolith.py` holds the two together.
 """
 
 import control

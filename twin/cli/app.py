@@ -11,7 +11,7 @@ INTERRUPTED = 130
 
 app = typer.Typer(
     name="twin",
-    help="Digital twin of a delta-like massage robot: run experiments with motor drives as FMUs, compare with the paper.",
+    help="Digital twin of a delta-like massage robot: experiments with motor drives as FMUs, beside the paper.",
     no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,

@@ -63,7 +63,7 @@ def _facts(description: "DriveDescription") -> dict[str, object]:
 
 
 def _table(description: "DriveDescription") -> str:
-    facts, model = _facts(description), description.model
+    model = description.model
     lines = [
         f"{description.path.name}  {model.modelName}, FMI {model.fmiVersion} co-simulation",
         *textwrap.wrap(model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),

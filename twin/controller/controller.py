@@ -1,4 +1,4 @@
-"""Hybrid force-position control (Fig. 3 B): force is the outer loop that shifts the z reference, position the inner one.
+"""Hybrid force-position control (Fig. 3 B): the outer force loop shifts the z reference, position is the inner loop.
 
 The position loop turns the Cartesian error into motor speeds, omega_ref = N J PID(p_cmd - p_est). The force loop is
 triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID(F_z_ref - F_z), within +-limit.

@@ -1,7 +1,7 @@
 """What the master needs to know of a component."""
 
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,7 +25,7 @@ class Port:
     size: int = 1
     unit: str = "1"
     meaning: str = ""
-    kind: str = "double"
+    kind: Literal["double", "int", "bool"] = "double"
 
 
 @dataclass

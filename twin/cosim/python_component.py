@@ -17,14 +17,20 @@ _STEP = ctypes.CFUNCTYPE(
 class PythonModel(Protocol):
     """What a plain class needs to take part.
 
-    Attributes:
-        inputs, outputs: its ports.
-        sampled: see `Component`.
+    Plain class attributes serve as the three properties.
     """
 
-    inputs: Sequence[Port]
-    outputs: Sequence[Port]
-    sampled: bool
+    @property
+    def inputs(self) -> Sequence[Port]:
+        """Its input ports."""
+
+    @property
+    def outputs(self) -> Sequence[Port]:
+        """Its output ports."""
+
+    @property
+    def sampled(self) -> bool:
+        """See `Component`."""
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
         """Read inputs `u`, write outputs `y` in place; raise to stop the run."""

@@ -171,12 +171,16 @@ def _variable(file: Path, model: Any, role: Role) -> Any | None:
         )
     variable = candidates[name]
     if variable.causality != role.causality:
-        raise InputRefused(f"{file}: '{name}' has causality {variable.causality}; the drive contract needs {role.causality}")
+        raise InputRefused(
+            f"{file}: '{name}' has causality {variable.causality}; the drive contract needs {role.causality}"
+        )
     if variable.type != "Real":
         raise InputRefused(f"{file}: '{name}' has type {variable.type}; the drive contract needs Real")
     unit = _unit_name(variable)
     if unit and not _fits(model, unit, role.dimension):
-        raise InputRefused(f"{file}: {role.causality} '{name}' has unit '{unit}'; the drive contract needs {role.port.unit}")
+        raise InputRefused(
+            f"{file}: {role.causality} '{name}' has unit '{unit}'; the drive contract needs {role.port.unit}"
+        )
     return variable
 
 

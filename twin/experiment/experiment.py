@@ -100,8 +100,15 @@ def load_experiment(path: Path, overrides: Iterable[str] = (), drive: str | None
     return Experiment(
         name=path.stem,
         title=head.title,
-        **ticks,
-        **{name: checked[name] for name in ("plant", "contact", "scale", "cosim", "controller", "reference")},
+        duration_ticks=ticks["duration"],
+        controller_ticks=ticks["controller"],
+        scale_ticks=ticks["scale"],
+        plant=checked["plant"],
+        contact=checked["contact"],
+        scale=checked["scale"],
+        cosim=checked["cosim"],
+        controller=checked["controller"],
+        reference=checked["reference"],
         drives=_joint_drives(drives, path.resolve().parent),
         values=source.values,
         origins=source.origins,
@@ -132,7 +139,9 @@ def _checked(values: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
         if key not in keys(Head):
             mistakes.append(unknown(key, [*keys(Head), *TABLES]))
             del head[key]
-    for name, model, table in [("head", Head, head), *((n, m, values.get(n)) for n, m in TABLES.items())]:
+    models: dict[str, type[Section]] = {"head": Head, **TABLES}
+    for name, model in models.items():
+        table = head if name == "head" else values.get(name)
         if table is None:
             mistakes.append(f"missing table [{name}]")
             continue
@@ -149,9 +158,9 @@ def _checked(values: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
 def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
     """Durations and periods as whole ticks."""
     wanted = {
-        "duration_ticks": ("head", "duration", "duration_s"),
-        "controller_ticks": ("controller", "period", "[controller] period_ms"),
-        "scale_ticks": ("scale", "period", "[scale] period_ms"),
+        "duration": ("head", "duration", "duration_s"),
+        "controller": ("controller", "period", "[controller] period_ms"),
+        "scale": ("scale", "period", "[scale] period_ms"),
     }
     if "cosim" not in checked:
         return {}

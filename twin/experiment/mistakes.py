@@ -16,7 +16,12 @@ _EXPECTED = {
     "model_type": "a table",
     "finite_number": "a finite number",
 }
-_BOUNDS = {"greater_than": ("gt", ">"), "greater_than_equal": ("ge", ">="), "less_than": ("lt", "<"), "less_than_equal": ("le", "<=")}
+_BOUNDS = {
+    "greater_than": ("gt", ">"),
+    "greater_than_equal": ("ge", ">="),
+    "less_than": ("lt", "<"),
+    "less_than_equal": ("le", "<="),
+}
 
 
 def sentences(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:

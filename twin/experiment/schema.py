@@ -1,5 +1,6 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
+from itertools import pairwise
 from typing import Literal
 
 from pydantic import Field, field_validator
@@ -75,14 +76,14 @@ class JointDrive(Section):
     """[drive.joint_1] to [drive.joint_3]: where one joint's drive differs."""
 
     fmu: str | None = None
-    parameters: dict[str, float] = {}
+    parameters: dict[str, float] = Field(default_factory=dict)
 
 
 class Drive(Section):
     """[drive]: the drive of every joint. Parameters have the FMU's own names and units."""
 
     fmu: str
-    parameters: dict[str, float] = {}
+    parameters: dict[str, float] = Field(default_factory=dict)
     joint_1: JointDrive = JointDrive()
     joint_2: JointDrive = JointDrive()
     joint_3: JointDrive = JointDrive()
@@ -133,6 +134,6 @@ class Reference(Section):
     @field_validator("t")
     @classmethod
     def _ascending(cls, t: tuple[float, ...]) -> tuple[float, ...]:
-        if any(later <= earlier for earlier, later in zip(t, t[1:], strict=False)):
+        if any(later <= earlier for earlier, later in pairwise(t)):
             raise ValueError("expected times that increase from one way point to the next")
         return t

@@ -51,7 +51,9 @@ class Finding:
         """`5.606 s`, or `never`."""
         if self.claim.measure is None:
             return ""
-        return f"{self.value:.{self.claim.digits}f} {self.claim.unit}".rstrip() if math.isfinite(self.value) else "never"
+        if not math.isfinite(self.value):
+            return "never"
+        return f"{self.value:.{self.claim.digits}f} {self.claim.unit}".rstrip()
 
     @property
     def expected(self) -> str:

@@ -1,10 +1,10 @@
 """The plant as a co-simulation component: classical Runge-Kutta over a tick, friction settled after each step."""
 
 import math
-from collections.abc import Sequence
 
 import numpy as np
 from numba import carray, njit
+from numpy.typing import ArrayLike
 
 from twin.cosim.component import Component, Port, width
 from twin.cosim.native import step_function
@@ -105,7 +105,7 @@ class Plant(Component):
     """
 
     def __init__(
-        self, parameters: PlantParameters, x: Sequence[float], theta_m: Sequence[float], substeps: int = 1
+        self, parameters: PlantParameters, x: ArrayLike, theta_m: ArrayLike, substeps: int = 1
     ):
         memory = np.zeros(1, dtype=MEMORY)
         memory["parameters"][0] = tuple(parameters)

@@ -23,8 +23,8 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     p = np.asarray(p_B, dtype=float)
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     theta_l = joint_angles(geometry, p)
-    F_ee_B = np.array(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0))
-    wrench = F_ee_B + [0.0, 0.0, platform_weight(parameters)]
+    F_ee_B = np.array(contact_force(parameters, p[0], p[1], p[2], 0.0, 0.0, 0.0, 0.0, 0.0))
+    wrench = F_ee_B + np.array([0.0, 0.0, platform_weight(parameters)])
     arms = np.array([arm_gravity_torque(parameters, parameters, theta) for theta in theta_l])
     tau_l = np.linalg.solve(jacobian(geometry, p).T, wrench) - arms
     d = tau_l / (parameters.k_s * parameters.N * parameters.eta)
