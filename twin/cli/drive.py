@@ -81,6 +81,6 @@ def _table(description: "DriveDescription") -> str:
     for name, v in description.parameters.items():
         value = f"{float(v.start):g}" if v.type == "Real" and v.start is not None else str(v.start)
         head = f"  {name:12} {value:>9} {v.unit or '1':13} "
-        lines += textwrap.wrap(v.description or "", WIDTH, initial_indent=head, subsequent_indent=" " * len(head)) or [head]
+        lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
     lines += [line for text in description.warnings() for line in textwrap.wrap(f"warning: {text}", WIDTH)]
     return "\n".join(lines)
