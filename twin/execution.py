@@ -11,7 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.assembly import Assembly, assemble
+from twin.assembly.drives import DrivePlan
+from twin.assembly.robot import Assembly, assemble
 from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -117,7 +118,7 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
         stepping=stepping,
         writing=writing,
         events=tuple(events),
-        drives=tuple(f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in assembly.drives),
+        drives=tuple(_told(plan) for plan in assembly.drives),
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
     )
 
@@ -145,17 +146,19 @@ class TriggerWatch:
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
     """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
     fmus = {
-        f"drive_{i + 1}": json.dumps(
+        f"drive_{i + 1}{'.' * bool(part)}{part}": json.dumps(
             {
-                "file": description.path.name,
-                "sha256": description.sha256,
-                "model": description.model.modelName,
-                "fmi": description.model.fmiVersion,
-                "generation_tool": description.model.generationTool,
-                "parameters": drive.parameters,
+                "file": fmu.path.name,
+                "sha256": fmu.sha256,
+                "model": fmu.model.modelName,
+                "fmi": fmu.model.fmiVersion,
+                "generation_tool": fmu.model.generationTool,
+                "set": {variable.name: value for variable, value in plan.settings[part]},
+                "mapped": [str(binding) for binding in plan.bindings],
             }
         )
-        for i, (drive, description) in enumerate(zip(experiment.drives, assembly.drives, strict=True))
+        for i, plan in enumerate(assembly.drives)
+        for part, fmu in plan.parts.items()
     }
     values = _named_fmus(experiment.values)
     return {
@@ -172,6 +175,11 @@ def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
         key: _named_fmus(value) if isinstance(value, dict) else Path(value).name if key == "fmu" else value
         for key, value in values.items()
     }
+
+
+def _told(plan: DrivePlan) -> str:
+    """A drive in one line: files, FMI versions, hashes."""
+    return " + ".join(f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in plan.parts.values())
 
 
 def _topic(component: Component) -> Topic:

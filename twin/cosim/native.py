@@ -56,24 +56,23 @@ def address_of(typingctx, pointer):
     return types.int64(pointer), codegen
 
 
-@intrinsic
-def doubles_at(typingctx, address):
-    """A `double *` from an address; `numba.carray(doubles_at(a), n)` makes it an array."""
+def pointer_to(item: types.Type) -> Any:
+    """A compiled function that makes a pointer to `item` of an address; `numba.carray` makes it an array."""
+    pointer = types.CPointer(item)
 
-    def codegen(context, builder, signature, arguments):
-        return builder.inttoptr(arguments[0], _F64.as_pointer())
+    @intrinsic
+    def at(typingctx, address):
+        def codegen(context, builder, signature, arguments):
+            return builder.inttoptr(arguments[0], context.get_value_type(pointer))
 
-    return _DOUBLES(types.int64), codegen
+        return pointer(types.int64), codegen
+
+    return at
 
 
-@intrinsic
-def integers_at(typingctx, address):
-    """A `uint64_t *` from an address; an index read from it is never negative, which saves a check."""
-
-    def codegen(context, builder, signature, arguments):
-        return builder.inttoptr(arguments[0], _I64.as_pointer())
-
-    return types.CPointer(types.uint64)(types.int64), codegen
+doubles_at = pointer_to(types.float64)
+integers_at = pointer_to(types.uint64)
+"""Unsigned: an index read from it is never negative, which saves a check."""
 
 
 @intrinsic

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from twin.cosim.component import NOT_FINITE, Component, named_values
+from twin.cosim.component import Component
+from twin.cosim.failure import failed_phrase
 from twin.cosim.master import advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
@@ -81,23 +82,4 @@ class Simulation:
         )  # fmt: skip
 
     def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
-        component = self.system.components[culprit]
-        what = self._not_finite(culprit) if status == NOT_FINITE else component.explain(status)
-        label = f"{component.label} ({component.name})" if component.label else component.name
-        inputs = named_values(component.inputs, self.inputs(component)) or "none"
-        when = f"t = {tick * self.system.tick:.6g} s, tick {tick}"
-        where = f"at {when}" if component.sampled else f"in the step from {when}"
-        return ComponentFailed(f"{label} {what} {where}. Last inputs: {inputs}.")
-
-    def _not_finite(self, culprit: int) -> str:
-        component = self.system.components[culprit]
-        start = int(self.system.y_start[culprit])
-        if not component.sampled:
-            start += self.system.outputs_width
-        for port in component.outputs:
-            values = self._y[start : start + port.size]
-            if not np.all(np.isfinite(values)):
-                bad = values[~np.isfinite(values)][0]
-                return f"returned {'NaN' if np.isnan(bad) else 'infinity'} for {port.name}"
-            start += port.size
-        raise AssertionError("the master reported a value that is not finite, and all are")
+        return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

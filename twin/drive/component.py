@@ -1,175 +1,137 @@
-"""Drive FMUs as components: FMPy unpacks, instantiates and initialises, the compiled adapter steps."""
+"""An FMU as a component: FMPy brings it into step mode, the compiled adapter steps it by address."""
 
-import ctypes
-import os
-import shutil
-import tempfile
-from collections.abc import Mapping
-from ctypes import byref, c_void_p
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-from fmpy import extract, fmi2
-from fmpy.logging import addLoggerProxy
 
-from twin.cosim.component import Component
-from twin.drive.adapter import FUNCTIONS, MEMORY, STATUSES, step
-from twin.drive.description import DriveDescription
+from twin.cosim.component import Component, Port
+from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, KINDS, MEMORY, SET, TERMINATE, step
+from twin.drive.description import FmuDescription, Variable
+from twin.drive.instance import Instance, Setting
 from twin.errors import InputRefused
 
-
-class DriveShop:
-    """Unpacks each FMU once and makes drives of it; closing frees all instances and removes what was unpacked."""
-
-    def __init__(self) -> None:
-        self._folders: dict[str, Path] = {}
-        self._drives: list[Drive] = []
-
-    def drive(
-        self, name: str, description: DriveDescription, parameters: Mapping[str, float], theta_m: float, tau_load: float
-    ) -> "Drive":
-        """An initialised drive; see `Drive`."""
-        if description.sha256 not in self._folders:
-            folder = Path(tempfile.mkdtemp(prefix="twin-fmu-"))
-            self._folders[description.sha256] = folder
-            extract(str(description.path), folder)
-        drive = Drive(name, description, self._folders[description.sha256], parameters, theta_m, tau_load)
-        self._drives.append(drive)
-        return drive
-
-    def close(self) -> None:
-        while self._drives:
-            self._drives.pop().close()
-        for folder in self._folders.values():
-            shutil.rmtree(folder, ignore_errors=True)
-        self._folders.clear()
+STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
 
 
-class Drive(Component):
-    """One FMI 2.0 drive instance.
+@dataclass(frozen=True)
+class FmuPort:
+    """A port and the FMU variable behind it: port value (SI) = gain * FMU value + offset."""
 
-    The FMU's own zero of theta_m is arbitrary: the shaft is coupled such that it stands at `theta_m` when the FMU is
-    initialised, so no FMU needs a parameter for its initial angle.
+    port: Port
+    variable: Variable
+    gain: float = 1.0
+    offset: float = 0.0
+
+    def in_fmu(self, value: float) -> float:
+        """`value` of the port as the FMU wants it."""
+        return (value - self.offset) / self.gain
+
+
+class FmuComponent(Component):
+    """One FMU instance as a continuous component.
 
     Args:
-        name: component name, also the FMU's instance name.
-        description: the checked FMU. folder: where it was unpacked.
-        parameters: values by name, set before initialisation.
-        theta_m: motor angle at t = 0 (rad). tau_load: load at t = 0 (N m).
+        name: of the component and the FMU instance.
+        description: the checked FMU. folder: where it is unpacked.
+        inputs, outputs: its ports.
+        settings: values set before initialisation, in the FMU's own units.
+        inputs_at_start: port -> value (SI) in initialisation mode; 0 where nothing is said.
+        outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
+            and the shaft is coupled where it stands.
 
     Raises:
-        InputRefused: the FMU cannot be loaded, instantiated or initialised.
+        InputRefused: the FMU cannot be brought into step mode, or an output is not finite then.
     """
 
     def __init__(
         self,
         name: str,
-        description: DriveDescription,
+        description: FmuDescription,
         folder: Path,
-        parameters: Mapping[str, float],
-        theta_m: float,
-        tau_load: float,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        settings: Sequence[Setting] = (),
+        inputs_at_start: Mapping[str, float] | None = None,
+        outputs_at_start: Mapping[str, float] | None = None,
     ):
-        self.messages: list[str] = []
-        self._description = description
-        values = description.checked_parameters(parameters)
-        inputs = tuple(role.port for role in description.roles if role.causality == "input")
-        outputs = tuple(role.port for role in description.roles if role.causality == "output")
-        references = np.array(description.references, dtype=np.uint32)
-        self._in, self._out = references[: len(inputs)].copy(), references[len(inputs) :].copy()
-        self._fmu = self._instantiated(name, folder)
-        initial = self._initialised(values, np.array([0.0, tau_load]))
+        wanted = inputs_at_start or {}
+        started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
+        self.instance = Instance(name, description, folder, settings, started)
+        raw = self.instance.read([p.variable for p in outputs])
+        sizes = [p.port.size for p in outputs]
+        initial = np.repeat([p.gain for p in outputs], sizes) * raw + np.repeat([p.offset for p in outputs], sizes)
+        shift = np.zeros(len(initial))
+        start = 0
+        for p in outputs:
+            if p.port.name in (outputs_at_start or {}):
+                here = slice(start, start + p.port.size)
+                shift[here] = (outputs_at_start or {})[p.port.name] - initial[here]
+            start += p.port.size
+        if not np.all(np.isfinite(initial)):
+            self.instance.close()
+            raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
+        self._groups = (self._grouped(inputs, "Set"), self._grouped(outputs, "Get", shift))
+        returned = np.zeros(16, dtype=np.uint8)
         memory = np.zeros(1, dtype=MEMORY)
-        memory["instance"] = self._fmu.component
-        memory["set_real"] = self._address("fmi2SetReal")
-        memory["do_step"] = self._address("fmi2DoStep")
-        memory["get_real"] = self._address("fmi2GetReal")
-        memory["inputs"], memory["input_references"] = len(self._in), self._in.ctypes.data
-        memory["outputs"], memory["output_references"] = len(self._out), self._out.ctypes.data
-        memory["theta_m_offset"] = theta_m - initial[0]
-        initial[0] = theta_m
+        m = memory[0]
+        m["version"], m["instance"] = description.version, self.instance.handle
+        m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
+        for side, (table, _) in zip(("input", "output"), self._groups, strict=True):
+            m[f"{side}s"], m[f"{side}_groups"] = len(table), table.ctypes.data
         super().__init__(
             name=name,
-            inputs=inputs,
-            outputs=outputs,
+            inputs=tuple(p.port for p in inputs),
+            outputs=tuple(p.port for p in outputs),
             sampled=False,
             step_address=step.address,
             self_address=memory.ctypes.data,
-            initial_outputs=initial,
+            initial_outputs=initial + shift,
             label=description.path.name,
-            keep=memory,
+            keep=(memory, returned),
         )
 
     def explain(self, status: int) -> str:
-        function, fmi_status = FUNCTIONS[status // 16 * 16], STATUSES.get(status % 16, f"status {status % 16}")
-        said = f" ('{self.messages[-1]}')" if self.messages else ""
-        return f"{function} returned {fmi_status}{said}"
+        prefix = f"fmi{self.instance.description.version}"
+        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+        if status == TERMINATE:
+            return f"{prefix}DoStep asked to terminate the simulation{said}"
+        called = {SET: "Set", DO_STEP: "DoStep", GET: "Get"}[status // 16 * 16]
+        code = STATUSES.get(status % 16, f" status {status % 16}")
+        return f"{prefix}{called} returned {prefix}{code}{said}"
 
     def close(self) -> None:
-        """Free the instance; safe to call twice."""
-        if self._fmu is not None:
-            self._fmu.freeInstance()
-            self._fmu = None
+        self.instance.close()
 
-    def _address(self, function: str) -> int:
-        return ctypes.cast(getattr(self._fmu.dll, function), c_void_p).value or 0
+    def _grouped(
+        self, ports: Sequence[FmuPort], access: str, shift: np.ndarray | None = None
+    ) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Table of `adapter.GROUP`, one row per FMI type, and the arrays it points to."""
+        starts = np.concatenate([[0], np.cumsum([p.port.size for p in ports])]).astype(int)
+        extra = np.zeros(starts[-1]) if shift is None else shift
+        types = list(dict.fromkeys(self._type_name(p.variable) for p in ports))
+        table, kept = np.zeros(len(types), dtype=GROUP), []
+        for row, name in zip(table, types, strict=True):
+            members = [i for i, p in enumerate(ports) if self._type_name(p.variable) == name]
+            slots = np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members])
+            arrays = {
+                "references": np.array([ports[i].variable.reference for i in members], dtype=np.uint32),
+                "slots": slots.astype(np.uint64),
+                "gain": np.concatenate([np.full(ports[i].port.size, ports[i].gain) for i in members]),
+                "offset": np.concatenate([np.full(ports[i].port.size, ports[i].offset) for i in members]) + extra[slots],
+                "buffer": np.zeros(len(slots) * ITEM_SIZES[ports[members[0]].variable.kind], dtype=np.uint8),
+            }
+            row["kind"] = ports[members[0]].variable.kind
+            row["access"] = self.instance.address(access + name)
+            row["variables"], row["values"] = len(members), len(slots)
+            for field, array in arrays.items():
+                row[field] = array.ctypes.data
+                kept.append(array)
+        return table, kept
 
-    def _instantiated(self, name: str, folder: Path) -> Any:
-        model, file = self._description.model, self._description.path
-        here = os.getcwd()
-        try:
-            fmu = fmi2.FMU2Slave(
-                guid=model.guid,
-                unzipDirectory=str(folder),
-                modelIdentifier=model.coSimulation.modelIdentifier,
-                instanceName=name,
-            )
-        # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
-        except Exception as problem:
-            raise InputRefused(f"{file}: its binary does not load: {problem}") from None
-        # FMPy goes to the library's folder to load it, and stays there if that fails
-        finally:
-            os.chdir(here)
-        callbacks = fmi2.fmi2CallbackFunctions()
-        callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
-        callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-        callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-        addLoggerProxy(byref(callbacks))
-        try:
-            fmu.instantiate(callbacks=callbacks, loggingOn=False)
-        except Exception:
-            fmu.component = None
-        if not fmu.component:
-            raise InputRefused(
-                f"{file}: fmi2Instantiate refused{self._said()}; the GUID {model.guid} in modelDescription.xml "
-                "may not be the binary's own: export the FMU again"
-            )
-        return fmu
-
-    def _initialised(self, parameters: dict[int, float], inputs: np.ndarray) -> np.ndarray:
-        """Bring the instance through initialisation mode; returns its outputs."""
-        try:
-            if parameters:
-                self._fmu.setReal(list(parameters), list(parameters.values()))
-            self._fmu.setupExperiment(startTime=0.0)
-            self._fmu.enterInitializationMode()
-            self._fmu.setReal(self._in.tolist(), inputs.tolist())
-            self._fmu.exitInitializationMode()
-            outputs = np.array(self._fmu.getReal(self._out.tolist()))
-        # FMPy's own FMICallException and anything below it: this FMU cannot be used
-        except Exception as problem:
-            self.close()
-            raise InputRefused(f"{self._description.path}: cannot be initialised: {problem}{self._said()}") from None
-        if not np.all(np.isfinite(outputs)):
-            self.close()
-            raise InputRefused(f"{self._description.path}: an output is not finite after initialisation: {outputs}")
-        return outputs
-
-    def _said(self) -> str:
-        return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
-
-    def _log(self, environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-        if status > 0 and message:
-            del self.messages[:-2]
-            self.messages.append(message.decode(errors="replace").strip())
+    def _type_name(self, variable: Variable) -> str:
+        """What the FMI's set and get functions of this variable are called after."""
+        if self.instance.description.version == 2:
+            return "Integer" if variable.type == "Enumeration" else variable.type
+        return KINDS[variable.kind]

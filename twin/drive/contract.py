@@ -1,49 +1,83 @@
-"""What every drive FMU has to offer, whoever made it."""
+"""What every drive has to offer, whoever made it."""
 
 from typing import Literal, NamedTuple
 
 from twin.cosim.component import Port
+from twin.drive.units import CURRENT, NUMBER, POWER, SPEED, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
-
-class Dimension(NamedTuple):
-    """Exponents of the SI base units, the radian counted as one of them (FMI 2.0, section 2.2.2)."""
-
-    kg: int = 0
-    m: int = 0
-    s: int = 0
-    A: int = 0
-    K: int = 0
-    mol: int = 0
-    cd: int = 0
-    rad: int = 0
+Command = Literal["velocity", "torque", "current", "voltage"]
 
 
 class Role(NamedTuple):
-    """A variable of the contract.
+    """A quantity of the contract.
 
     Attributes:
-        port: name, unit and meaning; the FMU's variable has the same name.
+        port: name, SI unit and meaning.
         causality: as FMI calls it.
-        dimension: what its unit must be.
+        dimension: what its unit has to measure.
         required: whether a drive without it is refused.
+        synonyms: words by which suppliers call it, for the proposal of a mapping.
+        mechanical: how sign and gear ratio act on it: 1 an angle or speed (the FMU's shaft turns `gear_ratio` times as
+            far), -1 a torque (it carries that much less), 0 not at all.
     """
 
     port: Port
     causality: Literal["input", "output"]
     dimension: Dimension
-    required: bool = True
+    required: bool
+    synonyms: tuple[str, ...]
+    mechanical: Literal[-1, 0, 1] = 0
 
 
-ANGLE = Dimension(rad=1)
-SPEED = Dimension(rad=1, s=-1)
-TORQUE = Dimension(kg=1, m=2, s=-2)
-CURRENT = Dimension(A=1)
+COMMANDS: dict[Command, Role] = {
+    "velocity": Role(
+        Port("omega_ref", 1, "rad/s", "commanded motor speed"), "input", SPEED, True,
+        ("omega_ref", "speed_ref", "n_cmd", "velocity", "goal", "target", "setpoint", "cmd", "ref"), 1,
+    ),
+    "torque": Role(
+        Port("command", 1, "N m", "commanded motor torque"), "input", TORQUE, True,
+        ("tau_cmd", "tau_ref", "torque_ref", "torque_cmd", "cmd", "ref", "setpoint", "target"), -1,
+    ),
+    "current": Role(
+        Port("command", 1, "A", "commanded motor current"), "input", CURRENT, True,
+        ("i_ref", "i_cmd", "current_ref", "iq_ref", "cmd", "ref", "setpoint"),
+    ),
+    "voltage": Role(
+        Port("command", 1, "V", "commanded motor voltage"), "input", VOLTAGE, True,
+        ("u_cmd", "v_cmd", "u_ref", "voltage", "u", "v", "cmd", "ref"),
+    ),
+}  # fmt: skip
+"""The one command role, by what the drive is commanded with."""
 
-ROLES = (
-    Role(Port("omega_ref", 1, "rad/s", "commanded motor speed"), "input", SPEED),
-    Role(Port("tau_load", 1, "N m", "load on the motor shaft, positive opposes +omega_m"), "input", TORQUE),
-    Role(Port("theta_m", 1, "rad", "motor angle"), "output", ANGLE),
-    Role(Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED),
-    Role(Port("tau_motor", 1, "N m", "torque the machine produces"), "output", TORQUE, required=False),
-    Role(Port("current", 1, "A", "motor current"), "output", CURRENT, required=False),
+LOAD = Role(
+    Port("tau_load", 1, "N m", "load on the motor shaft, positive opposes +omega_m"), "input", TORQUE, True,
+    ("tau_load", "load", "m_load", "torque_load", "load_torque", "disturbance", "external"), -1,
+)  # fmt: skip
+
+OUTPUTS = (
+    Role(
+        Port("theta_m", 1, "rad", "motor angle"), "output", NUMBER, True,
+        ("theta_m", "phi", "angle", "position", "theta", "q"), 1,
+    ),
+    Role(
+        Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED, True,
+        ("omega_m", "speed", "velocity", "omega", "n", "w"), 1,
+    ),
+    Role(
+        Port("tau_motor", 1, "N m", "torque the machine produces"), "output", TORQUE, False,
+        ("tau_motor", "motor_torque", "torque", "tau_m", "tau", "m_mot"), -1,
+    ),
+    Role(Port("current", 1, "A", "motor current"), "output", CURRENT, False, ("current", "i_q", "iq", "i_a", "i")),
+    Role(Port("power", 1, "W", "electrical power drawn"), "output", POWER, False, ("power", "p_el", "p")),
+    Role(
+        Port("temperature", 1, "K", "winding temperature"), "output", TEMPERATURE, False,
+        ("temperature", "t_w", "winding", "temp"),
+    ),
+    Role(Port("status", 1, "1", "status code of the drive"), "output", NUMBER, False, ("status", "state", "error")),
+)  # fmt: skip
+
+OPTIONAL_INPUTS = (
+    Role(Port("enable", 1, "1", "drive enabled"), "input", NUMBER, False, ("enable", "enabled", "on")),
+    Role(Port("v_bus", 1, "V", "voltage of the supply"), "input", VOLTAGE, False, ("v_bus", "v_dc", "u_bus", "supply")),
 )
+"""What some drives also want; a value in [drive.parameters] sets it, else its own start value stands."""

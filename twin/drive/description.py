@@ -1,10 +1,9 @@
-"""Reads a drive FMU without loading it, and refuses what cannot work before a binary is touched."""
+"""Reads an FMU without loading it, and refuses what cannot work before a binary is touched."""
 
 import difflib
-import hashlib
 import math
-import zipfile
-import zlib
+import platform as machine
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -12,35 +11,90 @@ from typing import Any
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
-from twin.drive.contract import ROLES, Dimension, Role
+from twin.drive.adapter import KINDS
+from twin.drive.archive import entries, sha256
+from twin.drive.units import Conversion, conversion
 from twin.errors import InputRefused
+
+FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
+"""How FMI 2.0 types travel, in words of FMI 3.0."""
 
 
 @dataclass(frozen=True)
-class DriveDescription:
-    """A drive FMU that has passed every check that needs no binary.
+class Variable:
+    """A variable of an FMU.
+
+    Attributes:
+        name, causality, description: as the FMU has them. type: as the FMU has it, "Real" or "Float64".
+        kind: index into `adapter.KINDS`; -1: text or binary.
+        reference: FMI value reference. size: number of values, > 1 for an array.
+        unit: as the FMU has it, "" where it states none. conversion: to SI; None: unit unknown or not stated.
+        start, low, high: as the FMU has them, in its own unit; NaN: not stated.
+    """
+
+    name: str
+    causality: str
+    description: str
+    type: str
+    kind: int
+    reference: int
+    size: int
+    unit: str
+    conversion: Conversion | None
+    start: float
+    low: float
+    high: float
+
+
+@dataclass(frozen=True)
+class FmuDescription:
+    """An FMU that has passed every check that needs no binary.
 
     Attributes:
         path: the .fmu file. sha256: of its bytes.
-        roles: the roles it fills, inputs first, in the order of the contract.
-        references: FMI value reference of each of `roles`.
-        unstated: names of roles whose unit the FMU does not state; taken as the contract's.
-        platforms: that it has binaries for, as FMI names them.
+        version: 2 or 3, FMI's. identifier: of the binary.
+        platforms: folders of binaries inside.
+        variables: by name.
         model: what FMPy read.
     """
 
     path: Path
     sha256: str
-    roles: tuple[Role, ...]
-    references: tuple[int, ...]
-    unstated: tuple[str, ...]
+    version: int
+    identifier: str
     platforms: tuple[str, ...]
+    variables: dict[str, Variable]
     model: Any
 
-    @property
-    def parameters(self) -> dict[str, Any]:
-        """The FMU's parameters by name, as FMPy's variables."""
-        return {v.name: v for v in self.model.modelVariables if v.causality == "parameter"}
+    def offered(self, causality: str) -> list[Variable]:
+        """Numeric variables of a causality, in the FMU's order."""
+        return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
+
+    def settings(self, values: Mapping[str, float]) -> list[tuple[Variable, float]]:
+        """Values for parameters and inputs, before initialisation.
+
+        Raises:
+            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite.
+        """
+        settable = {v.name: v for v in self.variables.values() if v.causality in ("parameter", "input") and v.kind >= 0}
+        checked = []
+        for name, value in values.items():
+            if name not in settable:
+                close = difflib.get_close_matches(name, list(settable), 1)
+                known = ", ".join(v.name for v in self.offered("parameter")) or "none"
+                raise InputRefused(
+                    f"{self.path}: no parameter '{name}'; "
+                    + (f"did you mean '{close[0]}'?" if close else f"its parameters are {known}")
+                )
+            variable = settable[name]
+            low = variable.low if not math.isnan(variable.low) else -math.inf
+            high = variable.high if not math.isnan(variable.high) else math.inf
+            if not (low <= value <= high and math.isfinite(value)):
+                raise InputRefused(
+                    f"{self.path}: parameter {name} = {value:g}: expected {low:g} .. {high:g} {variable.unit}".rstrip()
+                )
+            checked.append((variable, float(value)))
+        return checked
 
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
@@ -48,99 +102,52 @@ class DriveDescription:
 
         return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
 
-    def checked_parameters(self, values: Mapping[str, float]) -> dict[int, float]:
-        """Parameter `values` by value reference.
 
-        Raises:
-            InputRefused: an unknown name, a parameter that is not Real, a value outside min and max or not finite.
-        """
-        references: dict[int, float] = {}
-        for name, value in values.items():
-            known = self.parameters
-            if name not in known:
-                close = difflib.get_close_matches(name, list(known), 1)
-                hint = f"did you mean '{close[0]}'?" if close else f"it has {', '.join(known) or 'none'}"
-                raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
-            variable = known[name]
-            if variable.type != "Real":
-                raise InputRefused(f"{self.path}: parameter '{name}' is {variable.type}; only Real ones can be set")
-            low = float(variable.min) if variable.min is not None else -math.inf
-            high = float(variable.max) if variable.max is not None else math.inf
-            if not (low <= value <= high and math.isfinite(value)):
-                raise InputRefused(
-                    f"{self.path}: parameter {name} = {value:g}: expected {low:g} .. {high:g} {variable.unit or ''}"
-                )
-            references[variable.valueReference] = float(value)
-        return references
-
-
-def resolved(path: Path) -> Path:
-    """The .fmu file meant by `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder.
+def described(file: Path) -> FmuDescription:
+    """Read and check the FMU `file`.
 
     Raises:
-        InputRefused: nothing there.
+        InputRefused: not a whole zip, no readable model description, not FMI 2.0 or 3.0 co-simulation, needs a tool,
+            or no binary for this platform.
     """
-    if path.is_dir():
-        inside = path / f"{path.name}.fmu"
-        if inside.is_file():
-            return inside
-        raise InputRefused(f"{path}: a folder without {inside.name}; name the .fmu file itself")
-    if not path.is_file():
-        raise InputRefused(f"{path}: no such drive; expected an .fmu file or a folder of fmus/")
-    return path
-
-
-def described(path: Path) -> DriveDescription:
-    """Read and check the drive FMU at `path` (file or folder).
-
-    Raises:
-        InputRefused: not a zip, no readable model description, not FMI 2.0 co-simulation, no binary for this platform,
-            a contract variable missing, of wrong causality, type or unit.
-    """
-    file = resolved(path)
-    names = _entries(file)
+    if not file.is_file():
+        raise InputRefused(f"{file}: no such FMU")
+    names = set(entries(file))
     model = _model(file)
     version = model.fmiVersion
-    if version != "2.0":
-        raise InputRefused(f"{file}: FMI {version}; expected FMI 2.0 co-simulation, export it as that")
+    if version not in ("2.0",) and not version.startswith("3."):
+        raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
     if model.coSimulation is None:
-        raise InputRefused(f"{file}: FMI 2.0 model exchange only; export it for co-simulation")
+        raise InputRefused(f"{file}: FMI {version} without co-simulation; export it for co-simulation")
     if model.coSimulation.needsExecutionTool:
         raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
-    binary = f"binaries/{platform}/{model.coSimulation.modelIdentifier}{sharedLibraryExtension}"
+    major = int(version[0])
+    folder, identifier = _platform(major), model.coSimulation.modelIdentifier
+    binary = f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
     platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
     if binary not in names:
         raise InputRefused(
             f"{file}: no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. "
-            f"Export it for {platform}, or build it from its sources"
+            f"Export it for {folder}, or build it from its sources"
         )
-    filled = [(role, _variable(file, model, role)) for role in ROLES]
-    present_roles = [(role, variable) for role, variable in filled if variable is not None]
-    return DriveDescription(
+    return FmuDescription(
         path=file,
-        sha256=hashlib.sha256(file.read_bytes()).hexdigest(),
-        roles=tuple(role for role, _ in present_roles),
-        references=tuple(variable.valueReference for _, variable in present_roles),
-        unstated=tuple(role.port.name for role, variable in present_roles if not _unit_name(variable)),
+        sha256=sha256(file),
+        version=major,
+        identifier=identifier,
         platforms=tuple(platforms),
+        variables={v.name: _variable(v, model) for v in model.modelVariables},
         model=model,
     )
 
 
-def _entries(file: Path) -> set[str]:
-    try:
-        with zipfile.ZipFile(file) as archive:
-            names = archive.namelist()
-            for name in names:
-                parts = PurePosixPath(name).parts
-                if name.startswith("/") or ".." in parts or ":" in name or "\\" in name:
-                    raise InputRefused(f"{file}: entry '{name}' points outside the archive; do not trust this file")
-            damaged = archive.testzip()
-            if damaged:
-                raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the FMU again")
-            return set(names)
-    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError) as problem:
-        raise InputRefused(f"{file}: not a complete FMU, {str(problem).lower()}; an FMU is a zip archive") from None
+def _platform(major: int) -> str:
+    """FMI's name of this platform's folder of binaries."""
+    if major == 2:
+        return platform
+    system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
+    processor = {"AMD64": "x86_64", "arm64": "aarch64"}.get(machine.machine(), machine.machine())
+    return f"{processor}-{system}"
 
 
 def _model(file: Path) -> Any:
@@ -153,42 +160,33 @@ def _model(file: Path) -> Any:
         raise InputRefused(f"{file}: modelDescription.xml cannot be read: {problem}") from None
 
 
-def _unit_name(variable: Any) -> str | None:
-    return variable.unit or (variable.declaredType.unit if variable.declaredType else None)
+def _variable(v: Any, model: Any) -> Variable:
+    declared = v.declaredType
+    unit = v.unit or (declared.unit if declared is not None else None) or ""
+    kind = FMI2_KINDS.get(v.type, v.type)
+    size = 1
+    for dimension in v.dimensions or ():
+        size *= int(dimension.start) if dimension.start is not None else int(dimension.variable.start)
+    return Variable(
+        name=v.name,
+        causality=v.causality or "local",
+        description=v.description or "",
+        type=v.type,
+        kind=KINDS.index(kind) if kind in KINDS else -1,
+        reference=v.valueReference,
+        size=size,
+        unit=unit,
+        conversion=conversion(unit, model.unitDefinitions) if unit else None,
+        start=_number(v.start),
+        low=_number(v.min),
+        high=_number(v.max),
+    )
 
 
-def _variable(file: Path, model: Any, role: Role) -> Any | None:
-    """The FMU's variable for `role`, None if it may be missing and is."""
-    name = role.port.name
-    candidates = {v.name: v for v in model.modelVariables}
-    if name not in candidates:
-        if not role.required:
-            return None
-        offered = [v.name for v in model.modelVariables if v.causality == role.causality]
-        raise InputRefused(
-            f"{file}: no {role.causality} '{name}' ({role.port.meaning}, {role.port.unit}); "
-            f"its {role.causality}s are {', '.join(offered) or 'none'}"
-        )
-    variable = candidates[name]
-    if variable.causality != role.causality:
-        raise InputRefused(
-            f"{file}: '{name}' has causality {variable.causality}; the drive contract needs {role.causality}"
-        )
-    if variable.type != "Real":
-        raise InputRefused(f"{file}: '{name}' has type {variable.type}; the drive contract needs Real")
-    unit = _unit_name(variable)
-    if unit and not _fits(model, unit, role.dimension):
-        raise InputRefused(
-            f"{file}: {role.causality} '{name}' has unit '{unit}'; the drive contract needs {role.port.unit}"
-        )
-    return variable
-
-
-def _fits(model: Any, unit: str, dimension: Dimension) -> bool:
-    """Whether the model's definition of `unit` is SI and of `dimension`."""
-    for definition in model.unitDefinitions:
-        if definition.name == unit and definition.baseUnit is not None:
-            base = definition.baseUnit
-            same = Dimension(*(getattr(base, field) for field in Dimension._fields)) == dimension
-            return same and float(base.factor) == 1.0 and float(base.offset) == 0.0
-    return unit.replace(".", " ") in {role.port.unit for role in ROLES if role.dimension == dimension}
+def _number(text: Any) -> float:
+    if text in ("true", "false"):
+        return float(text == "true")
+    try:
+        return float(text)
+    except (TypeError, ValueError):
+        return math.nan

@@ -10,9 +10,10 @@ from pydantic import Field, ValidationError
 
 from twin.errors import InputRefused, Unreachable
 from twin.experiment import schema
+from twin.experiment.drive_files import joint_tables
 from twin.experiment.mistakes import keys, sentences, unknown
 from twin.experiment.quantity import Section, quantity
-from twin.experiment.source import located, override, read_source, replace_drive
+from twin.experiment.source import override, read_source, replace_drive
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
@@ -33,18 +34,9 @@ TABLES: dict[str, type[Section]] = {
     "contact": schema.Contact,
     "scale": schema.Scale,
     "cosim": schema.Cosim,
-    "drive": schema.Drive,
     "controller": schema.Controller,
     "reference": schema.Reference,
 }
-
-
-@dataclass(frozen=True)
-class JointDrive:
-    """One joint's drive: the FMU and the values of its parameters."""
-
-    fmu: Path
-    parameters: dict[str, float]
 
 
 @dataclass(frozen=True)
@@ -54,7 +46,7 @@ class Experiment:
     Attributes:
         name: the file's stem. title: for people.
         duration_ticks, controller_ticks, scale_ticks: durations and periods in ticks.
-        drives: one per joint.
+        drives: one per joint, complete, FMUs as absolute paths.
         values: the merged file as it was checked, keys with units. origins: where each value comes from.
     The tables are those of `schema.py`.
     """
@@ -70,7 +62,7 @@ class Experiment:
     cosim: schema.Cosim
     controller: schema.Controller
     reference: schema.Reference
-    drives: tuple[JointDrive, JointDrive, JointDrive]
+    drives: tuple[schema.Drive, schema.Drive, schema.Drive]
     values: dict[str, Any]
     origins: dict[str, str]
 
@@ -92,11 +84,12 @@ def load_experiment(path: Path, overrides: Iterable[str] = (), drive: str | None
     override(source, overrides)
     _fill_from_robot(source.values)
     checked, mistakes = _checked(source.values)
+    drives = _joint_drives(source.values.get("drive"), path.resolve().parent, mistakes)
     ticks = _ticks(checked, mistakes)
     _refuse_unreachable(checked, mistakes)
     if mistakes:
         raise InputRefused(_told(path, mistakes))
-    head, drives = checked["head"], checked["drive"]
+    head, (one, two, three) = checked["head"], drives
     return Experiment(
         name=path.stem,
         title=head.title,
@@ -109,7 +102,7 @@ def load_experiment(path: Path, overrides: Iterable[str] = (), drive: str | None
         cosim=checked["cosim"],
         controller=checked["controller"],
         reference=checked["reference"],
-        drives=_joint_drives(drives, path.resolve().parent),
+        drives=(one, two, three),
         values=source.values,
         origins=source.origins,
     )
@@ -134,10 +127,10 @@ def _checked(values: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
     """The tables that are right, and the mistakes of the others."""
     checked: dict[str, Any] = {}
     mistakes: list[str] = []
-    head = {key: value for key, value in values.items() if key not in TABLES}
+    head = {key: value for key, value in values.items() if key not in TABLES and key != "drive"}
     for key in list(head):
         if key not in keys(Head):
-            mistakes.append(unknown(key, [*keys(Head), *TABLES]))
+            mistakes.append(unknown(key, [*keys(Head), *TABLES, "drive"]))
             del head[key]
     models: dict[str, type[Section]] = {"head": Head, **TABLES}
     for name, model in models.items():
@@ -217,13 +210,23 @@ def _lines(points: tuple[schema.Triple, ...]) -> list[np.ndarray]:
     return lines
 
 
-def _joint_drives(drive: schema.Drive, folder: Path) -> tuple[JointDrive, JointDrive, JointDrive]:
-    def one(joint: schema.JointDrive) -> JointDrive:
-        if joint.fmu is not None:
-            return JointDrive(located(joint.fmu, folder), dict(joint.parameters))
-        return JointDrive(located(drive.fmu, folder), {**drive.parameters, **joint.parameters})
-
-    return one(drive.joint_1), one(drive.joint_2), one(drive.joint_3)
+def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.Drive]:
+    """The three joints' complete drives; a mistake they share is told once."""
+    if not isinstance(drive, dict):
+        mistakes.append("missing table [drive]" if drive is None else f"[drive] = {drive!r}: expected a table")
+        return []
+    try:
+        tables = joint_tables(drive, folder)
+    except InputRefused as problem:
+        mistakes.append(f"[drive] {problem}")
+        return []
+    drives = []
+    for table in tables:
+        try:
+            drives.append(schema.Drive.model_validate(table))
+        except ValidationError as error:
+            mistakes += [told for told in sentences(error, schema.Drive, "drive") if told not in mistakes]
+    return drives
 
 
 def _told(path: Path, mistakes: list[str]) -> str:

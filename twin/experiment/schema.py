@@ -3,7 +3,7 @@
 from itertools import pairwise
 from typing import Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from twin.experiment.quantity import Section, quantity
 
@@ -72,21 +72,52 @@ class Cosim(Section):
     scheme: Literal["gauss_seidel", "jacobi"]
 
 
-class JointDrive(Section):
-    """[drive.joint_1] to [drive.joint_3]: where one joint's drive differs."""
+class VelocityLoop(Section):
+    """[drive.velocity_loop]: our discrete PI in front of a drive that takes no speed. Gains in the command's SI unit."""
 
-    fmu: str | None = None
+    kp: float = Field(ge=0)
+    ki: float = Field(0.0, ge=0)
+    limit: float = Field(gt=0)
+    period: float = quantity("period_ms", gt=0)
+
+
+class Part(Section):
+    """[drive.parts.NAME]: one FMU of a drive that is made of several."""
+
+    fmu: str
+    sha256: str | None = None
     parameters: dict[str, float] = Field(default_factory=dict)
 
 
 class Drive(Section):
-    """[drive]: the drive of every joint. Parameters have the FMU's own names and units."""
+    """[drive], [drive.joint_1] ..: a drive. Names and units of variables and parameters are the FMU's own.
 
-    fmu: str
+    Either `fmu`, or `parts` with `wires` between them; variables of parts are called "part.variable".
+    """
+
+    fmu: str | None = None
+    sha256: str | None = None
+    command: Literal["velocity", "torque", "current", "voltage"] = "velocity"
+    sign: Literal[1, -1] = 1
+    gear_ratio: float = Field(1.0, gt=0)
+    substeps: int = Field(1, ge=1, le=10_000)
+    inputs: dict[str, str] = Field(default_factory=dict)
+    outputs: dict[str, str] = Field(default_factory=dict)
     parameters: dict[str, float] = Field(default_factory=dict)
-    joint_1: JointDrive = JointDrive()
-    joint_2: JointDrive = JointDrive()
-    joint_3: JointDrive = JointDrive()
+    velocity_loop: VelocityLoop | None = None
+    parts: dict[str, Part] = Field(default_factory=dict)
+    wires: dict[str, str] = Field(default_factory=dict)
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "Drive":
+        if (self.fmu is None) == (not self.parts):
+            raise ValueError("expected either fmu = \"...\" or [drive.parts.NAME] tables")
+        if (self.command == "velocity") != (self.velocity_loop is None):
+            raise ValueError(
+                f'command = "{self.command}" '
+                + ("takes no velocity_loop" if self.command == "velocity" else "needs a [drive.velocity_loop]")
+            )
+        return self
 
 
 class PositionLoop(Section):

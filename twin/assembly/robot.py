@@ -1,10 +1,12 @@
 """From an experiment to components and wires: the only place where the parts meet."""
 
 from collections.abc import Mapping
+from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
 
+from twin.assembly.drives import DrivePlan, drive, planned
 from twin.controller.belief import Belief
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.estimator import Estimator
@@ -12,8 +14,6 @@ from twin.controller.pid import Gains
 from twin.cosim.component import Component
 from twin.cosim.delay import delay
 from twin.cosim.system import System
-from twin.drive.component import DriveShop
-from twin.drive.description import DriveDescription, described
 from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
@@ -27,12 +27,11 @@ class Assembly:
     """A system that owns its FMU instances; a context manager that frees them.
 
     Attributes:
-        system: ready to be simulated. drives: what was read of the three FMUs.
+        system: ready to be simulated. drives: what stands behind the three joints.
     """
 
     system: System
-    drives: tuple[DriveDescription, ...]
-    shop: DriveShop
+    drives: tuple[DrivePlan, ...]
 
     def __enter__(self) -> "Assembly":
         return self
@@ -43,7 +42,6 @@ class Assembly:
     def close(self) -> None:
         for component in self.system.components:
             component.close()
-        self.shop.close()
 
 
 def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None = None) -> Assembly:
@@ -58,7 +56,7 @@ def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None
     Raises:
         InputRefused: a drive FMU does not fit. All three are checked before any is loaded.
     """
-    descriptions = _described_drives(experiment)
+    plans = _planned_drives(experiment)
     parameters = plant_parameters(experiment)
     x, theta_m = resting(parameters, experiment.reference.p[0])
     plant = Plant(parameters, x, theta_m, experiment.plant.substeps)
@@ -77,17 +75,15 @@ def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None
         *_delayed(experiment),
         Scale(experiment.scale.resolution * 9.81, experiment.scale_ticks),
     ]
-    shop = DriveShop()
-    try:
-        for i, (drive, description) in enumerate(zip(experiment.drives, descriptions, strict=True)):
-            components.append(shop.drive(f"drive_{i + 1}", description, drive.parameters, theta_m[i], tau_load[i]))
+    with ExitStack() as made:
+        for i, plan in enumerate(plans):
+            components.append(drive(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
+            made.callback(components[-1].close)
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
         wires = _wires("delay" if experiment.controller.delay_ticks else "controller")
         system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
-    except BaseException:
-        shop.close()
-        raise
-    return Assembly(system, descriptions, shop)
+        made.pop_all()
+    return Assembly(system, plans)
 
 
 def plant_parameters(experiment: Experiment) -> PlantParameters:
@@ -129,11 +125,12 @@ def controller(experiment: Experiment) -> Controller:
     return Controller(law, position, force, experiment.reference.t, experiment.reference.p, experiment.controller_ticks)
 
 
-def _described_drives(experiment: Experiment) -> tuple[DriveDescription, ...]:
-    known = {drive.fmu: described(drive.fmu) for drive in experiment.drives}
-    for drive in experiment.drives:
-        known[drive.fmu].checked_parameters(drive.parameters)
-    return tuple(known[drive.fmu] for drive in experiment.drives)
+def _planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
+    """The joints' drives; equal ones are read once."""
+    plans: list[DrivePlan] = []
+    for table in experiment.drives:
+        plans.append(next((plan for plan in plans if plan.table == table), None) or planned(table))
+    return tuple(plans)
 
 
 def _delayed(experiment: Experiment) -> list[Component]:
@@ -155,11 +152,11 @@ def _wires(commander: str) -> list[tuple[str, str]]:
     if commander != "controller":
         wires.append(("controller.omega_ref", f"{commander}.omega_ref"))
     for i in range(3):
-        drive = f"drive_{i + 1}"
+        joint = f"drive_{i + 1}"
         wires += [
-            (f"{drive}.theta_m", f"encoder.theta_m[{i}]"),
-            (f"{drive}.theta_m", f"plant.theta_m[{i}]"),
-            (f"{commander}.omega_ref[{i}]", f"{drive}.omega_ref"),
-            (f"plant.tau_load[{i}]", f"{drive}.tau_load"),
+            (f"{joint}.theta_m", f"encoder.theta_m[{i}]"),
+            (f"{joint}.theta_m", f"plant.theta_m[{i}]"),
+            (f"{commander}.omega_ref[{i}]", f"{joint}.omega_ref"),
+            (f"plant.tau_load[{i}]", f"{joint}.tau_load"),
         ]
     return wires

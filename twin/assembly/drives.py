@@ -1,0 +1,215 @@
+"""From a joint's [drive] table to one component with the contract's ports, whatever stands behind them."""
+
+from collections.abc import Iterable
+from contextlib import ExitStack
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.controller.pid import Gains
+from twin.controller.velocity_loop import VelocityLoop
+from twin.cosim.component import Component, Port
+from twin.cosim.subsystem import INLET, Subsystem
+from twin.drive.archive import unpacked
+from twin.drive.component import FmuComponent, FmuPort
+from twin.drive.contract import COMMANDS
+from twin.drive.description import FmuDescription, Variable, described
+from twin.drive.instance import Setting
+from twin.drive.mapping import Binding, Wiring, bindings
+from twin.drive.units import NUMBER, Conversion
+from twin.errors import InputRefused
+from twin.experiment.schema import Drive
+
+OMEGA_REF = COMMANDS["velocity"].port
+ALONE = ""
+"""Name of the only part of a drive that is one FMU."""
+
+
+@dataclass(frozen=True)
+class DrivePlan:
+    """A drive that has passed every check that needs no binary.
+
+    Attributes:
+        label: what an error calls it.
+        table: what the experiment says.
+        parts: the FMUs by part. settings: values set in each.
+        bindings: the roles it fills.
+        wires: (output, input) between parts, "part.variable" each.
+    """
+
+    label: str
+    table: Drive
+    parts: dict[str, FmuDescription]
+    settings: dict[str, list[Setting]]
+    bindings: tuple[Binding, ...]
+    wires: tuple[tuple[str, str], ...]
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """The contract's outputs that it offers."""
+        return tuple(b.port for b in self.bindings if b.role.causality == "output")
+
+
+def planned(table: Drive) -> DrivePlan:
+    """Check a drive as far as that goes without loading it.
+
+    Raises:
+        InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
+    """
+    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256)}
+    parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
+    given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
+    variables = {
+        _qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
+    }
+    label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
+    wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs)
+    fed = {target for target in table.wires}
+    free = {name: v for name, v in variables.items() if name not in fed}
+    return DrivePlan(
+        label=label,
+        table=table,
+        parts=parts,
+        settings={name: parts[name].settings(values) for name, values in given.items()},
+        bindings=bindings(label, free, wiring),
+        wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
+    )
+
+
+def drive(name: str, plan: DrivePlan, tick: float, theta_m: float, tau_load: float) -> Component:
+    """The component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
+
+    Args:
+        tick: of the system it will be part of (s).
+        theta_m: motor angle at t = 0 (rad). tau_load: load at t = 0 (N m).
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
+    """
+    substeps, period = _rates(name, plan.table, tick)
+    with ExitStack() as made:
+        parts = []
+        for part, description in plan.parts.items():
+            parts.append(_part(part or name, part, plan, description, theta_m, tau_load))
+            made.callback(parts[-1].close)
+        if plan.table.velocity_loop is None and len(parts) == 1 and substeps == 1:
+            component: Component = parts[0]
+        else:
+            component = _inner_system(name, plan, parts, tick, substeps, period)
+        made.pop_all()
+    return component
+
+
+def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:
+    if digest is not None and digest.lower() != description.sha256:
+        raise InputRefused(
+            f"{description.path}: has sha256 {description.sha256}; the experiment pins {digest.lower()}. "
+            "It is not the file that was meant: get that, or change sha256"
+        )
+    return description
+
+
+def _qualified(part: str, variable: str) -> str:
+    return f"{part}.{variable}" if part else variable
+
+
+def _belongs(part: str, qualified: str) -> bool:
+    return part == ALONE or qualified.startswith(f"{part}.")
+
+
+def _checked_wire(label: str, variables: dict[str, Variable], source: str, target: str) -> tuple[str, str]:
+    for end, wanted in ((source, ("output", "local")), (target, ("input",))):
+        if end not in variables:
+            raise InputRefused(f"{label}: [drive.wires] '{end}': no such variable; write part.variable")
+        if variables[end].causality not in wanted:
+            raise InputRefused(
+                f"{label}: [drive.wires] '{end}' has causality {variables[end].causality}; expected {wanted[0]}"
+            )
+    a, b = variables[source].conversion, variables[target].conversion
+    if a and b and a.dimension != b.dimension:
+        raise InputRefused(
+            f"{label}: [drive.wires] \"{target}\" = \"{source}\": units '{variables[target].unit}' and "
+            f"'{variables[source].unit}' do not measure the same"
+        )
+    return source, target
+
+
+def _rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
+    """(inner ticks per tick, inner ticks per period of the velocity loop)."""
+    loop = table.velocity_loop
+    if loop is None:
+        return table.substeps, 1
+    substeps = max(table.substeps, round(tick / loop.period))
+    period = round(loop.period / (tick / substeps))
+    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
+        raise InputRefused(
+            f"{name}: [drive.velocity_loop] period_ms = {1e3 * loop.period:g} does not divide into the "
+            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
+        )
+    return substeps, period
+
+
+def _part(
+    name: str, part: str, plan: DrivePlan, description: FmuDescription, theta_m: float, tau_load: float
+) -> FmuComponent:
+    """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
+    mine = [b for b in plan.bindings if _belongs(part, b.name)]
+    # an optional input keeps the value it was given before initialisation
+    inputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "input" and b.role.required]
+    outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
+    inputs += [_wire_port(part, description, target) for _, target in plan.wires if _belongs(part, target)]
+    outputs += _distinct(_wire_port(part, description, source) for source, _ in plan.wires if _belongs(part, source))
+    return FmuComponent(
+        name,
+        description,
+        unpacked(description.path, description.sha256),
+        inputs,
+        outputs,
+        plan.settings[part],
+        inputs_at_start={"tau_load": tau_load},
+        outputs_at_start={"theta_m": theta_m},
+    )
+
+
+def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
+    variable = description.variables[end.removeprefix(f"{part}.")]
+    _, gain, offset = variable.conversion or Conversion(NUMBER)
+    return FmuPort(Port(_port_name(end), variable.size, "SI", variable.description), variable, gain, offset)
+
+
+def _port_name(end: str) -> str:
+    """A port name for a wire's end that no role has, without the dots that wires are written with."""
+    return "wire:" + end.replace(".", ":")
+
+
+def _distinct(ports: Iterable[FmuPort]) -> list[FmuPort]:
+    return list({port.port.name: port for port in ports}.values())
+
+
+def _inner_system(
+    name: str, plan: DrivePlan, parts: list[FmuComponent], tick: float, substeps: int, period: int
+) -> Component:
+    """The drive as a system of its own with a finer tick."""
+    owner = {port.name: part.name for part in parts for port in (*part.inputs, *part.outputs)}
+    command = COMMANDS[plan.table.command].port
+    loop = plan.table.velocity_loop
+    components: list[Component] = list(parts)
+    wires = [(f"{INLET}.tau_load", f"{owner['tau_load']}.tau_load")]
+    outputs = [(port, f"{owner[port.name]}.{port.name}") for port in plan.outputs]
+    if loop is None:
+        wires.append((f"{INLET}.omega_ref", f"{owner['omega_ref']}.omega_ref"))
+    else:
+        components.append(VelocityLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
+        wires += [
+            (f"{INLET}.omega_ref", "velocity_loop.omega_ref"),
+            (f"{owner['omega_m']}.omega_m", "velocity_loop.omega_m"),
+            ("velocity_loop.command", f"{owner['command']}.command"),
+        ]
+        outputs.append((command, "velocity_loop.command"))
+    for source, target in plan.wires:
+        a, b = _port_name(source), _port_name(target)
+        wires.append((f"{owner[a]}.{a}", f"{owner[b]}.{b}"))
+    load = next(b.port for b in plan.bindings if b.port.name == "tau_load")
+    return Subsystem(
+        name, (OMEGA_REF, load), outputs, components, wires, tick / substeps, substeps, label=plan.label
+    )  # fmt: skip

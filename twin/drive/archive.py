@@ -1,0 +1,101 @@
+"""The FMU as a file: hashed, its archive checked for tricks and damage, unpacked once per content."""
+
+import hashlib
+import os
+import shutil
+import stat
+import sys
+import tempfile
+import zipfile
+import zlib
+from pathlib import Path, PurePosixPath
+
+from twin.errors import InputRefused
+
+MOST_ENTRIES = 10_000
+MOST_BYTES = 2 << 30
+SUSPICIOUS_RATIO = 200
+"""No honest FMU of more than a few MB shrinks to a 200th; a zip bomb does."""
+FEW_BYTES = 64 << 20
+
+
+def sha256(file: Path) -> str:
+    """Of the file's bytes, in hexadecimal."""
+    with file.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def entries(file: Path) -> list[str]:
+    """Names in the archive, after checking that unpacking it is safe and that it is whole.
+
+    Raises:
+        InputRefused: no zip, damaged, an entry that points outside or is a link, too many or too large entries.
+    """
+    try:
+        with zipfile.ZipFile(file) as archive:
+            infos = archive.infolist()
+            if len(infos) > MOST_ENTRIES:
+                raise InputRefused(f"{file}: {len(infos)} entries; expected at most {MOST_ENTRIES}, do not trust this file")
+            size = sum(info.file_size for info in infos)
+            packed = sum(info.compress_size for info in infos)
+            if size > MOST_BYTES or (size > FEW_BYTES and size > SUSPICIOUS_RATIO * packed):
+                raise InputRefused(
+                    f"{file}: would expand from {packed / 1e6:.1f} to {size / 1e6:.0f} MB; do not trust this file"
+                )
+            for info in infos:
+                _refuse_escape(file, info)
+            damaged = archive.testzip()
+            if damaged:
+                raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the FMU again")
+            return archive.namelist()
+    except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as problem:
+        raise InputRefused(f"{file}: not a complete FMU, {str(problem).lower()}; an FMU is a zip archive") from None
+
+
+def unpacked(file: Path, digest: str) -> Path:
+    """The folder of the unpacked FMU: made once per content, shared by all runs, never seen half-made.
+
+    Raises:
+        InputRefused: it cannot be written there.
+    """
+    home = cache_folder()
+    folder = home / digest
+    if folder.is_dir():
+        return folder
+    try:
+        home.mkdir(parents=True, exist_ok=True)
+        scratch = Path(tempfile.mkdtemp(prefix=f".{digest[:12]}-", dir=home))
+        try:
+            with zipfile.ZipFile(file) as archive:
+                archive.extractall(scratch)
+            scratch.rename(folder)
+        except OSError:
+            # another process may have been first with the same content
+            if not folder.is_dir():
+                raise
+        finally:
+            shutil.rmtree(scratch, ignore_errors=True)
+    except OSError as problem:
+        raise InputRefused(f"{file}: cannot be unpacked to {home}: {problem.strerror}; set TWIN_CACHE") from None
+    return folder
+
+
+def cache_folder() -> Path:
+    """Where unpacked FMUs are kept: TWIN_CACHE, or the user's cache folder."""
+    if "TWIN_CACHE" in os.environ:
+        return Path(os.environ["TWIN_CACHE"]) / "fmus"
+    if sys.platform == "win32":
+        base = Path(os.environ.get("LOCALAPPDATA", Path.home()))
+    elif sys.platform == "darwin":
+        base = Path.home() / "Library" / "Caches"
+    else:
+        base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
+    return base / "twin" / "fmus"
+
+
+def _refuse_escape(file: Path, info: zipfile.ZipInfo) -> None:
+    name = info.filename
+    if name.startswith("/") or ".." in PurePosixPath(name).parts or ":" in name or "\\" in name:
+        raise InputRefused(f"{file}: entry '{name}' points outside the archive; do not trust this file")
+    if stat.S_ISLNK(info.external_attr >> 16):
+        raise InputRefused(f"{file}: entry '{name}' is a link; do not trust this file")

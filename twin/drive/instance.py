@@ -1,0 +1,162 @@
+"""One FMU instance through FMPy: loaded, instantiated, initialised, freed. Nothing here is called while stepping."""
+
+import ctypes
+import os
+from collections.abc import Sequence
+from ctypes import byref, c_void_p
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from fmpy import fmi2, fmi3
+
+from twin.drive.adapter import KINDS
+from twin.drive.description import FmuDescription, Variable
+from twin.errors import InputRefused
+
+Setting = tuple[Variable, float]
+
+
+class Instance:
+    """An FMU instance in step mode.
+
+    Args:
+        name: FMI's instance name.
+        description: the checked FMU. folder: where it is unpacked.
+        settings: values set before initialisation, in the FMU's own units.
+        inputs: values set in initialisation mode.
+
+    Attributes:
+        handle: address of the instance.
+        messages: the last things it logged as warnings or errors.
+
+    Raises:
+        InputRefused: it cannot be loaded, instantiated or initialised.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        description: FmuDescription,
+        folder: Path,
+        settings: Sequence[Setting] = (),
+        inputs: Sequence[Setting] = (),
+    ):
+        self.description = description
+        self.messages: list[str] = []
+        self._fmu = self._loaded(name, folder)
+        self._instantiate()
+        self._initialise(settings, inputs)
+
+    @property
+    def handle(self) -> int:
+        return int(self._fmu.component)
+
+    def address(self, function: str) -> int:
+        """Of one of its FMI functions, without prefix: `DoStep`."""
+        function = f"fmi{self.description.version}{function}"
+        return ctypes.cast(getattr(self._fmu.dll, function), c_void_p).value or 0
+
+    def read(self, variables: Sequence[Variable]) -> np.ndarray:
+        """Values of `variables`, arrays laid out flat, in the FMU's own units."""
+        return np.array([value for v in variables for value in self._get(v)], dtype=float)
+
+    def write(self, settings: Sequence[Setting]) -> None:
+        """Set scalar variables; the FMU decides whether it may be done now."""
+        for variable, value in settings:
+            self._set(variable, value)
+
+    def close(self) -> None:
+        """Free it; safe to call twice."""
+        if self._fmu is not None and self._fmu.component:
+            self._fmu.freeInstance()
+        self._fmu = None
+
+    def _loaded(self, name: str, folder: Path) -> Any:
+        model = self.description.model
+        kind = fmi2.FMU2Slave if self.description.version == 2 else fmi3.FMU3Slave
+        here = os.getcwd()
+        try:
+            return kind(
+                guid=model.guid,
+                unzipDirectory=str(folder),
+                modelIdentifier=self.description.identifier,
+                instanceName=name,
+            )
+        # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
+        except Exception as problem:
+            raise InputRefused(f"{self.description.path}: its binary does not load: {problem}") from None
+        # FMPy goes to the library's folder to load it, and stays there if that fails
+        finally:
+            os.chdir(here)
+
+    def _instantiate(self) -> None:
+        try:
+            if self.description.version == 2:
+                from fmpy.logging import addLoggerProxy
+
+                callbacks = fmi2.fmi2CallbackFunctions()
+                callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
+                callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
+                callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
+                addLoggerProxy(byref(callbacks))
+                self._fmu.instantiate(callbacks=callbacks, loggingOn=False)
+            else:
+                self._fmu.instantiate(logMessage=self._log_3, loggingOn=False)
+        # FMPy turns a NULL instance into a bare Exception
+        except Exception:
+            self._fmu.component = None
+        if not self._fmu.component:
+            raise InputRefused(
+                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; the GUID "
+                f"{self.description.model.guid} in modelDescription.xml may not be the binary's own: export it again"
+            )
+
+    def _initialise(self, settings: Sequence[Setting], inputs: Sequence[Setting]) -> None:
+        try:
+            self.write(settings)
+            if self.description.version == 2:
+                self._fmu.setupExperiment(startTime=0.0)
+                self._fmu.enterInitializationMode()
+            else:
+                self._fmu.enterInitializationMode(startTime=0.0)
+            self.write(inputs)
+            self._fmu.exitInitializationMode()
+        # FMPy's FMICallException and whatever is below it: this FMU cannot be used
+        except Exception as problem:
+            self.close()
+            raise InputRefused(f"{self.description.path}: cannot be initialised: {problem}{self._said()}") from None
+
+    def _set(self, variable: Variable, value: float) -> None:
+        kind, references = KINDS[variable.kind], [variable.reference]
+        if self.description.version == 2:
+            if variable.type == "Real":
+                self._fmu.setReal(references, [value])
+            elif variable.type == "Boolean":
+                self._fmu.setBoolean(references, [value > 0.5])
+            else:
+                self._fmu.setInteger(references, [round(value)])
+        else:
+            typed = value if kind.startswith("Float") else value > 0.5 if kind == "Boolean" else round(value)
+            getattr(self._fmu, f"set{kind}")(references, [typed] * variable.size)
+
+    def _get(self, variable: Variable) -> Sequence[float]:
+        references = [variable.reference]
+        if self.description.version == 2:
+            name = {"Real": "getReal", "Boolean": "getBoolean"}.get(variable.type, "getInteger")
+            return getattr(self._fmu, name)(references)
+        return getattr(self._fmu, f"get{KINDS[variable.kind]}")(references, nValues=variable.size)
+
+    def _said(self) -> str:
+        return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
+
+    def _log(self, environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+        self._keep(status, message)
+
+    def _log_3(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
+        self._keep(status, message)
+
+    def _keep(self, status: int, message: bytes | None) -> None:
+        if status > 0 and message:
+            del self.messages[:-2]
+            self.messages.append(message.decode(errors="replace").strip())

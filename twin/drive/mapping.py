@@ -1,0 +1,197 @@
+"""Which variable of a foreign drive plays which role, and how its values become the contract's.
+
+What the user maps is taken as said, if it can be right; what is left is proposed from names, units, causality and
+descriptions, and only if there is one answer. Otherwise the error is the TOML to paste.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Literal
+
+from twin.cosim.component import Port
+from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
+from twin.drive.description import Variable
+from twin.drive.units import NUMBER, TURN, Conversion
+from twin.errors import InputRefused
+
+ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
+"""rad, degree, turn: what tells an angle from any other pure number."""
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What the user says of a drive.
+
+    Attributes:
+        command: what it is commanded with.
+        sign: -1 if the FMU turns the other way. gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
+        inputs, outputs: role -> the FMU's variable.
+    """
+
+    command: Command = "velocity"
+    sign: Literal[1, -1] = 1
+    gear_ratio: float = 1.0
+    inputs: Mapping[str, str] = field(default_factory=dict)
+    outputs: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Binding:
+    """One role filled: contract value = gain * FMU value + offset."""
+
+    role: Role
+    variable: Variable
+    name: str
+    gain: float
+    offset: float
+
+    @property
+    def port(self) -> Port:
+        return self.role.port
+
+    def __str__(self) -> str:
+        arrow = "<-" if self.role.causality == "input" else "->"
+        unit = f" [{self.variable.unit}]" if self.variable.unit else " [unit not stated]"
+        return f"{self.port.name} {arrow} {self.name}{unit}"
+
+
+def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
+    """Every role of the contract that the drive fills: inputs first, in the contract's order.
+
+    Args:
+        file: what an error calls the drive.
+        variables: the FMU's variables by the name the user knows them by.
+        wiring: what the user says.
+
+    Raises:
+        InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
+    """
+    roles = (COMMANDS[wiring.command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
+    _refuse_unknown_roles(file, wiring, roles)
+    chosen: dict[str, str] = {}
+    for role in roles:
+        said = (wiring.inputs if role.causality == "input" else wiring.outputs).get(role.port.name)
+        if said is not None:
+            chosen[role.port.name] = _checked(file, variables, role, said)
+        elif role.port.name in variables and _plays(variables[role.port.name], role):
+            chosen[role.port.name] = role.port.name
+    unsure: list[Role] = []
+    for role in roles:
+        if role.port.name not in chosen:
+            best = _proposals(variables, role, set(chosen.values()))
+            if len(best) == 1 and (role.required or _score(best[0], variables[best[0]], role) >= 2):
+                chosen[role.port.name] = best[0]
+            elif role.required:
+                unsure.append(role)
+    if unsure:
+        raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, wiring))
+    return tuple(
+        _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring)
+        for role in roles
+        if role.port.name in chosen
+    )
+
+
+def _bound(role: Role, variable: Variable, name: str, wiring: Wiring) -> Binding:
+    _, factor, offset = variable.conversion or Conversion(role.dimension)
+    ratio = wiring.sign * wiring.gear_ratio
+    mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical]
+    return Binding(role, variable, name, factor * mechanical, offset * mechanical)
+
+
+def _refuse_unknown_roles(file: str, wiring: Wiring, roles: tuple[Role, ...]) -> None:
+    for table, given, causality in (("inputs", wiring.inputs, "input"), ("outputs", wiring.outputs, "output")):
+        known = [role.port.name for role in roles if role.causality == causality]
+        for name in given:
+            if name not in known:
+                raise InputRefused(
+                    f"{file}: [drive.{table}] has no role '{name}' for command = \"{wiring.command}\"; "
+                    f"the roles are {', '.join(known)}"
+                )
+
+
+def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str) -> str:
+    """`name`, if the variable the user gave to `role` can play it."""
+    if name not in variables:
+        offered = [n for n, v in variables.items() if v.causality == role.causality]
+        raise InputRefused(
+            f"{file}: has no variable '{name}' for {role.port.name}; its {role.causality}s are {', '.join(offered)}"
+        )
+    variable = variables[name]
+    # some tools leave their outputs marked as local; nobody can write to them, but they can be read
+    allowed = ("input",) if role.causality == "input" else ("output", "local")
+    if variable.causality not in allowed:
+        raise InputRefused(f"{file}: '{name}' has causality {variable.causality}; {role.port.name} needs {role.causality}")
+    if variable.kind < 0:
+        raise InputRefused(f"{file}: '{name}' has type {variable.type}; {role.port.name} needs a number")
+    if not _measures(variable, role):
+        raise InputRefused(
+            f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; {role.port.name} needs one like {role.port.unit}"
+        )
+    return name
+
+
+def _measures(variable: Variable, role: Role) -> bool:
+    """Whether the variable's unit allows the role; no stated unit does."""
+    if not variable.unit:
+        return True
+    if variable.conversion is None or variable.conversion.dimension != role.dimension:
+        return False
+    return role.port.name != "theta_m" or any(
+        abs(variable.conversion.factor - factor) < 1e-6 * factor for factor in ANGLE_FACTORS
+    )
+
+
+def _plays(variable: Variable, role: Role) -> bool:
+    return variable.causality == role.causality and variable.kind >= 0 and _measures(variable, role)
+
+
+def _proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
+    """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
+    fitting = [n for n, v in variables.items() if n not in taken and v.unit and _plays(v, role)]
+    if role.dimension == NUMBER and not role.required:
+        fitting = [n for n, v in variables.items() if n not in taken and _plays(v, role)]
+    scores = {name: _score(name, variables[name], role) for name in fitting}
+    best = max(scores.values(), default=0)
+    return [name for name, score in scores.items() if score == best]
+
+
+def _score(name: str, variable: Variable, role: Role) -> int:
+    """How well name and description fit: 3 a synonym itself, 2 contains one, 1 described by one."""
+    lower = name.lower().rpartition(".")[2]
+    words = re.split(r"[^a-z0-9]+", lower)
+    if lower in role.synonyms:
+        return 3
+    if any(synonym in lower if len(synonym) > 2 else synonym in words for synonym in role.synonyms):
+        return 2
+    described = variable.description.lower()
+    return int(any(len(synonym) > 3 and synonym in described for synonym in role.synonyms))
+
+
+def _to_paste(
+    file: str,
+    variables: Mapping[str, Variable],
+    roles: tuple[Role, ...],
+    chosen: Mapping[str, str],
+    unsure: list[Role],
+    wiring: Wiring,
+) -> str:
+    """The sentence and the TOML that ends the doubt."""
+    lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
+    if any(role is COMMANDS["velocity"] for role in unsure):
+        others = [c for c, role in COMMANDS.items() if c != "velocity" and _proposals(variables, role, set(chosen.values()))]
+        if others:
+            lines.append(f'If it is not commanded with a speed, say command = "{others[0]}" and give [drive.velocity_loop].')
+    lines.append("Complete this and put it into the experiment:")
+    for table, causality in (("inputs", "input"), ("outputs", "output")):
+        lines.append(f"[drive.{table}]")
+        for role in roles:
+            if role.causality != causality or not (role.required or role.port.name in chosen):
+                continue
+            offered = [n for n, v in variables.items() if v.causality == causality and _measures(v, role)]
+            offered = offered or [n for n, v in variables.items() if v.causality == causality]
+            name = chosen.get(role.port.name, offered[0] if offered else "?")
+            doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
+            lines.append(f'{role.port.name} = "{name}"{doubt}')
+    return "\n".join(lines)

@@ -1,0 +1,73 @@
+"""From [drive] to one complete table per joint: drive folders bring their own mapping, joints their differences."""
+
+import copy
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.experiment.source import located, read_source
+
+MAPPING = "mapping.toml"
+JOINTS = ("joint_1", "joint_2", "joint_3")
+
+
+def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
+    """The three joints' tables, FMUs as absolute paths.
+
+    Args:
+        drive: the experiment's [drive] with its joint tables. folder: the experiment's, where names are looked up.
+
+    A drive named by its folder takes what stands in the folder's mapping.toml wherever [drive] does not say otherwise.
+
+    Raises:
+        InputRefused: no such drive, or a mapping that is not TOML.
+    """
+    common = {key: value for key, value in drive.items() if key not in JOINTS}
+    tables = []
+    for joint in JOINTS:
+        own = drive.get(joint, {})
+        if not isinstance(own, dict):
+            raise InputRefused(f"[drive.{joint}] = {own!r}: expected a table")
+        other_drive = "fmu" in own or "parts" in own
+        tables.append(_complete(own if other_drive else _laid_over(common, own), folder))
+    return tables
+
+
+def _complete(table: dict[str, Any], folder: Path) -> dict[str, Any]:
+    """`table` with its mapping file and absolute paths."""
+    table = copy.deepcopy(table)
+    if isinstance(table.get("fmu"), str):
+        path = located(table["fmu"], folder)
+        mapping = path / MAPPING if path.is_dir() else path
+        if mapping.suffix == ".toml" and mapping.is_file():
+            del table["fmu"]
+            table = _laid_over(_complete(read_source(mapping).values, mapping.parent.resolve()), table)
+        else:
+            table["fmu"] = str(_archive(path))
+    parts = table.get("parts")
+    if isinstance(parts, dict):
+        for part in parts.values():
+            if isinstance(part, dict) and isinstance(part.get("fmu"), str):
+                part["fmu"] = str(_archive(located(part["fmu"], folder)))
+    return table
+
+
+def _archive(path: Path) -> Path:
+    """The .fmu file meant by `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder."""
+    if path.is_dir():
+        inside = path / f"{path.name}.fmu"
+        if inside.is_file():
+            return inside
+        raise InputRefused(f"{path}: a folder without {inside.name} or {MAPPING}; name the .fmu file itself")
+    if not path.is_file():
+        raise InputRefused(f"{path}: no such drive; expected an .fmu file or a folder of fmus/")
+    return path
+
+
+def _laid_over(base: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:
+    """`table` over `base`, tables key by key."""
+    merged = copy.deepcopy(base)
+    for key, value in table.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = _laid_over(merged[key], value) if both else copy.deepcopy(value)
+    return merged
