@@ -5,8 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 
-NOT_FINITE = -1
-"""Status the master gives a component whose step returned NaN or infinity."""
+NOT_FINITE = 1 << 32
+"""Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
 
 
 @dataclass(frozen=True)

@@ -33,7 +33,7 @@ TABLE = np.dtype(
 and both halves of its outputs (a sampled component has only the valid one); period in ticks; number of inputs and
 outputs; processor cycles spent in it.
 
-Addresses, because arrays inside a record of arrays cost a reference count per step, and more than the step itself.
+Addresses, because asking an array for its own costs an atomic reference count, in every step of every component.
 """
 
 

@@ -33,8 +33,8 @@ class System:
             evaluation.
         wires: pairs (output, input) as `"plant.tau_load[0]", "drive_1.tau_load"`; an index picks one element.
         tick: duration of a tick (s), > 0.
-        scheme: "gauss_seidel": a continuous component sees the newest outputs of those stepped before it in the same
-            tick, and those of t_k of the others. "jacobi": all see t_k.
+        scheme: "gauss_seidel": a continuous component sees the newest outputs of those before it (of a slower one,
+            those that its present step will publish), and those of t_k of the others. "jacobi": all see t_k.
 
     Raises:
         InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two.
@@ -56,6 +56,11 @@ class System:
             if names.count(name) > 1:
                 raise InputRefused(f"two components are called '{name}'; give each a name of its own")
         for component in self.components:
+            for ports in (component.inputs, component.outputs):
+                called = [port.name for port in ports]
+                for name in called:
+                    if called.count(name) > 1:
+                        raise InputRefused(f"{component.name}: two ports are called '{name}'; give each its own name")
             if component.period < 1:
                 raise InputRefused(f"{component.name}: period {component.period}; expected at least 1 tick")
             if len(component.initial_outputs) != width(component.outputs):
