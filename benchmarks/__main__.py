@@ -22,9 +22,7 @@ def line(measurement: Measurement) -> str:
     target = f"<= {measurement.at_most:g}" if measurement.at_most is not None else ""
     if measurement.at_least is not None:
         target = f">= {measurement.at_least:g}"
-    return (
-        f"{measurement.name:<48}{value:>7} {measurement.unit:<3} {target:<7} {measurement.verdict}".rstrip()
-    )
+    return f"{measurement.name:<48}{value:>7} {measurement.unit:<3} {target:<7} {measurement.verdict}".rstrip()
 
 
 def main() -> None:

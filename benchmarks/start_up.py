@@ -33,9 +33,7 @@ def process(arguments: Sequence[str], **environment: str) -> tuple[float, float]
     )
     seen = json.loads(watched.stdout)
     if seen["exit"] != 0:
-        raise RuntimeError(
-            f"{' '.join(command)} exited with {seen['exit']}: {watched.stderr.decode().strip()}"
-        )
+        raise RuntimeError(f"{' '.join(command)} exited with {seen['exit']}: {watched.stderr.decode().strip()}")
     return seen["seconds"], seen["maxrss"] / MEGABYTE
 
 
@@ -47,9 +45,7 @@ def measurements(experiment: Path) -> list[Measurement]:
         def run(**environment: str) -> tuple[float, float]:
             nonlocal runs
             runs += 1
-            return process(
-                ["-m", "twin", "run", str(experiment), "--out", f"{scratch}/run_{runs}"], **environment
-            )
+            return process(["-m", "twin", "run", str(experiment), "--out", f"{scratch}/run_{runs}"], **environment)
 
         cold, cold_peak = run(NUMBA_CACHE_DIR=f"{scratch}/cache")
         run()  # whatever the last edit made stale is compiled here

@@ -23,18 +23,18 @@ def step_function(memory: np.dtype) -> Callable[[Callable], Any]:
     """Decorator: compile `f(self, t, h, u, y) -> int32` as a component's step over a record of dtype `memory`.
 
     `self` is a pointer to the record, `u` and `y` are pointers to the component's inputs and outputs
-    (`numba.carray` makes arrays of them). The result has `.address` and is cached on disk.
+    (`numba.carray` makes arrays of them). The result has `.address` and is cached on disk. Dividing by zero gives NaN
+    or infinity; functions that `f` calls need `error_model="numpy"` of their own for that.
     """
     signature = types.int32(types.CPointer(from_dtype(memory)), types.float64, types.float64, _DOUBLES, _DOUBLES)
-    return cfunc(signature, cache=True)
+    # an exception would be printed and lost, and the step's status with it; NaN and infinity are seen by the master
+    return cfunc(signature, cache=True, error_model="numpy")
 
 
 @intrinsic
 def call_step(typingctx, function, self, t, h, u, y):
     """`int32 step(void *self, double t, double h, const double *u, double *y)` at address `function`."""
-    signature = types.int32(
-        types.int64, types.int64, types.float64, types.float64, types.int64, types.int64
-    )
+    signature = types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64)
 
     def codegen(context, builder, signature, arguments):
         f, self_, t_, h_, u_, y_ = arguments

@@ -1,0 +1,38 @@
+"""The drive of python_component.py as compiled code: a memory layout, a step, and a component that joins them."""
+
+import math
+
+import numpy as np
+from numba import carray
+
+from twin.cosim.component import Component, Port
+from twin.cosim.native import step_function
+
+MEMORY = np.dtype([("T_m", "f8"), ("theta_m", "f8"), ("omega_m", "f8")], align=True)
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    omega_ref = carray(u, 1)[0]
+    error = omega_ref - m.omega_m
+    decay = -math.expm1(-h / m.T_m)
+    m.theta_m += omega_ref * h - error * m.T_m * decay
+    m.omega_m += error * decay
+    carray(y, 1)[0] = m.theta_m
+    return 0
+
+
+def lagging_drive(name: str, T_m: float) -> Component:
+    """Continuous component: d omega_m/dt = (omega_ref - omega_m) / T_m, d theta_m/dt = omega_m, from rest."""
+    memory = np.array([(T_m, 0.0, 0.0)], dtype=MEMORY)
+    return Component(
+        name=name,
+        inputs=(Port("omega_ref", 1, "rad/s", "commanded motor speed"),),
+        outputs=(Port("theta_m", 1, "rad", "motor angle"),),
+        sampled=False,
+        step_address=step.address,
+        self_address=memory.ctypes.data,
+        initial_outputs=np.zeros(1),
+        keep=memory,
+    )
