@@ -37,7 +37,7 @@ class Run:
         recording: the MCAP file.
         simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
         events: (time in s, text).
-        drives: what stood behind each joint: file, FMI version, hash.
+        drives: what stood behind each joint: file, FMI version, hash, mapping, warnings.
         microseconds: wall time per tick of each component, if it was measured.
     """
 
@@ -178,8 +178,10 @@ def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
 
 
 def _told(plan: DrivePlan) -> str:
-    """A drive in one line: files, FMI versions, hashes."""
-    return " + ".join(f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in plan.parts.values())
+    """A drive in a few lines: files, FMI versions and hashes, foreign names, warnings."""
+    lines = [f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
+    lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
+    return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
 
 def _topic(component: Component) -> Topic:

@@ -49,6 +49,31 @@ class DrivePlan:
         return tuple(b.port for b in self.bindings if b.role.causality == "output")
 
 
+    def warnings(self) -> list[str]:
+        """What may go wrong although the drive is accepted."""
+        loops = [
+            f"{name} depends directly on {load.name} (ModelStructure). With the spring that makes an algebraic loop, "
+            "tau_load = k_s (theta_m - N theta_l); the master breaks it by one step of delay, which costs accuracy and, "
+            "above a gain of 1, stability. Export the drive with theta_m as a state, or raise [drive] substeps"
+            for load in self.bindings
+            if load.port.name == "tau_load"
+            for name in self._fed_through(load.name)
+        ]
+        unstated = [b.port for b in self.bindings if not b.variable.unit]
+        return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
+
+    def _fed_through(self, load: str) -> list[str]:
+        """Roles of motion that the FMU says depend on the load without any delay."""
+        motion = {b.name: b.port.name for b in self.bindings if b.port.name in ("theta_m", "omega_m")}
+        return [
+            motion[name]
+            for part, description in self.parts.items()
+            for unknown in description.model.outputs
+            if (name := _qualified(part, unknown.variable.name)) in motion
+            and any(_qualified(part, known.name) == load for known in unknown.dependencies or ())
+        ]
+
+
 def planned(table: Drive) -> DrivePlan:
     """Check a drive as far as that goes without loading it.
 

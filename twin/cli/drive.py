@@ -1,6 +1,7 @@
 """`twin drive`: look at a drive FMU before using it."""
 
 import json
+import math
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -8,7 +9,8 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from twin.drive.description import DriveDescription
+    from twin.assembly.drives import DrivePlan
+    from twin.drive.description import Variable
 
 WIDTH = 80
 
@@ -22,65 +24,76 @@ def drive() -> None:
 
 @app.command()
 def info(
-    fmu: Annotated[Path, typer.Argument(metavar="FMU", help="An .fmu file, or a drive's folder.")],
+    fmu: Annotated[str, typer.Argument(metavar="FMU", help="An .fmu file, a drive's folder, or a name in fmus/.")],
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
 ) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
     """
-    from twin.drive.description import described
+    from twin.assembly.drives import planned
+    from twin.experiment.drive_files import lone_drive
 
-    description = described(fmu)
-    print(json.dumps(_facts(description)) if as_json else _table(description))
+    plan = planned(lone_drive(str(fmu), Path.cwd()))
+    print(json.dumps(_facts(plan)) if as_json else _table(plan))
 
 
-def _facts(description: "DriveDescription") -> dict[str, object]:
-    model = description.model
+def _facts(plan: "DrivePlan") -> dict[str, object]:
     return {
-        "file": str(description.path),
-        "sha256": description.sha256,
-        "fmi_version": model.fmiVersion,
-        "model_name": model.modelName,
-        "description": model.description,
-        "generation_tool": model.generationTool,
-        "platforms": list(description.platforms),
-        "get_set_state": bool(model.coSimulation.canGetAndSetFMUstate),
-        "roles": {
-            role.port.name: {
-                "causality": role.causality,
-                "unit": role.port.unit,
-                "unit_stated": role.port.name not in description.unstated,
+        "command": plan.table.command,
+        "fmus": [
+            {
+                "part": part,
+                "file": str(fmu.path),
+                "sha256": fmu.sha256,
+                "fmi_version": fmu.model.fmiVersion,
+                "model_name": fmu.model.modelName,
+                "description": fmu.model.description,
+                "generation_tool": fmu.model.generationTool,
+                "platforms": list(fmu.platforms),
+                "get_set_state": bool(fmu.model.coSimulation.canGetAndSetFMUstate),
+                "parameters": {v.name: _parameter(v) for v in fmu.offered("parameter")},
+                "validation": fmu.warnings(),
             }
-            for role in description.roles
+            for part, fmu in plan.parts.items()
+        ],
+        "roles": {
+            b.port.name: {"variable": b.name, "causality": b.role.causality, "unit": b.variable.unit, "gain": b.gain}
+            for b in plan.bindings
         },
-        "parameters": {
-            name: {"unit": v.unit, "start": v.start, "min": v.min, "max": v.max, "description": v.description}
-            for name, v in description.parameters.items()
-        },
-        "warnings": description.warnings(),
+        "warnings": plan.warnings(),
     }
 
 
-def _table(description: "DriveDescription") -> str:
-    model = description.model
-    lines = [
-        f"{description.path.name}  {model.modelName}, FMI {model.fmiVersion} co-simulation",
-        *textwrap.wrap(model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
-        f"  sha256     {description.sha256}",
-        f"  binaries   {', '.join(description.platforms)}",
-        f"  made with  {model.generationTool or 'not stated'}",
-        "",
-        "Drive contract, mapped by name, unit and causality",
-    ]
-    for role in description.roles:
-        arrow = "<-" if role.causality == "input" else "->"
-        taken = "" if role.port.name not in description.unstated else " (unit not stated)"
-        lines.append(f"  {arrow} {role.port.name:10} {f'[{role.port.unit}]':8} {role.port.meaning}{taken}")
-    lines += ["", "Parameters" if description.parameters else "No parameters"]
-    for name, v in description.parameters.items():
-        value = f"{float(v.start):g}" if v.type == "Real" and v.start is not None else str(v.start)
-        head = f"  {name:12} {value:>9} {v.unit or '1':13} "
-        lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=" " * len(head))
-    lines += [line for text in description.warnings() for line in textwrap.wrap(f"warning: {text}", WIDTH)]
+def _parameter(v: "Variable") -> dict[str, object]:
+    numbers = {"start": v.start, "min": v.low, "max": v.high}
+    stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
+    return {"unit": v.unit or None, **stated, "description": v.description}
+
+
+def _table(plan: "DrivePlan") -> str:
+    lines: list[str] = []
+    for part, fmu in plan.parts.items():
+        lines += [
+            f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, FMI {fmu.model.fmiVersion} co-simulation",
+            *textwrap.wrap(fmu.model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
+            f"  sha256     {fmu.sha256}",
+            f"  binaries   {', '.join(fmu.platforms)}",
+            f"  made with  {fmu.model.generationTool or 'not stated'}",
+            "",
+        ]
+    lines.append(f"Commanded with a {plan.table.command}; mapped by name, unit and causality:")
+    for b in plan.bindings:
+        arrow = "<-" if b.role.causality == "input" else "->"
+        unit = f"[{b.variable.unit}]" if b.variable.unit else "[no unit]"
+        lines.append(f"  {b.port.name:10} {arrow} {b.name:20} {unit:9} {b.port.meaning}"[:WIDTH])
+    for part, fmu in plan.parts.items():
+        offered = fmu.offered("parameter")
+        lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
+        for v in offered:
+            head = f"  {v.name:14} {v.start:>9g} {v.unit or '1':13} "
+            indent = " " * len(head)
+            lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+    warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
+    lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)

@@ -2,6 +2,7 @@
 
 import json
 import sys
+import textwrap
 from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -82,7 +83,9 @@ class Display:
 def _sentence(name: str, done: "Run") -> str:
     lines = [f"{name}  {done.simulated:g} s at {done.real_time_factor:.0f} x real time"]
     lines += [f"  {text} at t = {t:.3f} s" for t, text in done.events]
-    lines += [f"  drive {drive}" for drive in dict.fromkeys(done.drives)]
+    for drive in dict.fromkeys(done.drives):
+        head, *rest = drive.splitlines()
+        lines += [f"  drive {head}", *(part for line in rest for part in textwrap.wrap(line, 72, initial_indent="    "))]
     return "\n".join([*lines, f"  {done.recording}"])
 
 

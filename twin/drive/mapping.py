@@ -169,6 +169,14 @@ def _score(name: str, variable: Variable, role: Role) -> int:
     return int(any(len(synonym) > 3 and synonym in described for synonym in role.synonyms))
 
 
+def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken: set[str]) -> Command | None:
+    """What the drive seems to be commanded with, if nothing in it takes a speed."""
+    if COMMANDS["velocity"] not in unsure or _proposals(variables, COMMANDS["velocity"], taken):
+        return None
+    others: list[Command] = ["torque", "current", "voltage"]
+    return next((command for command in others if _proposals(variables, COMMANDS[command], taken)), None)
+
+
 def _to_paste(
     file: str,
     variables: Mapping[str, Variable],
@@ -179,11 +187,17 @@ def _to_paste(
 ) -> str:
     """The sentence and the TOML that ends the doubt."""
     lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
-    if any(role is COMMANDS["velocity"] for role in unsure):
-        others = [c for c, role in COMMANDS.items() if c != "velocity" and _proposals(variables, role, set(chosen.values()))]
-        if others:
-            lines.append(f'If it is not commanded with a speed, say command = "{others[0]}" and give [drive.velocity_loop].')
+    other = _other_command(variables, unsure, set(chosen.values()))
+    if other:
+        lines.append(f"It seems to be commanded with a {other}, which needs a velocity loop of ours in front of it.")
+        roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
+        unsure = [*unsure, COMMANDS[other]]
     lines.append("Complete this and put it into the experiment:")
+    if other:
+        lines += ["[drive]", f'command = "{other}"', "[drive.velocity_loop]"]
+        unit = COMMANDS[other].port.unit
+        lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
+        lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
     for table, causality in (("inputs", "input"), ("outputs", "output")):
         lines.append(f"[drive.{table}]")
         for role in roles:

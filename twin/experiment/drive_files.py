@@ -4,7 +4,11 @@ import copy
 from pathlib import Path
 from typing import Any
 
+from pydantic import ValidationError
+
 from twin.errors import InputRefused
+from twin.experiment import schema
+from twin.experiment.mistakes import sentences
 from twin.experiment.source import located, read_source
 
 MAPPING = "mapping.toml"
@@ -31,6 +35,31 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
         other_drive = "fmu" in own or "parts" in own
         tables.append(_complete(own if other_drive else _laid_over(common, own), folder))
     return tables
+
+
+def lone_drive(fmu: str, folder: Path) -> schema.Drive:
+    """The drive that a user names on the command line: an .fmu, a mapping, a folder, or a name in fmus/.
+
+    Args:
+        fmu: as seen from the current folder; or a name in fmus/ as seen from `folder` upwards.
+
+    Raises:
+        InputRefused: no such drive, or its mapping has mistakes.
+    """
+    table = joint_tables({"fmu": shelved(fmu, folder)}, folder)[0]
+    try:
+        return schema.Drive.model_validate(table)
+    except ValidationError as error:
+        raise InputRefused(f"{fmu}: " + "; ".join(sentences(error, schema.Drive, "drive"))) from None
+
+
+def shelved(fmu: str, folder: Path) -> str:
+    """`fmu` as an absolute path: as seen from the current folder, else in fmus/ as seen from `folder` upwards."""
+    path = Path(fmu)
+    if not path.exists():
+        on_shelf = located(f"fmus/{fmu}", folder)
+        path = on_shelf if on_shelf.exists() else path
+    return str(path.absolute())
 
 
 def _complete(table: dict[str, Any], folder: Path) -> dict[str, Any]:

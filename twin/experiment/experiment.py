@@ -10,7 +10,7 @@ from pydantic import Field, ValidationError
 
 from twin.errors import InputRefused, Unreachable
 from twin.experiment import schema
-from twin.experiment.drive_files import joint_tables
+from twin.experiment.drive_files import joint_tables, shelved
 from twin.experiment.mistakes import keys, sentences, unknown
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.source import override, read_source, replace_drive
@@ -80,7 +80,7 @@ def load_experiment(path: Path, overrides: Iterable[str] = (), drive: str | None
     """
     source = read_source(path)
     if drive is not None:
-        replace_drive(source, drive, path.resolve().parent)
+        replace_drive(source, shelved(drive, path.resolve().parent))
     override(source, overrides)
     _fill_from_robot(source.values)
     checked, mistakes = _checked(source.values)

@@ -65,16 +65,9 @@ def override(source: Source, texts: Iterable[str]) -> None:
         source.put(_nested(key.strip().split("."), _value(value.strip())), "set on the command line")
 
 
-def replace_drive(source: Source, fmu: str, folder: Path) -> None:
-    """Make `fmu` the drive of every joint, its parameters at their own start values.
-
-    `fmu` is a path as seen from the current folder, or the name of a drive in fmus/ as seen from `folder`.
-    """
-    path = Path(fmu)
-    if not path.exists():
-        shelved = located(f"fmus/{fmu}", folder)
-        path = shelved if shelved.exists() else path
-    source.values["drive"] = {"fmu": str(path.absolute())}
+def replace_drive(source: Source, fmu: str) -> None:
+    """Make the drive at path `fmu` that of every joint, with the parameters of its own mapping or its start values."""
+    source.values["drive"] = {"fmu": fmu}
     source.origins = {key: origin for key, origin in source.origins.items() if not key.startswith("drive.")}
     source.origins["drive.fmu"] = "set on the command line"
 
