@@ -48,7 +48,8 @@ def test_the_recording_says_where_everything_comes_from(root: Path, force_positi
     fmu = root / "fmus/velocity_servo/velocity_servo.fmu"
     drive = json.loads(force_position.metadata["fmu"]["drive_1"])
     assert drive["sha256"] == hashlib.sha256(fmu.read_bytes()).hexdigest()
-    assert drive["parameters"] == {"droop": 0.6}
+    assert drive["set"] == {"droop": 0.6}
+    assert "tau_load <- tau_load [N.m]" in drive["mapped"]
     values = json.loads(force_position.metadata["experiment"]["values"])
     assert values["contact"]["height_mm"] == -101.0
     assert force_position.metadata["origins"]["robot.N"] == "Sec. II.B.1: N = 2"

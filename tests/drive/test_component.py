@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.drive.archives import altered, redescribed
-from twin.cosim.component import Port
+from twin.assembly.drives import drive, planned
+from twin.cosim.component import Component, Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import DriveShop
-from twin.drive.description import described
 from twin.errors import InputRefused
+from twin.experiment.schema import Drive
 
 TICK = 1e-3
 
@@ -30,70 +30,137 @@ class Bench:
 
 
 @pytest.fixture
-def shop():
-    shop = DriveShop()
-    yield shop
-    shop.close()
+def servo(root: Path) -> Path:
+    return root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
 
 
-def run(shop: DriveShop, fmu: Path, parameters: dict[str, float], omega_ref: float, tau_load: float, theta_m: float):
-    drive = shop.drive("drive_1", described(fmu), parameters, theta_m, tau_load)
+def made(fmu: Path, name: str = "drive_1", theta_m: float = 0.0, **table) -> Component:
+    return drive(name, planned(Drive.model_validate({"fmu": str(fmu), **table})), TICK, theta_m, 0.0)
+
+
+def run(component: Component, omega_ref: float, tau_load: float, ticks: int = 1000) -> dict[str, np.ndarray]:
     bench = PythonComponent("bench", Bench(omega_ref, tau_load))
-    wires = [("bench.omega_ref", "drive_1.omega_ref"), ("bench.tau_load", "drive_1.tau_load")]
-    system = System([bench, drive], wires, TICK)
-    rows = Simulation(system, 1000).run()
-    return rows[:, system.columns("drive_1.theta_m")][:, 0], rows[:, system.columns("drive_1.omega_m")][:, 0]
+    wires = [("bench.omega_ref", f"{component.name}.omega_ref"), ("bench.tau_load", f"{component.name}.tau_load")]
+    system = System([bench, component], wires, TICK)
+    try:
+        rows = Simulation(system, ticks).run()
+    finally:
+        component.close()
+    return {p.name: rows[:, system.columns(f"{component.name}.{p.name}")][:, 0] for p in component.outputs}
 
 
-def test_the_servo_settles_at_the_command_less_droop_times_load(shop: DriveShop, root: Path):
-    _, omega_m = run(shop, root / "fmus/velocity_servo", {"droop": 0.5}, 2.0, 0.1, 0.0)
+def test_the_servo_settles_at_the_command_less_droop_times_load(servo: Path):
+    out = run(made(servo, parameters={"droop": 0.5}), 2.0, 0.1)
     # 50 time constants after the step
-    assert omega_m[-1] == pytest.approx(2.0 - 0.5 * 0.1, rel=1e-12)
+    assert out["omega_m"][-1] == pytest.approx(2.0 - 0.5 * 0.1, rel=1e-12)
 
 
-def test_the_shaft_is_coupled_at_the_angle_it_starts_with(shop: DriveShop, root: Path):
-    theta_m, _ = run(shop, root / "fmus/ideal_velocity", {}, 2.0, 0.0, 0.75)
-    assert theta_m[0] == 0.75
+def test_the_shaft_is_coupled_at_the_angle_it_starts_with(root: Path):
+    out = run(made(root / "fmus/ideal_velocity/ideal_velocity.fmu", theta_m=0.75), 2.0, 0.0)
+    assert out["theta_m"][0] == 0.75
     # sums of 1,000 rounded increments
-    assert theta_m[-1] == pytest.approx(0.75 + 2.0 * 1.0, abs=1e-12)
+    assert out["theta_m"][-1] == pytest.approx(0.75 + 2.0 * 1.0, abs=1e-12)
 
 
-def test_drives_of_one_file_do_not_share_their_state(shop: DriveShop, root: Path):
-    description = described(root / "fmus/velocity_servo")
-    drives = [shop.drive(f"drive_{i}", description, {}, 0.0, 0.0) for i in (1, 2)]
-    benches = [PythonComponent(f"bench_{i}", Bench(float(i), 0.0)) for i in (1, 2)]
-    wires = [
-        (f"bench_{i}.{port}", f"drive_{i}.{port}") for i in (1, 2) for port in ("omega_ref", "tau_load")
-    ]
-    system = System([*benches, *drives], wires, TICK)
-    last = Simulation(system, 1000).run()[-1]
-    assert last[system.columns("drive_2.omega_m")][0] == pytest.approx(2 * last[system.columns("drive_1.omega_m")][0])
+def test_drives_of_one_file_do_not_share_their_state(servo: Path):
+    both = [made(servo, f"drive_{i}") for i in (1, 2)]
+    first, second = (run(component, speed, 0.0) for component, speed in zip(both, (1.0, 2.0), strict=True))
+    assert second["omega_m"][-1] == pytest.approx(2 * first["omega_m"][-1])
 
 
-def test_a_wrong_guid_is_refused_with_the_reason(shop: DriveShop, root: Path, tmp_path: Path):
-    good = root / "fmus/velocity_servo/velocity_servo.fmu"
-    guid = described(good).model.guid
-    bad = redescribed(good, tmp_path / "bad.fmu", guid, "{00000000-0000-0000-0000-000000000000}")
+def test_sign_and_gear_turn_the_fmus_shaft_but_not_what_the_robot_sees(servo: Path):
+    """A servo behind a gear of 10 that turns backwards: same speed for the robot, a 100th of the droop."""
+    plain = run(made(servo), 0.5, 0.1)["omega_m"][-1]
+    geared = run(made(servo, sign=-1, gear_ratio=10.0), 0.5, 0.1)["omega_m"][-1]
+    assert geared == pytest.approx(0.5 - 0.6 * 0.1 / 100, rel=1e-12)
+    assert plain == pytest.approx(0.5 - 0.6 * 0.1, rel=1e-12)
+
+
+def test_foreign_units_come_out_as_si(tmp_path: Path, servo: Path):
+    """The same FMU with its speeds declared in units of 2 rad/s: the robot gets what it asks for, and 2 rad per rad."""
+    base = 'rad="1" s="-1"'
+    other = redescribed(servo, tmp_path / "other.fmu", f"<BaseUnit {base} />", f'<BaseUnit {base} factor="2" />')
+    out = run(made(other, parameters={"droop": 0.0}), 1.0, 0.0)
+    assert out["omega_m"][-1] == pytest.approx(1.0, rel=1e-12)
+    # the angle is declared in rad still and follows the 0.5 that the FMU itself sees, a time constant late
+    assert out["theta_m"][-1] == pytest.approx(0.5 * (1.0 - 0.02), rel=1e-9)
+
+
+def test_sub_stepping_an_exactly_solved_drive_changes_nothing(servo: Path):
+    coarse, fine = run(made(servo), 1.0, 0.1), run(made(servo, substeps=8), 1.0, 0.1)
+    # rounding of eight short steps instead of one
+    assert np.allclose(coarse["theta_m"], fine["theta_m"], rtol=0, atol=1e-13)
+
+
+def test_two_fmus_wired_together_are_one_drive(root: Path):
+    """An ideal velocity source whose speed commands a second one through a wire, one inner step later."""
+    ideal = str(root / "fmus/ideal_velocity/ideal_velocity.fmu")
+    table = {
+        "parts": {"source": {"fmu": ideal}, "shaft": {"fmu": ideal}},
+        "wires": {"shaft.omega_ref": "source.omega_m", "source.tau_load": "shaft.theta_m"},
+        "inputs": {"omega_ref": "source.omega_ref", "tau_load": "shaft.tau_load"},
+        "outputs": {"theta_m": "shaft.theta_m", "omega_m": "shaft.omega_m"},
+    }
+    with pytest.raises(InputRefused, match="do not measure the same"):
+        planned(Drive.model_validate(table))
+    del table["wires"]["source.tau_load"]
+    component = drive("drive_1", planned(Drive.model_validate(table)), TICK, 0.25, 0.0)
+    out = run(component, 2.0, 0.0, 100)
+    assert out["omega_m"][-1] == 2.0
+    assert out["theta_m"][-1] == pytest.approx(0.25 + 0.2, abs=1e-12)
+
+
+def test_a_voltage_drive_gets_a_velocity_loop_in_front_of_it(root: Path):
+    folder = root / "fmus" / "brushed_dc"
+    table = {
+        "command": "voltage",
+        "inputs": {"command": "u_cmd", "tau_load": "M_load"},
+        "outputs": {"theta_m": "phi", "omega_m": "n"},
+        "velocity_loop": {"kp": 3.0, "ki": 300.0, "limit": 24.0, "period_ms": 0.25},
+    }
+    out = run(made(folder / "brushed_dc.fmu", **table), 0.5, 0.05)
+    # an integrator leaves no error; the duty of its bridge has steps
+    assert out["omega_m"][-100:].mean() == pytest.approx(0.5, rel=0.01)
+    assert "command" in out
+
+
+def test_rates_that_do_not_fit_are_refused(root: Path):
+    table = {
+        "command": "voltage",
+        "inputs": {"command": "u_cmd", "tau_load": "M_load"},
+        "outputs": {"theta_m": "phi", "omega_m": "n"},
+        "velocity_loop": {"kp": 3.0, "limit": 24.0, "period_ms": 0.3},
+    }
+    with pytest.raises(InputRefused, match=r"period_ms = 0.3 does not divide"):
+        made(root / "fmus/brushed_dc/brushed_dc.fmu", **table)
+
+
+def test_a_pinned_hash_that_differs_is_refused_before_loading(servo: Path):
+    with pytest.raises(InputRefused, match="the experiment pins 00"):
+        planned(Drive.model_validate({"fmu": str(servo), "sha256": "00"}))
+
+
+def test_direct_feed_through_of_the_load_is_explained(tmp_path: Path, servo: Path):
+    plain = planned(Drive.model_validate({"fmu": str(servo)}))
+    assert plain.warnings() == []
+    fed = redescribed(servo, tmp_path / "fed.fmu", 'dependencies=""', 'dependencies="2"')
+    (warning, *_) = planned(Drive.model_validate({"fmu": str(fed)})).warnings()
+    assert "depends directly on tau_load" in warning
+    assert "algebraic loop" in warning
+
+
+def test_a_wrong_guid_is_refused_with_the_reason(servo: Path, tmp_path: Path):
+    guid = planned(Drive.model_validate({"fmu": str(servo)})).parts[""].model.guid
+    bad = redescribed(servo, tmp_path / "bad.fmu", guid, "{00000000-0000-0000-0000-000000000000}")
     with pytest.raises(InputRefused, match="fmi2Instantiate refused") as refused:
-        shop.drive("drive_1", described(bad), {}, 0.0, 0.0)
+        made(bad)
     assert "bad.fmu" in str(refused.value)
     assert "GUID" in str(refused.value)
 
 
-def test_a_library_that_does_not_load_is_refused(shop: DriveShop, root: Path, tmp_path: Path):
-    good = root / "fmus/velocity_servo/velocity_servo.fmu"
-    bad = altered(good, tmp_path / "bad.fmu", lambda n, c: (n, b"no library" if n.startswith("binaries/") else c))
+def test_a_library_that_does_not_load_is_refused_and_leaves_us_where_we_were(servo: Path, tmp_path: Path):
+    bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, b"no library" if n.startswith("binaries/") else c))
     here = Path.cwd()
     with pytest.raises(InputRefused, match="its binary does not load"):
-        shop.drive("drive_1", described(bad), {}, 0.0, 0.0)
+        made(bad)
     assert Path.cwd() == here
-
-
-def test_closing_the_shop_removes_what_was_unpacked(root: Path):
-    shop = DriveShop()
-    shop.drive("drive_1", described(root / "fmus/velocity_servo"), {}, 0.0, 0.0)
-    folders = list(shop._folders.values())
-    assert all(folder.is_dir() for folder in folders)
-    shop.close()
-    shop.close()
-    assert not any(folder.exists() for folder in folders)

@@ -25,9 +25,9 @@ def refusal(path: Path) -> str:
 
 @pytest.mark.parametrize("name", DRIVES)
 def test_every_shipped_drive_fits_the_contract(root: Path, name: str):
-    drive = described(root / "fmus" / name)
-    assert [role.port.name for role in drive.roles][:4] == ["omega_ref", "tau_load", "theta_m", "omega_m"]
-    assert drive.unstated == ()
+    drive = described(root / "fmus" / name / f"{name}.fmu")
+    assert [v.name for v in drive.offered("input")] == ["omega_ref", "tau_load"]
+    assert [v.name for v in drive.offered("output")][:2] == ["theta_m", "omega_m"]
     assert drive.warnings() == []
     assert {"linux64", "win64", "darwin64"} <= set(drive.platforms)
 
@@ -37,8 +37,7 @@ def test_the_hash_is_that_of_the_file(servo: Path):
 
 
 def test_what_is_not_there_is_refused(tmp_path: Path):
-    assert "no such drive" in refusal(tmp_path / "none.fmu")
-    assert "a folder without" in refusal(tmp_path)
+    assert "no such FMU" in refusal(tmp_path / "none.fmu")
 
 
 def test_what_is_no_zip_and_what_is_truncated_are_refused(tmp_path: Path, servo: Path):
@@ -48,16 +47,6 @@ def test_what_is_no_zip_and_what_is_truncated_are_refused(tmp_path: Path, servo:
     cut = tmp_path / "cut.fmu"
     cut.write_bytes(servo.read_bytes()[:-1000])
     assert "not a complete FMU" in refusal(cut)
-
-
-def test_a_damaged_entry_is_refused(tmp_path: Path, servo: Path):
-    with zipfile.ZipFile(servo) as archive:
-        start = archive.getinfo("binaries/linux64/velocity_servo.so").header_offset
-    content = bytearray(servo.read_bytes())
-    content[start + 200] ^= 0xFF
-    bad = tmp_path / "damaged.fmu"
-    bad.write_bytes(content)
-    assert "damaged" in refusal(bad) or "not a complete FMU" in refusal(bad)
 
 
 def test_a_zip_without_description_is_refused(tmp_path: Path, servo: Path):
@@ -70,11 +59,6 @@ def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
     assert "cannot be read" in refusal(bad)
 
 
-def test_an_entry_that_points_outside_is_refused(tmp_path: Path, servo: Path):
-    bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: ("../" + n if "linux64" in n else n, c))
-    assert "points outside the archive" in refusal(bad)
-
-
 def test_a_drive_without_this_platforms_binary_is_refused_with_what_it_has(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: None if "linux64" in n else (n, c))
     assert "no binary for this platform" in refusal(bad)
@@ -84,18 +68,11 @@ def test_a_drive_without_this_platforms_binary_is_refused_with_what_it_has(tmp_p
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [
-        ('name="omega_ref"', 'name="n_cmd"', "no input 'omega_ref'"),
-        ('name="theta_m"', 'name="phi"', "no output 'theta_m'"),
         ('canGetAndSetFMUstate="true"', 'needsExecutionTool="true"', "needs its authoring tool"),
-        ('rad="1" s="-1"', 'rad="1" s="-1" factor="0.10471975511965977"', "the drive contract needs rad/s"),
+        ("<CoSimulation", "<ModelExchange", "without co-simulation"),
     ],
 )
-def test_what_does_not_fit_the_contract_is_refused(tmp_path: Path, servo: Path, old: str, new: str, said: str):
-    with zipfile.ZipFile(servo) as archive:
-        text = archive.read(DESCRIPTION).decode()
-    if old not in text:
-        old = 's="-1" rad="1"'
-        new = 's="-1" rad="1" factor="0.10471975511965977"'
+def test_what_is_no_co_simulation_of_its_own_is_refused(tmp_path: Path, servo: Path, old: str, new: str, said: str):
     assert said in refusal(redescribed(servo, tmp_path / "bad.fmu", old, new))
 
 
@@ -106,12 +83,7 @@ FMI_1 = b"""<?xml version="1.0" encoding="UTF-8"?>
 
 def test_fmi_1_is_refused_with_what_to_export_instead(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, FMI_1 if n == DESCRIPTION else c))
-    assert "FMI 1.0; expected FMI 2.0 co-simulation, export it as that" in refusal(bad)
-
-
-def test_an_optional_output_may_be_missing(tmp_path: Path, servo: Path):
-    other = redescribed(servo, tmp_path / "other.fmu", 'name="tau_motor"', 'name="torque"')
-    assert [role.port.name for role in described(other).roles] == ["omega_ref", "tau_load", "theta_m", "omega_m"]
+    assert "FMI 1.0; export it as FMI 2.0 or 3.0 for co-simulation" in refusal(bad)
 
 
 @pytest.mark.parametrize(
@@ -124,5 +96,5 @@ def test_an_optional_output_may_be_missing(tmp_path: Path, servo: Path):
 )
 def test_a_wrong_parameter_is_refused(servo: Path, values: dict[str, float], said: str):
     with pytest.raises(InputRefused, match="parameter") as refused:
-        described(servo).checked_parameters(values)
+        described(servo).settings(values)
     assert said in str(refused.value)

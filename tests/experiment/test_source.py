@@ -74,6 +74,6 @@ def test_names_are_looked_up_from_the_experiments_folder_upwards(tmp_path: Path)
 
 def test_another_drive_brings_its_own_parameters(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", '[drive]\nfmu = "x"\n[drive.parameters]\ndroop = 0.6\n'))
-    replace_drive(source, "y.fmu", tmp_path)
+    replace_drive(source, "y.fmu")
     assert source.values["drive"].keys() == {"fmu"}
     assert not any(key.startswith("drive.parameters") for key in source.origins)

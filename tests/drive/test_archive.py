@@ -1,0 +1,107 @@
+import stat
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.drive.archives import altered
+from twin.drive import archive
+from twin.drive.archive import entries, sha256, unpacked
+from twin.errors import InputRefused
+
+
+@pytest.fixture
+def servo(root: Path) -> Path:
+    return root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+
+
+def refusal(file: Path) -> str:
+    with pytest.raises(InputRefused) as refused:
+        entries(file)
+    return str(refused.value)
+
+
+def zipped(file: Path, **contents: bytes) -> Path:
+    with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as target:
+        for name, content in contents.items():
+            target.writestr(name, content)
+    return file
+
+
+def test_what_is_no_zip_and_what_is_truncated_are_refused(tmp_path: Path, servo: Path):
+    text = tmp_path / "text.fmu"
+    text.write_text("not a zip")
+    assert "not a complete FMU" in refusal(text)
+    cut = tmp_path / "cut.fmu"
+    cut.write_bytes(servo.read_bytes()[:-1000])
+    assert "not a complete FMU" in refusal(cut)
+
+
+def test_a_damaged_entry_is_refused(tmp_path: Path, servo: Path):
+    with zipfile.ZipFile(servo) as source:
+        start = source.getinfo("binaries/linux64/velocity_servo.so").header_offset
+    content = bytearray(servo.read_bytes())
+    content[start + 200] ^= 0xFF
+    bad = tmp_path / "damaged.fmu"
+    bad.write_bytes(content)
+    said = refusal(bad)
+    assert "is damaged; get the FMU again" in said or "not a complete FMU" in said
+
+
+@pytest.mark.parametrize("name", ["../evil.so", "/etc/evil", "C:/evil", "binaries\\evil.dll", "a/../../evil"])
+def test_an_entry_that_points_outside_is_refused(tmp_path: Path, name: str):
+    file = tmp_path / "bad.fmu"
+    info = zipfile.ZipInfo("x")
+    info.filename = name
+    with zipfile.ZipFile(file, "w") as target:
+        target.writestr(info, b"x")
+    assert "points outside the archive" in refusal(file)
+
+
+def test_a_link_is_refused(tmp_path: Path):
+    file = tmp_path / "bad.fmu"
+    info = zipfile.ZipInfo("resources/link")
+    info.external_attr = (stat.S_IFLNK | 0o777) << 16
+    with zipfile.ZipFile(file, "w") as target:
+        target.writestr(info, b"/etc/passwd")
+    assert "is a link" in refusal(file)
+
+
+def test_a_zip_bomb_is_refused_without_unpacking_it(tmp_path: Path):
+    bomb = zipped(tmp_path / "bomb.fmu", zeros=bytes(archive.FEW_BYTES + 1))
+    assert bomb.stat().st_size < 1 << 20
+    assert "would expand from" in refusal(bomb)
+
+
+def test_too_many_entries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(archive, "MOST_ENTRIES", 2)
+    assert "3 entries" in refusal(zipped(tmp_path / "many.fmu", a=b"", b=b"", c=b""))
+
+
+def test_the_same_content_is_unpacked_once_whatever_its_name(
+    tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    first = unpacked(servo, sha256(servo))
+    copy = tmp_path / "other_name.fmu"
+    copy.write_bytes(servo.read_bytes())
+    assert unpacked(copy, sha256(copy)) == first
+    assert (first / "modelDescription.xml").is_file()
+    assert [f.name for f in (tmp_path / "cache" / "fmus").iterdir()] == [sha256(servo)]
+
+
+def test_other_content_of_the_same_name_is_unpacked_apart(
+    tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    other = altered(servo, tmp_path / "velocity_servo.fmu", lambda n, c: (n, c))
+    other_digest = sha256(other)
+    if other_digest != sha256(servo):
+        assert unpacked(other, other_digest) != unpacked(servo, sha256(servo))
+
+
+def test_a_cache_that_cannot_be_written_is_a_sentence(tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "file").touch()
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "file"))
+    with pytest.raises(InputRefused, match="set TWIN_CACHE"):
+        unpacked(servo, sha256(servo))

@@ -1,0 +1,134 @@
+import math
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.drive.description import Variable
+from twin.drive.mapping import Wiring, bindings
+from twin.drive.units import conversion
+from twin.errors import InputRefused
+
+
+def variable(name: str, causality: str, unit: str, description: str = "", kind: int = 0) -> Variable:
+    nan = math.nan
+    return Variable(name, causality, description, "Real", kind, 0, 1, unit, conversion(unit, []), nan, nan, nan)
+
+
+def drive(*variables: Variable) -> dict[str, Variable]:
+    return {v.name: v for v in variables}
+
+
+OWN = drive(
+    variable("omega_ref", "input", "rad/s"),
+    variable("tau_load", "input", "N.m"),
+    variable("theta_m", "output", "rad"),
+    variable("omega_m", "output", "rad/s"),
+)
+FOREIGN = drive(
+    variable("n_cmd", "input", "rpm"),
+    variable("M_load", "input", "mN.m"),
+    variable("phi", "output", "deg"),
+    variable("n", "output", "rpm"),
+    variable("i_q", "output", "A"),
+    variable("T_case", "output", "degC"),
+)
+
+
+def names(found) -> dict[str, str]:
+    return {b.port.name: b.name for b in found}
+
+
+def refusal(variables: dict[str, Variable], wiring: Wiring | None = None) -> str:
+    with pytest.raises(InputRefused) as refused:
+        bindings("acme.fmu", variables, wiring or Wiring())
+    return str(refused.value)
+
+
+def test_a_drive_that_speaks_the_contract_is_taken_as_it_is():
+    assert all(b.gain == 1.0 and b.offset == 0.0 for b in bindings("own.fmu", OWN, Wiring()))
+
+
+def test_a_foreign_drive_is_mapped_by_unit_and_causality():
+    found = bindings("acme.fmu", FOREIGN, Wiring())
+    assert names(found) == {
+        "omega_ref": "n_cmd", "tau_load": "M_load", "theta_m": "phi", "omega_m": "n", "current": "i_q",
+    }  # fmt: skip
+    gains = {b.port.name: b.gain for b in found}
+    assert gains["omega_ref"] == pytest.approx(2 * math.pi / 60)
+    assert gains["tau_load"] == pytest.approx(1e-3)
+    assert gains["theta_m"] == pytest.approx(math.pi / 180)
+
+
+def test_what_the_user_says_goes_before_what_we_would_propose():
+    both = FOREIGN | drive(variable("phi_encoder", "output", "deg"))
+    found = bindings("acme.fmu", both, Wiring(outputs={"theta_m": "phi_encoder"}))
+    assert names(found)["theta_m"] == "phi_encoder"
+
+
+def test_two_candidates_that_nothing_tells_apart_are_an_error_with_the_toml_to_paste():
+    two = FOREIGN | drive(variable("M_ext", "input", "mN.m"))
+    del two["M_load"]
+    two |= drive(variable("M_1", "input", "mN.m"), variable("M_2", "input", "mN.m"))
+    del two["M_ext"]
+    said = refusal(two)
+    assert "cannot tell which of its variables is tau_load" in said
+    assert '[drive.inputs]\nomega_ref = "n_cmd"\ntau_load = "M_1"   # or: M_2' in said
+    assert '[drive.outputs]\ntheta_m = "phi"\nomega_m = "n"' in said
+
+
+def test_a_drive_commanded_with_a_voltage_is_told_to_need_a_loop():
+    motor = {name: v for name, v in FOREIGN.items() if name != "n_cmd"} | drive(variable("u", "input", "V"))
+    said = refusal(motor)
+    assert 'command = "voltage"' in said
+    assert 'command = "u"' in said
+    assert "[drive.velocity_loop]" in said
+    found = bindings("acme.fmu", motor, Wiring(command="voltage"))
+    assert names(found)["command"] == "u"
+
+
+@pytest.mark.parametrize(
+    ("wiring", "said"),
+    [
+        (Wiring(inputs={"omega_ref": "n_set"}), "has no variable 'n_set' for omega_ref"),
+        (Wiring(inputs={"omega_ref": "n"}), "'n' has causality output; omega_ref needs input"),
+        (Wiring(outputs={"theta_m": "n"}), "output 'n' has unit 'rpm'; theta_m needs one like rad"),
+        (Wiring(outputs={"theta_m": "T_case"}), "has unit 'degC'; theta_m needs one like rad"),
+        (Wiring(inputs={"speed": "n_cmd"}), "[drive.inputs] has no role 'speed'"),
+        (Wiring(command="torque", inputs={"omega_ref": "n_cmd"}), 'no role \'omega_ref\' for command = "torque"'),
+    ],
+)
+def test_a_wrong_mapping_is_refused_with_what_was_expected(wiring: Wiring, said: str):
+    assert said in refusal(FOREIGN, wiring)
+
+
+def test_a_contract_name_of_another_dimension_is_not_taken_for_the_role():
+    wrong = OWN | drive(variable("omega_ref", "input", "V"))
+    assert "cannot tell which of its variables is omega_ref" in refusal(wrong)
+
+
+def test_a_local_variable_can_be_mapped_to_an_output():
+    local = {n: v for n, v in OWN.items() if n != "theta_m"} | drive(variable("phi", "local", "rad"))
+    assert "theta_m" in refusal(local)
+    assert names(bindings("acme.fmu", local, Wiring(outputs={"theta_m": "phi"})))["theta_m"] == "phi"
+
+
+def test_a_variable_without_unit_is_taken_by_its_name_only():
+    bare = drive(*(variable(v.name, v.causality, "") for v in OWN.values()))
+    assert names(bindings("own.fmu", bare, Wiring())) == {name: name for name in OWN}
+    assert "cannot tell" in refusal(drive(*(variable("x_" + v.name, v.causality, "") for v in OWN.values())))
+
+
+@given(
+    sign=st.sampled_from([1, -1]),
+    ratio=st.floats(0.01, 200.0),
+    speed=st.floats(-10.0, 10.0),
+    torque=st.floats(-1.0, 1.0),
+)
+def test_sign_and_gear_ratio_conserve_power(sign, ratio: float, speed: float, torque: float):
+    found = {b.port.name: b for b in bindings("own.fmu", OWN, Wiring(sign=sign, gear_ratio=ratio))}
+    # contract = gain * FMU, so the FMU sees contract / gain
+    in_fmu = (speed / found["omega_m"].gain) * (torque / found["tau_load"].gain)
+    assert in_fmu == pytest.approx(speed * torque, rel=1e-12, abs=1e-15)
+    # the FMU's shaft turns `ratio` times as fast, in the direction of `sign`
+    assert speed / found["omega_ref"].gain == pytest.approx(sign * ratio * speed, rel=1e-12)
