@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.cosim.system import System
+from twin.drive.plain_adapter import step
 
 SOURCE = Path(__file__).with_name("macro_loop.c")
 
@@ -45,10 +46,10 @@ class CLoop:
         u = np.zeros(system.inputs_width)
         # the master keeps outputs twice, this loop once: in Gauss-Seidel order both halves are the same place
         sources = np.ascontiguousarray(system.sources % system.outputs_width)
-        drives, count = _memories(system)
+        drives = _drives(system)
         began = time.perf_counter()
         status = self._library.macro_steps(
-            drives, count, _address(sources), _address(u), _address(y),
+            _address(drives), len(drives), _address(sources), _address(u), _address(y),
             ctypes.c_double(system.tick), ctypes.c_int64(ticks),
         )  # fmt: skip
         seconds = time.perf_counter() - began
@@ -59,10 +60,10 @@ class CLoop:
     def calls_alone(self, system: System, ticks: int) -> float:
         """Seconds of the FMU calls of `ticks` macro steps, without any wiring between them."""
         u, y = np.zeros(system.inputs_width), np.zeros(system.outputs_width)
-        drives, count = _memories(system)
+        drives = _drives(system)
         began = time.perf_counter()
         status = self._library.calls_alone(
-            drives, count, _address(u), _address(y), ctypes.c_double(system.tick), ctypes.c_int64(ticks)
+            _address(drives), len(drives), _address(u), _address(y), ctypes.c_double(system.tick), ctypes.c_int64(ticks)
         )
         seconds = time.perf_counter() - began
         if status:
@@ -70,9 +71,10 @@ class CLoop:
         return seconds
 
 
-def _memories(system: System) -> tuple[ctypes.Array, int]:
-    count = len(system.components)
-    return (ctypes.c_void_p * count)(*(c.self_address for c in system.components)), count
+def _drives(system: System) -> np.ndarray:
+    """What the C loop needs of each drive: one FMI 2.0 instance with Real inputs and outputs."""
+    assert all(component.step_address == step.address for component in system.components)
+    return np.concatenate([component.keep for component in system.components])
 
 
 def _address(array: np.ndarray) -> ctypes.c_void_p:

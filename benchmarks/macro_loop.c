@@ -2,7 +2,7 @@
 #include <stddef.h>
 #include <stdint.h>
 
-/* The memory of a drive component, field by field as in twin/drive/adapter.py. */
+/* The memory of a drive component, field by field as in twin/drive/plain_adapter.py. */
 typedef struct {
     void *instance;
     int (*set_real)(void *instance, const unsigned *references, size_t count, const double *values);
@@ -25,30 +25,30 @@ static int step(const Drive *drive, double t, double h, const double *u, double 
 }
 
 /* Gauss-Seidel: `sources` says which element of `y` feeds each input. */
-int macro_steps(const Drive *const *drives, int count, const int64_t *sources, double *u, double *y, double h,
+int macro_steps(const Drive *drives, int count, const int64_t *sources, double *u, double *y, double h,
                 int64_t ticks)
 {
     for (int64_t k = 0; k < ticks; k++) {
         const int64_t *source = sources;
         double *output = y;
         for (int c = 0; c < count; c++) {
-            for (int64_t j = 0; j < drives[c]->inputs; j++)
+            for (int64_t j = 0; j < drives[c].inputs; j++)
                 u[j] = y[*source++];
-            if (step(drives[c], k * h, h, u, output) > 1)
+            if (step(&drives[c], k * h, h, u, output) > 1)
                 return c + 1;
-            output[0] += drives[c]->theta_m_offset;
-            output += drives[c]->outputs;
+            output[0] += drives[c].theta_m_offset;
+            output += drives[c].outputs;
         }
     }
     return 0;
 }
 
 /* The same calls with inputs that never change: what the FMUs themselves take. */
-int calls_alone(const Drive *const *drives, int count, const double *u, double *y, double h, int64_t ticks)
+int calls_alone(const Drive *drives, int count, const double *u, double *y, double h, int64_t ticks)
 {
     for (int64_t k = 0; k < ticks; k++)
         for (int c = 0; c < count; c++)
-            if (step(drives[c], k * h, h, u, y) > 1)
+            if (step(&drives[c], k * h, h, u, y) > 1)
                 return c + 1;
     return 0;
 }

@@ -11,16 +11,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from fmpy import extract
 from fmpy.fmi2 import FMU2Slave
 
 from benchmarks.c_loop import CLoop, NoCompiler
 from benchmarks.measurement import Measurement, Rounds
+from twin.assembly.drives import DrivePlan, drive, planned
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import DriveShop
-from twin.drive.description import DriveDescription, described
+from twin.drive.archive import unpacked
 from twin.execution import SLICE_TICKS
+from twin.experiment.drive_files import lone_drive
 
 TICKS = 20_000
 FMPY_TICKS = 1_000
@@ -31,23 +31,23 @@ TICK = 1e-3
 
 
 @contextmanager
-def ring(description: DriveDescription) -> Iterator[System]:
+def ring(plan: DrivePlan) -> Iterator[System]:
     """Three fresh instances of a drive, wired in a ring."""
-    shop = DriveShop()
+    drives = [drive(f"drive_{i}", plan, TICK, theta_m, 0.0) for i, theta_m in enumerate(START)]
     try:
-        drives = [shop.drive(f"drive_{i}", description, {}, theta_m, 0.0) for i, theta_m in enumerate(START)]
         wires = []
         for i in range(3):
             wires.append((f"drive_{(i - 1) % 3}.theta_m", f"drive_{i}.omega_ref"))
             wires.append((f"drive_{(i - 1) % 3}.omega_m", f"drive_{i}.tau_load"))
         yield System(drives, wires, TICK)
     finally:
-        shop.close()
+        for component in drives:
+            component.close()
 
 
-def master_seconds(description: DriveDescription, slice_ticks: int) -> tuple[float, np.ndarray]:
+def master_seconds(plan: DrivePlan, slice_ticks: int) -> tuple[float, np.ndarray]:
     """Seconds of `TICKS` macro steps in the compiled master, and the last row."""
-    with ring(description) as system:
+    with ring(plan) as system:
         simulation = Simulation(system, TICKS, slice_ticks)
         rows = np.empty(0)
         began = time.perf_counter()
@@ -59,15 +59,17 @@ def master_seconds(description: DriveDescription, slice_ticks: int) -> tuple[flo
         return seconds, rows[-1].copy()
 
 
-def fmpy_seconds(description: DriveDescription, unpacked: Path) -> float:
+def fmpy_seconds(plan: DrivePlan) -> float:
     """Seconds of `TICKS` macro steps with the methods of FMPy's `FMU2Slave`, from `FMPY_TICKS` of them."""
-    count = sum(role.causality == "input" for role in description.roles)
-    inputs, outputs = list(description.references[:count]), list(description.references[count:])
+    (description,) = plan.parts.values()
+    inputs, outputs = (
+        [b.variable.reference for b in plan.bindings if b.role.causality == side] for side in ("input", "output")
+    )
     slaves = [
         FMU2Slave(
             guid=description.model.guid,
-            unzipDirectory=str(unpacked),
-            modelIdentifier=description.model.coSimulation.modelIdentifier,
+            unzipDirectory=str(unpacked(description.path, description.sha256)),
+            modelIdentifier=description.identifier,
             instanceName=f"drive_{i}",
         )
         for i in range(3)
@@ -92,16 +94,15 @@ def fmpy_seconds(description: DriveDescription, unpacked: Path) -> float:
     return seconds * TICKS / FMPY_TICKS
 
 
-def measurements(drive: Path) -> list[Measurement]:
+def measurements(folder: Path) -> list[Measurement]:
     """The lines of the table for one drive FMU."""
-    description = described(drive)
-    name = drive.name
+    plan = planned(lone_drive(str(folder), folder.parent))
+    name = folder.name
     with tempfile.TemporaryDirectory() as scratch:
-        unpacked = Path(extract(str(description.path), Path(scratch) / "fmu"))
         subjects = {
-            "master": lambda: master_seconds(description, TICKS + 1)[0],
-            "sliced": lambda: master_seconds(description, SLICE_TICKS)[0],
-            "fmpy": lambda: fmpy_seconds(description, unpacked),
+            "master": lambda: master_seconds(plan, TICKS + 1)[0],
+            "sliced": lambda: master_seconds(plan, SLICE_TICKS)[0],
+            "fmpy": lambda: fmpy_seconds(plan),
         }
         try:
             loop = CLoop(Path(scratch))
@@ -109,14 +110,14 @@ def measurements(drive: Path) -> list[Measurement]:
             rounds = Rounds(subjects, ROUNDS)
             against_c = [Measurement(f"{name}: master / C loop", None, "x", at_most=1.5, remark=str(problem))]
         else:
-            refuse_different_results(description, loop)
+            refuse_different_results(plan, loop)
 
             def in_c() -> float:
-                with ring(description) as system:
+                with ring(plan) as system:
                     return loop.macro_steps(system, TICKS)[0]
 
             def alone() -> float:
-                with ring(description) as system:
+                with ring(plan) as system:
                     return loop.calls_alone(system, TICKS)
 
             rounds = Rounds({**subjects, "c": in_c, "fmu": alone}, ROUNDS)
@@ -142,14 +143,14 @@ def _against_c(name: str, rounds: Rounds) -> list[Measurement]:
     ]
 
 
-def refuse_different_results(description: DriveDescription, loop: CLoop) -> None:
+def refuse_different_results(plan: DrivePlan, loop: CLoop) -> None:
     """A race between loops that compute different things would mean nothing.
 
     Raises:
         RuntimeError: the last outputs differ in any bit.
     """
-    with ring(description) as system:
+    with ring(plan) as system:
         _, in_c = loop.macro_steps(system, TICKS)
-    _, in_master = master_seconds(description, SLICE_TICKS)
+    _, in_master = master_seconds(plan, SLICE_TICKS)
     if not np.array_equal(in_c, in_master):
-        raise RuntimeError(f"{description.path.name}: C loop and master end differently: {in_c}, {in_master}")
+        raise RuntimeError(f"{plan.label}: C loop and master end differently: {in_c}, {in_master}")

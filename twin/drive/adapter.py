@@ -63,7 +63,7 @@ _groups_at = pointer_to(from_dtype(GROUP))
 
 
 @intrinsic
-def _access_2(typingctx, function, instance, references, count, values):
+def access_2(typingctx, function, instance, references, count, values):
     """`fmi2Status fmi2SetX|fmi2GetX(c, const fmi2ValueReference vr[], size_t nvr, X value[])`."""
 
     def codegen(context, builder, signature, arguments):
@@ -89,7 +89,7 @@ def _access_3(typingctx, function, instance, references, count, values, value_co
 
 
 @intrinsic
-def _do_step_2(typingctx, function, instance, t, h):
+def do_step_2(typingctx, function, instance, t, h):
     """`fmi2Status fmi2DoStep(c, t, h, fmi2True)`; no state is ever restored to a time before `t`."""
 
     def codegen(context, builder, signature, arguments):
@@ -175,7 +175,7 @@ def _load(kind, buffer, j):
 @njit(cache=True)
 def _access(version, instance, g):
     if version == 2:
-        return _access_2(g.access, instance, g.references, g.variables, g.buffer)
+        return access_2(g.access, instance, g.references, g.variables, g.buffer)
     return _access_3(g.access, instance, g.references, g.variables, g.buffer, g.values)
 
 
@@ -192,7 +192,7 @@ def step(self, t, h, u, y):
         if status > 1:
             return SET + status
     if m.version == 2:
-        status = _do_step_2(m.do_step, m.instance, t, h)
+        status = do_step_2(m.do_step, m.instance, t, h)
     else:
         status = _do_step_3(m.do_step, m.instance, t, h, m.returned)
         if status <= 1 and carray(_u8(m.returned), 16)[9]:

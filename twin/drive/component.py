@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from twin.cosim.component import Component, Port
-from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, KINDS, MEMORY, SET, TERMINATE, step
+from twin.drive import adapter, plain_adapter
+from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, KINDS, SET, TERMINATE
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Instance, Setting
 from twin.errors import InputRefused
@@ -72,24 +73,19 @@ class FmuComponent(Component):
         if not np.all(np.isfinite(initial)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
+        self._shift, self._returned = shift, np.zeros(16, dtype=np.uint8)
         self._groups = (self._grouped(inputs, "Set"), self._grouped(outputs, "Get", shift))
-        returned = np.zeros(16, dtype=np.uint8)
-        memory = np.zeros(1, dtype=MEMORY)
-        m = memory[0]
-        m["version"], m["instance"] = description.version, self.instance.handle
-        m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
-        for side, (table, _) in zip(("input", "output"), self._groups, strict=True):
-            m[f"{side}s"], m[f"{side}_groups"] = len(table), table.ctypes.data
+        address, memory = self._plain() if self._is_plain(inputs, outputs, shift) else self._general()
         super().__init__(
             name=name,
             inputs=tuple(p.port for p in inputs),
             outputs=tuple(p.port for p in outputs),
             sampled=False,
-            step_address=step.address,
+            step_address=address,
             self_address=memory.ctypes.data,
             initial_outputs=initial + shift,
             label=description.path.name,
-            keep=(memory, returned),
+            keep=memory,
         )
 
     def explain(self, status: int) -> str:
@@ -103,6 +99,31 @@ class FmuComponent(Component):
 
     def close(self) -> None:
         self.instance.close()
+
+    def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
+        """Whether values can go as they are: Real, unscaled, only the first output shifted."""
+        ports = (*inputs, *outputs)
+        alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
+        return alike and bool(inputs) and bool(outputs) and not np.any(shift[1:])
+
+    def _plain(self) -> tuple[int, np.ndarray]:
+        (set_,), (get,) = (table for table, _ in self._groups)
+        memory = np.zeros(1, dtype=plain_adapter.MEMORY)
+        m = memory[0]
+        m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
+        m["set_real"], m["inputs"], m["input_references"] = set_["access"], set_["variables"], set_["references"]
+        m["get_real"], m["outputs"], m["output_references"] = get["access"], get["variables"], get["references"]
+        m["first_offset"] = self._shift[0]
+        return plain_adapter.step.address, memory
+
+    def _general(self) -> tuple[int, np.ndarray]:
+        memory = np.zeros(1, dtype=adapter.MEMORY)
+        m = memory[0]
+        m["version"], m["instance"] = self.instance.description.version, self.instance.handle
+        m["do_step"], m["returned"] = self.instance.address("DoStep"), self._returned.ctypes.data
+        for side, (table, _) in zip(("input", "output"), self._groups, strict=True):
+            m[f"{side}s"], m[f"{side}_groups"] = len(table), table.ctypes.data
+        return adapter.step.address, memory
 
     def _grouped(
         self, ports: Sequence[FmuPort], access: str, shift: np.ndarray | None = None

@@ -1,0 +1,42 @@
+"""The step of the commonest drive: FMI 2.0, all Real, SI units, the contract's order. Nothing is converted or copied.
+
+It does what `adapter.step` does for such a drive, in a third of the time around the FMU's own.
+"""
+
+import numpy as np
+from numba import carray
+
+from twin.cosim.native import address_of, step_function
+from twin.drive.adapter import DO_STEP, GET, SET, access_2, do_step_2
+
+MEMORY = np.dtype(
+    [
+        ("instance", "i8"),
+        ("set_real", "i8"),
+        ("do_step", "i8"),
+        ("get_real", "i8"),
+        ("inputs", "i8"),
+        ("input_references", "i8"),
+        ("outputs", "i8"),
+        ("output_references", "i8"),
+        ("first_offset", "f8"),
+    ],
+    align=True,
+)
+"""Addresses of instance and functions, counts and addresses of value references; what is added to the first output."""
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    status = access_2(m.set_real, m.instance, m.input_references, m.inputs, address_of(u))
+    if status > 1:
+        return SET + status
+    status = do_step_2(m.do_step, m.instance, t, h)
+    if status > 1:
+        return DO_STEP + status
+    status = access_2(m.get_real, m.instance, m.output_references, m.outputs, address_of(y))
+    if status > 1:
+        return GET + status
+    carray(y, 1)[0] += m.first_offset
+    return 0
