@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -35,7 +36,7 @@ def servo(root: Path) -> Path:
     return root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
 
 
-def made(fmu: Path, name: str = "drive_1", theta_m: float = 0.0, **table) -> Component:
+def made(fmu: Path, name: str = "drive_1", theta_m: float = 0.0, **table: Any) -> Component:
     return drive(name, planned(Drive.model_validate({"fmu": str(fmu), **table})), TICK, theta_m, 0.0)
 
 
@@ -96,7 +97,7 @@ def test_sub_stepping_an_exactly_solved_drive_changes_nothing(servo: Path):
 def test_two_fmus_wired_together_are_one_drive(root: Path):
     """An ideal velocity source whose speed commands a second one through a wire, one inner step later."""
     ideal = str(root / "fmus/ideal_velocity/ideal_velocity.fmu")
-    table = {
+    table: dict[str, Any] = {
         "parts": {"source": {"fmu": ideal}, "shaft": {"fmu": ideal}},
         "wires": {"shaft.omega_ref": "source.omega_m", "source.tau_load": "shaft.theta_m"},
         "inputs": {"omega_ref": "source.omega_ref", "tau_load": "shaft.tau_load"},
@@ -113,7 +114,7 @@ def test_two_fmus_wired_together_are_one_drive(root: Path):
 
 def test_a_voltage_drive_gets_a_velocity_loop_in_front_of_it(root: Path):
     folder = root / "fmus" / "brushed_dc"
-    table = {
+    table: dict[str, Any] = {
         "command": "voltage",
         "inputs": {"command": "u_cmd", "tau_load": "M_load"},
         "outputs": {"theta_m": "phi", "omega_m": "n"},
@@ -126,7 +127,7 @@ def test_a_voltage_drive_gets_a_velocity_loop_in_front_of_it(root: Path):
 
 
 def test_rates_that_do_not_fit_are_refused(root: Path):
-    table = {
+    table: dict[str, Any] = {
         "command": "voltage",
         "inputs": {"command": "u_cmd", "tau_load": "M_load"},
         "outputs": {"theta_m": "phi", "omega_m": "n"},

@@ -28,8 +28,9 @@ def test_the_models_own_definition_decides():
 
 
 def test_a_temperature_in_celsius_has_an_offset():
-    dimension, factor, offset = conversion("degC", [defined("degC", offset=273.15, K=1)]) or ()
-    assert (dimension, 25.0 * factor + offset) == (TEMPERATURE, 298.15)
+    found = conversion("degC", [defined("degC", offset=273.15, K=1)])
+    assert found is not None and found.dimension == TEMPERATURE
+    assert 25.0 * found.factor + found.offset == 298.15
 
 
 def test_rpm_defined_as_a_frequency_still_counts_turns():

@@ -1,9 +1,11 @@
 """From a joint's [drive] table to one component with the contract's ports, whatever stands behind them."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from twin.controller.pid import Gains
 from twin.controller.velocity_loop import VelocityLoop
@@ -20,6 +22,7 @@ from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 
 OMEGA_REF = COMMANDS["velocity"].port
+Start = float | np.ndarray
 ALONE = ""
 """Name of the only part of a drive that is one FMU."""
 
@@ -39,9 +42,14 @@ class DrivePlan:
     label: str
     table: Drive
     parts: dict[str, FmuDescription]
-    settings: dict[str, list[Setting]]
+    settings: Mapping[str, Sequence[Setting]]
     bindings: tuple[Binding, ...]
     wires: tuple[tuple[str, str], ...]
+
+    @property
+    def axes(self) -> int:
+        """How many joints one instance drives: 1 or 3."""
+        return next(b.port.size for b in self.bindings if b.port.name == "theta_m")
 
     @property
     def outputs(self) -> tuple[Port, ...]:
@@ -91,7 +99,7 @@ def planned(table: Drive) -> DrivePlan:
     wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs)
     fed = {target for target in table.wires}
     free = {name: v for name, v in variables.items() if name not in fed}
-    return DrivePlan(
+    plan = DrivePlan(
         label=label,
         table=table,
         parts=parts,
@@ -99,14 +107,17 @@ def planned(table: Drive) -> DrivePlan:
         bindings=bindings(label, free, wiring),
         wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
     )
+    if plan.axes > 1 and table.velocity_loop is not None:
+        raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our loop drives one axis")
+    return plan
 
 
-def drive(name: str, plan: DrivePlan, tick: float, theta_m: float, tau_load: float) -> Component:
+def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
     """The component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
 
     Args:
         tick: of the system it will be part of (s).
-        theta_m: motor angle at t = 0 (rad). tau_load: load at t = 0 (N m).
+        theta_m: motor angle at t = 0 (rad). tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
@@ -175,7 +186,7 @@ def _rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
 
 
 def _part(
-    name: str, part: str, plan: DrivePlan, description: FmuDescription, theta_m: float, tau_load: float
+    name: str, part: str, plan: DrivePlan, description: FmuDescription, theta_m: Start, tau_load: Start
 ) -> FmuComponent:
     """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
     mine = [b for b in plan.bindings if _belongs(part, b.name)]
@@ -236,5 +247,5 @@ def _inner_system(
         wires.append((f"{owner[a]}.{a}", f"{owner[b]}.{b}"))
     load = next(b.port for b in plan.bindings if b.port.name == "tau_load")
     return Subsystem(
-        name, (OMEGA_REF, load), outputs, components, wires, tick / substeps, substeps, label=plan.label
+        name, (replace(OMEGA_REF, size=plan.axes), load), outputs, components, wires, tick / substeps, substeps, label=plan.label
     )  # fmt: skip

@@ -14,6 +14,7 @@ from twin.controller.pid import Gains
 from twin.cosim.component import Component
 from twin.cosim.delay import delay
 from twin.cosim.system import System
+from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
@@ -75,12 +76,18 @@ def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None
         *_delayed(experiment),
         Scale(experiment.scale.resolution * 9.81, experiment.scale_ticks),
     ]
+    commander = "delay" if experiment.controller.delay_ticks else "controller"
     with ExitStack() as made:
-        for i, plan in enumerate(plans):
-            components.append(drive(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
+        if plans[0].axes == 3:
+            components.append(drive("drive", plans[0], experiment.cosim.tick, theta_m, tau_load))
             made.callback(components[-1].close)
+            wires = _wires(commander) + _common_drive_wires(commander)
+        else:
+            for i, plan in enumerate(plans):
+                components.append(drive(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
+                made.callback(components[-1].close)
+            wires = _wires(commander) + _joint_drive_wires(commander)
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
-        wires = _wires("delay" if experiment.controller.delay_ticks else "controller")
         system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
         made.pop_all()
     return Assembly(system, plans)
@@ -130,6 +137,9 @@ def _planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     plans: list[DrivePlan] = []
     for table in experiment.drives:
         plans.append(next((plan for plan in plans if plan.table == table), None) or planned(table))
+    if len({plan.axes for plan in plans}) > 1 or (plans[0].axes == 3 and plans[1:] != plans[:1] * 2):
+        label = next(plan.label for plan in plans if plan.axes == 3)
+        raise InputRefused(f"{label}: drives all three joints; [drive.joint_1] .. cannot differ then, remove them")
     return tuple(plans)
 
 
@@ -151,6 +161,11 @@ def _wires(commander: str) -> list[tuple[str, str]]:
     ]
     if commander != "controller":
         wires.append(("controller.omega_ref", f"{commander}.omega_ref"))
+    return wires
+
+
+def _joint_drive_wires(commander: str) -> list[tuple[str, str]]:
+    wires = []
     for i in range(3):
         joint = f"drive_{i + 1}"
         wires += [
@@ -160,3 +175,13 @@ def _wires(commander: str) -> list[tuple[str, str]]:
             (f"plant.tau_load[{i}]", f"{joint}.tau_load"),
         ]
     return wires
+
+
+def _common_drive_wires(commander: str) -> list[tuple[str, str]]:
+    """One drive of three axes."""
+    return [
+        ("drive.theta_m", "encoder.theta_m"),
+        ("drive.theta_m", "plant.theta_m"),
+        (f"{commander}.omega_ref", "drive.omega_ref"),
+        ("plant.tau_load", "drive.tau_load"),
+    ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.cosim.component import Component, Port
 from twin.drive import adapter, plain_adapter
-from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, KINDS, SET, TERMINATE
+from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Instance, Setting
 from twin.errors import InputRefused
@@ -25,7 +25,7 @@ class FmuPort:
     gain: float = 1.0
     offset: float = 0.0
 
-    def in_fmu(self, value: float) -> float:
+    def in_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
         """`value` of the port as the FMU wants it."""
         return (value - self.offset) / self.gain
 
@@ -54,8 +54,8 @@ class FmuComponent(Component):
         inputs: Sequence[FmuPort],
         outputs: Sequence[FmuPort],
         settings: Sequence[Setting] = (),
-        inputs_at_start: Mapping[str, float] | None = None,
-        outputs_at_start: Mapping[str, float] | None = None,
+        inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
+        outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
@@ -131,10 +131,10 @@ class FmuComponent(Component):
         """Table of `adapter.GROUP`, one row per FMI type, and the arrays it points to."""
         starts = np.concatenate([[0], np.cumsum([p.port.size for p in ports])]).astype(int)
         extra = np.zeros(starts[-1]) if shift is None else shift
-        types = list(dict.fromkeys(self._type_name(p.variable) for p in ports))
+        types = list(dict.fromkeys(self.instance.type_name(p.variable) for p in ports))
         table, kept = np.zeros(len(types), dtype=GROUP), []
         for row, name in zip(table, types, strict=True):
-            members = [i for i, p in enumerate(ports) if self._type_name(p.variable) == name]
+            members = [i for i, p in enumerate(ports) if self.instance.type_name(p.variable) == name]
             slots = np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members])
             arrays = {
                 "references": np.array([ports[i].variable.reference for i in members], dtype=np.uint32),
@@ -150,9 +150,3 @@ class FmuComponent(Component):
                 row[field] = array.ctypes.data
                 kept.append(array)
         return table, kept
-
-    def _type_name(self, variable: Variable) -> str:
-        """What the FMI's set and get functions of this variable are called after."""
-        if self.instance.description.version == 2:
-            return "Integer" if variable.type == "Enumeration" else variable.type
-        return KINDS[variable.kind]

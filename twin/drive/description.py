@@ -4,7 +4,7 @@ import difflib
 import math
 import platform as machine
 import sys
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -70,7 +70,7 @@ class FmuDescription:
         """Numeric variables of a causality, in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
-    def settings(self, values: Mapping[str, float]) -> list[tuple[Variable, float]]:
+    def settings(self, values: Mapping[str, float]) -> Sequence[tuple[Variable, float]]:
         """Values for parameters and inputs, before initialisation.
 
         Raises:

@@ -3,6 +3,7 @@
 import ctypes
 import os
 from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from ctypes import byref, c_void_p
 from pathlib import Path
 from typing import Any
@@ -11,10 +12,12 @@ import numpy as np
 from fmpy import fmi2, fmi3
 
 from twin.drive.adapter import KINDS
+from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription, Variable
 from twin.errors import InputRefused
 
-Setting = tuple[Variable, float]
+Setting = tuple[Variable, float | np.ndarray]
+"""A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
 
 
 class Instance:
@@ -43,6 +46,7 @@ class Instance:
         inputs: Sequence[Setting] = (),
     ):
         self.description = description
+        self.name = name
         self.messages: list[str] = []
         self._fmu = self._loaded(name, folder)
         self._instantiate()
@@ -59,30 +63,37 @@ class Instance:
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units."""
-        return np.array([value for v in variables for value in self._get(v)], dtype=float)
+        with self._calling("Get"):
+            return np.array([value for v in variables for value in self._get(v)], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
-        """Set scalar variables; the FMU decides whether it may be done now."""
-        for variable, value in settings:
-            self._set(variable, value)
+        """Set variables; the FMU decides whether it may be done now."""
+        with self._calling("Set"):
+            for variable, value in settings:
+                self._set(variable, value)
 
     def close(self) -> None:
         """Free it; safe to call twice."""
         if self._fmu is not None and self._fmu.component:
-            self._fmu.freeInstance()
+            with self._calling("FreeInstance"):
+                self._fmu.freeInstance()
         self._fmu = None
+
+    def _calling(self, function: str) -> AbstractContextManager[None]:
+        return announced(self.description.path.name, self.name, f"fmi{self.description.version}{function}")
 
     def _loaded(self, name: str, folder: Path) -> Any:
         model = self.description.model
         kind = fmi2.FMU2Slave if self.description.version == 2 else fmi3.FMU3Slave
         here = os.getcwd()
         try:
-            return kind(
-                guid=model.guid,
-                unzipDirectory=str(folder),
-                modelIdentifier=self.description.identifier,
-                instanceName=name,
-            )
+            with self._calling("Instantiate, while its binary was being loaded"):
+                return kind(
+                    guid=model.guid,
+                    unzipDirectory=str(folder),
+                    modelIdentifier=self.description.identifier,
+                    instanceName=name,
+                )
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
             raise InputRefused(f"{self.description.path}: its binary does not load: {problem}") from None
@@ -100,9 +111,11 @@ class Instance:
                 callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
                 callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
                 addLoggerProxy(byref(callbacks))
-                self._fmu.instantiate(callbacks=callbacks, loggingOn=False)
+                with self._calling("Instantiate"):
+                    self._fmu.instantiate(callbacks=callbacks, loggingOn=False)
             else:
-                self._fmu.instantiate(logMessage=self._log_3, loggingOn=False)
+                with self._calling("Instantiate"):
+                    self._fmu.instantiate(logMessage=self._log_3, loggingOn=False)
         # FMPy turns a NULL instance into a bare Exception
         except Exception:
             self._fmu.component = None
@@ -116,36 +129,40 @@ class Instance:
         try:
             self.write(settings)
             if self.description.version == 2:
-                self._fmu.setupExperiment(startTime=0.0)
-                self._fmu.enterInitializationMode()
+                with self._calling("SetupExperiment"):
+                    self._fmu.setupExperiment(startTime=0.0)
+                with self._calling("EnterInitializationMode"):
+                    self._fmu.enterInitializationMode()
             else:
-                self._fmu.enterInitializationMode(startTime=0.0)
+                with self._calling("EnterInitializationMode"):
+                    self._fmu.enterInitializationMode(startTime=0.0)
             self.write(inputs)
-            self._fmu.exitInitializationMode()
+            with self._calling("ExitInitializationMode"):
+                self._fmu.exitInitializationMode()
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
         except Exception as problem:
             self.close()
             raise InputRefused(f"{self.description.path}: cannot be initialised: {problem}{self._said()}") from None
 
-    def _set(self, variable: Variable, value: float) -> None:
-        kind, references = KINDS[variable.kind], [variable.reference]
-        if self.description.version == 2:
-            if variable.type == "Real":
-                self._fmu.setReal(references, [value])
-            elif variable.type == "Boolean":
-                self._fmu.setBoolean(references, [value > 0.5])
-            else:
-                self._fmu.setInteger(references, [round(value)])
-        else:
-            typed = value if kind.startswith("Float") else value > 0.5 if kind == "Boolean" else round(value)
-            getattr(self._fmu, f"set{kind}")(references, [typed] * variable.size)
+    def _set(self, variable: Variable, value: float | np.ndarray) -> None:
+        values = np.broadcast_to(value, variable.size).tolist()
+        if variable.type == "Boolean":
+            values = [v > 0.5 for v in values]
+        elif variable.type not in ("Real", "Float64", "Float32"):
+            values = [round(v) for v in values]
+        getattr(self._fmu, f"set{self.type_name(variable)}")([variable.reference], values)
 
     def _get(self, variable: Variable) -> Sequence[float]:
-        references = [variable.reference]
+        read = getattr(self._fmu, f"get{self.type_name(variable)}")
         if self.description.version == 2:
-            name = {"Real": "getReal", "Boolean": "getBoolean"}.get(variable.type, "getInteger")
-            return getattr(self._fmu, name)(references)
-        return getattr(self._fmu, f"get{KINDS[variable.kind]}")(references, nValues=variable.size)
+            return read([variable.reference])
+        return read([variable.reference], nValues=variable.size)
+
+    def type_name(self, variable: Variable) -> str:
+        """What the FMI's set and get functions of this variable are called after."""
+        if self.description.version == 2:
+            return "Integer" if variable.type == "Enumeration" else variable.type
+        return KINDS[variable.kind]
 
     def _said(self) -> str:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""

@@ -6,7 +6,7 @@ descriptions, and only if there is one answer. Otherwise the error is the TOML t
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from twin.cosim.component import Port
@@ -48,7 +48,8 @@ class Binding:
 
     @property
     def port(self) -> Port:
-        return self.role.port
+        """The contract's port, as wide as the variable: 3 for a drive with three axes in one FMU."""
+        return replace(self.role.port, size=self.variable.size)
 
     def __str__(self) -> str:
         arrow = "<-" if self.role.causality == "input" else "->"
@@ -86,11 +87,13 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
                 unsure.append(role)
     if unsure:
         raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, wiring))
-    return tuple(
+    found = tuple(
         _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring)
         for role in roles
         if role.port.name in chosen
     )
+    _refuse_odd_widths(file, found)
+    return found
 
 
 def _bound(role: Role, variable: Variable, name: str, wiring: Wiring) -> Binding:
@@ -98,6 +101,13 @@ def _bound(role: Role, variable: Variable, name: str, wiring: Wiring) -> Binding
     ratio = wiring.sign * wiring.gear_ratio
     mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical]
     return Binding(role, variable, name, factor * mechanical, offset * mechanical)
+
+
+def _refuse_odd_widths(file: str, found: tuple[Binding, ...]) -> None:
+    widths = {b.port.name: b.port.size for b in found if b.role.required}
+    if len(set(widths.values())) > 1 or not set(widths.values()) <= {1, 3}:
+        told = ", ".join(f"{name} has {size}" for name, size in widths.items())
+        raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
 
 
 def _refuse_unknown_roles(file: str, wiring: Wiring, roles: tuple[Role, ...]) -> None:
