@@ -1,8 +1,10 @@
 """What many tests stand on: the repository's files, and the paper's experiment run once."""
 
+import os
 from pathlib import Path
 
 import pytest
+from hypothesis import settings
 
 from twin.execution import execute
 from twin.experiment.experiment import load_experiment
@@ -10,6 +12,11 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 
 ROOT = Path(__file__).parents[1]
+
+# Loading a compiled function for the first time takes longer than hypothesis grants one example. CI draws the same
+# examples every time; elsewhere they differ from run to run, and find what CI has not seen.
+settings.register_profile("compiled", deadline=None, derandomize="CI" in os.environ)
+settings.load_profile("compiled")
 
 
 @pytest.fixture(scope="session")

@@ -104,9 +104,11 @@ def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray
         counts = encoder(np.concatenate([x[:3], y[THETA_L]]))
         estimate = estimator(counts)
         omega_ref = law(estimate[ESTIMATES_USED], k * T_s, T_s)[:3]
-        x = solve_ivp(
-            lambda _, x: coupled_derivative(parameters, T_M, droop, omega_ref, x),
-            (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=RTOL, atol=ATOL,
-        ).y[:, -1]  # fmt: skip
+
+        def rate(_t, x, omega_ref=omega_ref):
+            return coupled_derivative(parameters, T_M, droop, omega_ref, x)
+
+        solution = solve_ivp(rate, (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=RTOL, atol=ATOL)
+        x = solution.y[:, -1]
         settle(parameters, x[6:])
     return dict(zip(signal_labels(OUTPUTS), rows.T, strict=True))

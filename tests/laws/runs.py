@@ -47,11 +47,11 @@ class Rows:
 
     def __getitem__(self, end: str) -> NDArray[np.float64]:
         columns = self.values[:, self.system.columns(end)]
-        return columns[:, 0] if columns.shape[1] == 1 else columns
+        return columns.squeeze(axis=1) if columns.shape[1] == 1 else columns
 
     @property
     def t(self) -> NDArray[np.float64]:
-        return np.arange(len(self.values)) * self.system.tick
+        return np.arange(len(self.values), dtype=float) * self.system.tick
 
 
 def co_simulated(experiment: Experiment, duration: float = 20.0) -> Rows:

@@ -26,7 +26,7 @@ def signal_labels(ports: tuple[Port, ...]) -> list[str]:
     return labels
 
 
-def plant_system(parameters: PlantParameters, name: str = "plant") -> control.NonlinearIOSystem:
+def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
     """Springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI.
 
     The equations are those of `twin/plant/dynamics.py` and `twin/plant/contact.py`. Between the component and this
@@ -37,7 +37,6 @@ def plant_system(parameters: PlantParameters, name: str = "plant") -> control.No
     Args:
         parameters: what is true. They become the system's `params`, a dictionary of the same names, so that one value
             can be replaced for one call: `control.linearize(system, x, u, params={"k_s": 2.0})`.
-        name: of the system.
 
     Returns:
         A system with inputs theta_m_1 .. theta_m_3 (rad), the 8 states of `twin/plant/parameters.py` (`STATE_LABELS`)
@@ -51,7 +50,7 @@ def plant_system(parameters: PlantParameters, name: str = "plant") -> control.No
         inputs=signal_labels(INPUTS),
         outputs=signal_labels(OUTPUTS),
         states=STATE_LABELS,
-        name=name,
+        name="plant",
     )
 
 

@@ -35,6 +35,7 @@ MEMORY = np.dtype(
         ("parameters", PARAMETERS),
         ("substeps", "i8"),
         ("x", "f8", (STATES,)),
+        ("last", "f8", (STATES,)),
         ("k", "f8", (4, STATES)),
         ("stage", "f8", (STATES,)),
     ],
@@ -89,6 +90,8 @@ def outputs(parameters, x, theta_m, y):
 def step(self, t, h, u, y):
     m = carray(self, 1)[0]
     theta_m = carray(u, 3)
+    # where the robot was, for the sentence of a step that leaves nothing but NaN
+    m.last[:] = m.x
     for _ in range(m.substeps):
         integrate(m.parameters, m.x, theta_m, h / m.substeps, m.k, m.stage)
     return 0 if outputs(m.parameters, m.x, theta_m, carray(y, 24)) else LEFT_WORKSPACE
@@ -125,5 +128,5 @@ class Plant(Component):
         )
 
     def explain(self, status: int) -> str:
-        x, y, z = 1e3 * self.keep["x"][0][:3]
+        x, y, z = 1e3 * self.keep["last"][0][:3]
         return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"

@@ -39,7 +39,9 @@ def tangential_velocity(parameters, vx, vy, vz):
     return cos_t * vx - sin_t * vz, vy
 
 
-@njit(cache=True)
+# numpy's division here and below: out of reach 0/0 has to become NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
 def _within(x, y, limit):
     """The vector (x, y), shortened to length `limit` if it is longer."""
     length = math.sqrt(x * x + y * y)
@@ -63,7 +65,7 @@ def friction(parameters, F_n, z_1, z_2, v_1, v_2):
     return _within(f_1, f_2, parameters.mu * F_n)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
     """dz_b/dt (m/s): the tangential velocity, less what would stretch a bristle that already slides."""
     limit = parameters.mu * F_n / parameters.sigma_0

@@ -32,7 +32,9 @@ def joint_torque(parameters, d, omega_l):
     return load_torque(parameters.k_s, parameters.N, parameters.eta, d)
 
 
-@njit(cache=True)
+# numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
+# calls by address is lost
+@njit(cache=True, error_model="numpy")
 def _solve_symmetric(a, b, c, d, e, f, x, y, z):
     """Solve [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
     m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d

@@ -1,0 +1,133 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.laws.runs import FORCE, POSITION, Sampled, shipped
+from tests.plant.states import positions
+from twin.assembly import belief, controller
+from twin.controller.controller import NEVER, Controller, Law
+from twin.controller.pid import Gains
+from twin.robot.geometry import Geometry
+from twin.robot.jacobian import jacobian
+
+T_s = 2e-3
+GEOMETRY = Geometry(*belief(shipped())[:4])
+POINT = (0.0, 0.0, -0.105)
+J_HOME = jacobian(GEOMETRY, POINT).ravel()
+LAW = Law(N=2.0, omega_max=8.0, F_z_ref=5.0, trigger_force=0.6, trigger_time=NEVER, dp_z_max=0.015, corner=0.0)
+KP, FORCE_GAINS = 1.5, Gains(2e-3, 5e-4)
+
+
+def law_of(law=LAW, position=KP, force=FORCE_GAINS):
+    return Sampled(Controller(law, Gains(position), force, [0.0], [POINT]))
+
+
+def estimates(F_z, p_B=POINT, J=J_HOME):
+    return np.concatenate([p_B, J, [0.0, 0.0, -F_z]])
+
+
+def pressed(law, forces):
+    """Outputs by port over ticks with the estimated pressing force `forces` (N), the platform at home."""
+    ticks = [law.named(estimates(F_z), k * T_s, T_s) for k, F_z in enumerate(forces)]
+    return {name: np.array([tick[name] for tick in ticks]).squeeze() for name in ticks[0]}
+
+
+@given(positions())
+def test_position_loop_turns_the_cartesian_error_into_motor_speeds(p_B):
+    J = jacobian(GEOMETRY, p_B)
+    found = law_of().named(estimates(0.0, p_B, J.ravel()))["omega_ref"]
+    # rounding of speeds below 8 rad/s
+    np.testing.assert_allclose(found, 2.0 * J @ (KP * (POINT - p_B)), rtol=0, atol=1e-13)
+
+
+@given(positions(), st.floats(0.0, 100.0))
+def test_commanded_speeds_and_correction_stay_within_their_limits(p_B, F_z):
+    law = law_of(position=1000.0, force=Gains(1.0, 1.0, 0.1))
+    for k in range(5):
+        found = law.named(estimates(F_z, p_B, jacobian(GEOMETRY, p_B).ravel()), k * T_s, T_s)
+        assert np.abs(found["omega_ref"]).max() <= LAW.omega_max
+        assert abs(found["dp_z"][0]) <= LAW.dp_z_max
+
+
+def test_position_integral_stops_while_a_speed_is_limited():
+    law = Sampled(Controller(LAW._replace(omega_max=0.1), Gains(1.5, 50.0), FORCE_GAINS, [0.0], [POINT]))
+    away = np.add(POINT, [0.0, 0.0, 0.01])
+    for k in range(1000):
+        law.named(estimates(0.0, away), k * T_s, T_s)
+    # without an error only the integral is left, and it took up nothing
+    np.testing.assert_array_equal(law.named(estimates(0.0), 2.0, T_s)["omega_ref"], 0.0)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_law_acts_in_the_very_tick_in_which_the_force_triggers_it(sign):
+    found = pressed(law_of(), sign * np.array([0.0, 0.59, 0.61, 0.0]))
+    np.testing.assert_array_equal(found["triggered"], [0, 0, 1, 1])
+    np.testing.assert_array_equal(found["dp_z"][:2], 0.0)
+    e = LAW.F_z_ref - sign * 0.61
+    # the integral includes the newest sample; rounding
+    expected = -(FORCE_GAINS.kp * e + FORCE_GAINS.ki * e * T_s)
+    assert found["dp_z"][2] == pytest.approx(expected, rel=1e-12)
+    assert found["p_cmd_B"][2] == pytest.approx(np.add(POINT, [0.0, 0.0, expected]), rel=1e-12)
+
+
+def test_trigger_stays_when_the_force_goes():
+    found = pressed(law_of(), [0.0, 1.0, *np.zeros(50)])
+    assert found["triggered"][1:].all()
+
+
+def test_force_at_the_threshold_does_not_trigger():
+    assert not pressed(law_of(), [0.6])["triggered"].any()
+
+
+def test_schedule_triggers_at_its_tick_whatever_the_force():
+    law = law_of(LAW._replace(trigger_force=NEVER, trigger_time=5 * T_s))
+    found = pressed(law, np.full(10, 100.0))
+    np.testing.assert_array_equal(found["triggered"], [0] * 5 + [1] * 5)
+
+
+def test_position_mode_is_never_triggered():
+    overrides = ("controller.force.trigger_time_s=0.0", "controller.force.trigger_N=0.0")
+    found = pressed(Sampled(controller(shipped(POSITION, *overrides))), np.full(100, 50.0))
+    assert not found["triggered"].any()
+    np.testing.assert_array_equal(found["dp_z"], 0.0)
+
+
+def test_force_mode_is_triggered_by_the_threshold_of_the_file():
+    found = pressed(Sampled(controller(shipped(FORCE, "controller.force.filter_Hz=0"))), [0.5, 0.7])
+    np.testing.assert_array_equal(found["triggered"], [0, 1])
+
+
+def test_force_filter_answers_a_step_as_a_first_order_lag():
+    found = pressed(law_of(LAW._replace(corner=10.0, trigger_force=NEVER)), np.full(60, 4.0))
+    # the exact lag, the step having lasted one period at the first sample; rounding
+    expected = 4.0 * (1.0 - np.exp(-2.0 * np.pi * 10.0 * T_s * np.arange(1, 61)))
+    np.testing.assert_allclose(found["F_z"], expected, rtol=1e-12)
+
+
+def test_correction_is_the_negative_pid_of_the_force_error():
+    forces = np.concatenate([[0.7], 5.0 + np.sin(np.arange(40.0))])
+    found = pressed(law_of(force=Gains(2e-3, 5e-3, 1e-6)), forces)
+    e = LAW.F_z_ref - forces
+    rate = np.concatenate([[0.0], np.diff(e)]) / T_s
+    # rounding of millimetres
+    expected = -(2e-3 * e + 5e-3 * T_s * np.cumsum(e) + 1e-6 * rate)
+    np.testing.assert_allclose(found["dp_z"], expected, rtol=0, atol=1e-15)
+
+
+def test_force_integral_does_not_wind_up_at_the_limit():
+    law = law_of(force=Gains(5e-3, 0.05))
+    held = pressed(law, np.concatenate([[0.7], np.full(5000, -1.0)]))
+    np.testing.assert_array_equal(held["dp_z"][1:], -LAW.dp_z_max)
+    # what the integral holds after ten seconds at the limit, seen at zero error: nothing
+    released = pressed(law, [LAW.F_z_ref])
+    assert released["dp_z"] == pytest.approx(0.0, abs=1e-15)
+
+
+def test_reference_is_handed_on_with_and_without_correction():
+    found = pressed(law_of(), [0.0, 1.0])
+    np.testing.assert_array_equal(found["p_ref_B"], [POINT, POINT])
+    np.testing.assert_array_equal(found["p_cmd_B"][0], POINT)
+    # rounding
+    assert found["p_cmd_B"][1, 2] - found["p_ref_B"][1, 2] == pytest.approx(found["dp_z"][1], rel=1e-12)
+    np.testing.assert_array_equal(found["F_z_ref"], LAW.F_z_ref)

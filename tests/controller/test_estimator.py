@@ -1,0 +1,75 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.laws.runs import Sampled, shipped
+from tests.plant.states import positions
+from twin.assembly import belief
+from twin.controller.estimator import Estimator
+from twin.robot.forward_kinematics import position
+from twin.robot.geometry import Geometry
+from twin.robot.gravity import Masses, environment_force
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.jacobian import jacobian
+from twin.robot.sea import deflection, load_torque
+from twin.robot.statics import end_effector_force
+
+BELIEF = belief(shipped())._replace(motor_zero=(0.01, -0.02, 0.03), joint_zero=(-0.005, 0.002, 0.001))
+GEOMETRY = Geometry(BELIEF.a, BELIEF.b, BELIEF.l_a, BELIEF.l_b)
+MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
+wind_ups = st.tuples(*[st.floats(-0.2, 0.2)] * 3).map(np.array)
+
+
+def counts(p_B, wind_up):
+    theta_l = joint_angles(GEOMETRY, p_B)
+    theta_m = BELIEF.N * theta_l + wind_up
+    count_m = np.round((theta_m + BELIEF.motor_zero) * BELIEF.motor_counts / (2.0 * np.pi))
+    count_l = np.round((theta_l + BELIEF.joint_zero) * BELIEF.joint_counts / (2.0 * np.pi))
+    return np.concatenate([count_m, count_l])
+
+
+def angles(count):
+    theta_m = count[:3] * 2.0 * np.pi / BELIEF.motor_counts - BELIEF.motor_zero
+    return theta_m, count[3:] * 2.0 * np.pi / BELIEF.joint_counts - BELIEF.joint_zero
+
+
+@given(positions(), wind_ups)
+def test_estimate_is_what_the_robot_package_makes_of_the_counts(p_B, wind_up):
+    count = counts(p_B, wind_up)
+    theta_m, theta_l = angles(count)
+    found = Sampled(Estimator(BELIEF)).named(count)
+    at = position(GEOMETRY, theta_l)
+    tau_l = load_torque(BELIEF.k_s, BELIEF.N, BELIEF.eta, deflection(theta_m, theta_l, BELIEF.N))
+    # rounding, of torques below 1 N m and forces below 20 N
+    np.testing.assert_allclose(found["theta_m"], theta_m, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found["theta_l"], theta_l, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found["p_B"], at, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(found["J"].reshape(3, 3), jacobian(GEOMETRY, at), rtol=0, atol=1e-10)
+    np.testing.assert_allclose(found["tau_l"], tau_l, rtol=0, atol=1e-13)
+    expected = environment_force(GEOMETRY, MASSES, theta_l, at, tau_l)
+    np.testing.assert_allclose(found["F_ee_B"], expected, rtol=0, atol=1e-11)
+
+
+@given(positions(), wind_ups)
+def test_without_compensation_the_force_is_that_of_the_papers_statics(p_B, wind_up):
+    count = counts(p_B, wind_up)
+    found = Sampled(Estimator(BELIEF, gravity_compensation=False)).named(count)
+    # Eq. 21-27; rounding of forces below 20 N
+    expected = end_effector_force(GEOMETRY, found["theta_l"], found["tau_l"])
+    np.testing.assert_allclose(found["F_ee_B"], expected, rtol=0, atol=1e-11)
+
+
+@given(positions())
+def test_position_is_known_to_a_joint_count(p_B):
+    found = Sampled(Estimator(BELIEF)).named(counts(p_B, np.zeros(3)))
+    # half a count of 2 pi / 16384 on each joint; |J^-1| is below 0.1 m/rad in the working range
+    assert np.abs(found["p_B"] - p_B).max() < 0.1 * np.sqrt(3.0) * np.pi / BELIEF.joint_counts
+
+
+def test_counts_that_no_pose_explains_give_no_number():
+    calibrated = BELIEF._replace(motor_zero=(0.0, 0.0, 0.0), joint_zero=(0.0, 0.0, 0.0))
+    # leg 1 folded inwards, the others outwards: the sphere centres lie on one line
+    half_turn = BELIEF.joint_counts / 2.0
+    found = Sampled(Estimator(calibrated)).named(np.array([0.0, 0.0, 0.0, half_turn, 0.0, 0.0]))
+    assert np.isnan(found["p_B"]).all()
+    assert np.isnan(found["F_ee_B"]).all()

@@ -1,0 +1,76 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
+
+T_s = 2e-3
+errors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=30)
+
+
+def at_rest(*gains):
+    return np.array([loop(Gains(*gains))], dtype=PID)[0]
+
+
+def driven(pid, samples):
+    """Outputs for error samples, every integral accepted."""
+    outputs = []
+    for e in samples:
+        u, integral = proposal(pid, e, T_s)
+        accept(pid, integral)
+        outputs.append(u)
+    return np.array(outputs)
+
+
+@given(errors)
+def test_proportional_loop_multiplies(samples):
+    np.testing.assert_array_equal(driven(at_rest(3.0), samples), 3.0 * np.array(samples))
+
+
+@given(errors)
+def test_integral_is_the_sum_of_rectangles_and_includes_the_newest(samples):
+    # rounding of sums of 30 numbers below 0.1
+    np.testing.assert_allclose(driven(at_rest(0.0, 5.0), samples), 5.0 * T_s * np.cumsum(samples), rtol=0, atol=1e-14)
+
+
+def test_a_proposal_that_is_not_accepted_leaves_the_integral():
+    pid = at_rest(0.0, 5.0)
+    proposal(pid, 1.0, T_s)
+    u, _ = proposal(pid, 1.0, T_s)
+    assert u == 5.0 * T_s
+
+
+def test_first_sample_makes_no_derivative():
+    u, _ = proposal(at_rest(0.0, 0.0, 2.0), 7.0, T_s)
+    assert u == 0.0
+
+
+@given(errors)
+def test_unfiltered_derivative_is_the_difference_quotient(samples):
+    expected = 2.0 * np.diff([samples[0], *samples]) / T_s
+    # rounding of quotients of up to 2e4
+    np.testing.assert_allclose(driven(at_rest(0.0, 0.0, 2.0), samples), expected, rtol=0, atol=1e-10)
+
+
+@given(st.floats(0.5, 200.0), st.floats(-10.0, 10.0))
+def test_filtered_derivative_of_a_ramp_rises_as_a_first_order_lag(corner, slope):
+    n = np.arange(40)
+    found = driven(at_rest(0.0, 0.0, 2.0, corner), slope * n * T_s)
+    # the exact lag at the sampling times; rounding of quotients of up to 1e2
+    expected = 2.0 * slope * (1.0 - np.exp(-2.0 * np.pi * corner * n * T_s))
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-11)
+
+
+@given(st.floats(0.1, 1000.0), st.floats(1e-5, 0.1), st.integers(1, 20))
+def test_low_pass_shares_of_part_periods_make_up_that_of_the_whole(corner, h, parts):
+    left = (1.0 - low_pass_share(corner, h / parts)) ** parts
+    # rounding
+    assert 1.0 - left == pytest.approx(low_pass_share(corner, h), rel=1e-9)
+    assert low_pass_share(corner, h) == pytest.approx(1.0 - math.exp(-2.0 * math.pi * corner * h), rel=1e-12)
+
+
+def test_corner_zero_means_no_filter():
+    assert low_pass_share(0.0, T_s) == 1.0

@@ -1,0 +1,34 @@
+"""The coupling error falls with the first power of the communication step, in both schemes.
+
+The force loop is off, because its latched trigger snaps to a tick; backlash is 0, because the time at which it is
+crossed snaps likewise; T_s stays 2 ms, so only the coupling changes. The error is the largest |F_z - F_z of the
+reference| over the controller's ticks of the descent and the touch-down: F_z is the quantity the twin is for, the
+maximum admits no cancellation of signs, and the touch-down is where the robot is fastest.
+"""
+
+import numpy as np
+import pytest
+
+from tests.coupling.monolith import monolithic_run
+from tests.laws.runs import EXACT_ENCODERS, POSITION, co_simulated, shipped
+
+DURATION = 7.0
+STEPS_MS = (2.0, 1.0, 0.5, 0.25)
+SMOOTH = (*EXACT_ENCODERS, "plant.backlash_deg=0")
+
+
+@pytest.fixture(scope="module")
+def reference():
+    return monolithic_run(shipped(POSITION, *SMOOTH), DURATION)
+
+
+@pytest.mark.parametrize("scheme", ["gauss_seidel", "jacobi"])
+def test_error_of_the_pressing_force_is_of_order_one(reference, scheme):
+    errors = []
+    for step in STEPS_MS:
+        experiment = shipped(POSITION, *SMOOTH, f"cosim.tick_ms={step}", f"cosim.scheme={scheme}")
+        F_z = co_simulated(experiment, DURATION)["plant.F_ee_B"][:: experiment.controller_ticks, 2]
+        errors.append(np.abs(F_z - reference["F_ee_B_z"]).max())
+    slope = np.polyfit(np.log(STEPS_MS), np.log(errors), 1)[0]
+    # measured 0.99 and 0.99; an error of order zero or two is far outside
+    assert slope == pytest.approx(1.0, abs=0.15)

@@ -1,0 +1,98 @@
+import numpy as np
+import pytest
+from hypothesis import given
+
+from tests.laws.runs import PARAMETERS, Sampled, shipped
+from tests.plant.states import moving
+from twin.assembly import assemble
+from twin.cosim.component import Port
+from twin.cosim.python_component import PythonComponent
+from twin.cosim.simulation import Simulation
+from twin.errors import ComponentFailed
+from twin.plant.component import Plant
+from twin.plant.dynamics import derivative
+from twin.plant.equilibrium import resting
+from twin.robot.geometry import Geometry
+from twin.robot.gravity import leg_inertia, platform_mass
+from twin.robot.jacobian import jacobian
+
+GEOMETRY = Geometry(*PARAMETERS[:4])
+
+
+def acceleration(parameters, x, theta_m):
+    dx = np.empty(8)
+    derivative(parameters, x, theta_m, dx)
+    return dx[3:6]
+
+
+@given(moving(lowest=-0.115, highest=-0.102))
+def test_what_the_robot_does_to_the_surface_the_surface_does_to_the_robot(state):
+    """Newton's third law: the surface changes the platform's momentum rate by -F_ee_B."""
+    x, theta_m = state
+    J = jacobian(GEOMETRY, x[:3])
+    M = platform_mass(PARAMETERS) * np.eye(3) + leg_inertia(PARAMETERS, PARAMETERS) * J.T @ J
+    change = acceleration(PARAMETERS, x, theta_m) - acceleration(PARAMETERS._replace(K=0.0), x, theta_m)
+    F_ee_B = Plant(PARAMETERS, x, theta_m).initial("F_ee_B")
+    # rounding: accelerations up to 1e3 m/s2 on 0.3 kg
+    np.testing.assert_allclose(M @ change, -F_ee_B, rtol=0, atol=1e-11)
+
+
+@given(moving())
+def test_springs_load_the_motors_with_what_they_give_the_joints_over_the_belt(state):
+    plant = Plant(PARAMETERS._replace(eta=0.8), *state)
+    # Eq. 18; rounding
+    np.testing.assert_allclose(plant.initial("tau_l"), 2.0 * 0.8 * plant.initial("tau_load"), rtol=1e-14, atol=0)
+
+
+@given(moving())
+def test_link_speeds_belong_to_the_platform_velocity(state):
+    plant = Plant(PARAMETERS, *state)
+    expected = jacobian(GEOMETRY, state[0][:3]) @ state[0][3:6]
+    # rounding
+    np.testing.assert_allclose(plant.initial("omega_l"), expected, rtol=0, atol=1e-13)
+
+
+def test_integration_in_air_is_of_order_four():
+    x, theta_m = resting(PARAMETERS, (0.0, 0.01, -0.090))
+    theta_m = theta_m + np.array([0.05, 0.04, 0.06])
+
+    def end(substeps):
+        return Sampled(Plant(PARAMETERS._replace(backlash=0.0), x, theta_m, substeps))(theta_m, 0.0, 0.02)[:6]
+
+    exact = end(2000)
+    errors = [np.abs(end(n) - exact).max() for n in (8, 16, 32)]
+    slope = np.polyfit(np.log([8, 16, 32]), np.log(errors), 1)[0]
+    # a step of 2.5 ms is a quarter radian of the fastest mode, so the order is not yet sharp
+    assert slope == pytest.approx(-4.0, abs=0.3)
+
+
+class Runaway:
+    """A drive that never stops."""
+
+    inputs = (Port("omega_ref", 1, "rad/s"), Port("tau_load", 1, "N m"))
+    outputs = (Port("theta_m", 1, "rad"), Port("omega_m", 1, "rad/s"), Port("tau_motor", 1, "N m"))
+    sampled = False
+
+    def __init__(self, theta_m):
+        self.theta_m = theta_m
+
+    def step(self, t, h, u, y):
+        self.theta_m -= 50.0 * h
+        y[:] = self.theta_m, -50.0, 0.0
+
+
+def test_leaving_the_workspace_ends_the_run_with_a_sentence_that_says_where():
+    with assemble(shipped()) as found:
+        theta_m = found.system.component("drive_1").initial("theta_m")[0]
+    runaway = PythonComponent("drive_1", Runaway(theta_m), initial_outputs=[theta_m, 0.0, 0.0])
+    with (
+        assemble(shipped(), substitutes={"drive_1": runaway}) as assembly,
+        pytest.raises(ComponentFailed) as failure,
+    ):
+        Simulation(assembly.system, 5000).run()
+    sentence = str(failure.value)
+    assert sentence.startswith("plant left the workspace: a leg cannot reach the platform near (")
+    assert " mm, in the step from t = " in sentence
+    assert "Last inputs: theta_m = (" in sentence
+    assert "nan" not in sentence.lower()
+    assert failure.value.exit_code == 3

@@ -1,0 +1,115 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy.spatial.transform import Rotation
+
+from tests.laws.runs import PARAMETERS
+from tests.plant.states import share
+from twin.plant.contact import (
+    bristle_rate,
+    contact_force,
+    friction,
+    normal,
+    normal_force,
+    settled_bristle,
+    tangential_velocity,
+)
+
+depths = st.floats(1e-6, 0.01)
+speeds = st.tuples(share, share, share).map(np.array)
+bristles = st.tuples(share, share).map(lambda z: 1e-3 * np.array(z))
+tilts = st.floats(-0.7, 0.7)
+# in steps, because the smallest floats would only test underflow
+coefficients = st.integers(0, 100).map(lambda whole: whole / 100.0)
+forces = st.integers(0, 20_000).map(lambda whole: whole / 1000.0)
+
+
+def touching(depth, tilt=0.0, sideways=(0.0, 0.0)):
+    """A position of the platform whose penetration is `depth` (m)."""
+    n = np.array([np.sin(tilt), 0.0, np.cos(tilt)])
+    e_1 = np.array([np.cos(tilt), 0.0, -np.sin(tilt)])
+    return np.array([0.0, 0.0, PARAMETERS.z_s]) - depth * n + sideways[0] * e_1 + np.array([0.0, sideways[1], 0.0])
+
+
+@given(depths, speeds, bristles, tilts)
+def test_above_the_surface_nothing_is_felt(depth, v, z_b, tilt):
+    parameters = PARAMETERS._replace(tilt=tilt)
+    assert contact_force(parameters, *touching(-depth, tilt), *v, *z_b) == (0.0, 0.0, 0.0)
+
+
+@given(depths, speeds)
+def test_normal_force_is_hunt_and_crossley(depth, v):
+    F_n, found = normal_force(PARAMETERS, *touching(depth), *v)
+    expected = PARAMETERS.K * depth * (1.0 - PARAMETERS.damping * v[2])
+    # the depth is a difference of numbers near 0.1: 1e-17 m of at least 1e-6
+    assert found == pytest.approx(depth, rel=1e-10)
+    assert F_n == pytest.approx(max(expected, 0.0), rel=1e-10, abs=1e-12)
+
+
+@given(depths, st.floats(0.4, 10.0))
+def test_a_surface_left_in_haste_does_not_pull(depth, speed):
+    F_n, _ = normal_force(PARAMETERS, *touching(depth), 0.0, 0.0, speed)
+    assert F_n == 0.0
+
+
+@given(coefficients, forces, bristles, speeds)
+def test_friction_never_leaves_the_cone(mu, F_n, z_b, v):
+    force = friction(PARAMETERS._replace(mu=mu), F_n, *z_b, v[0], v[1])
+    # 1e-12: rounding of a vector shortened to a length
+    assert np.hypot(*force) <= mu * F_n * (1.0 + 1e-12)
+
+
+@given(forces, bristles, speeds)
+def test_without_friction_coefficient_the_surface_pushes_along_its_normal_only(F_n, z_b, v):
+    smooth = PARAMETERS._replace(mu=0.0)
+    assert friction(smooth, F_n, *z_b, v[0], v[1]) == (0.0, 0.0)
+    assert settled_bristle(smooth, F_n, *z_b) == (0.0, 0.0)
+    assert bristle_rate(smooth, F_n, 0.0, 0.0, v[0], v[1]) == (0.0, 0.0)
+
+
+@given(coefficients, forces, bristles)
+def test_settling_keeps_a_bristle_inside_the_cone_and_its_direction(mu, F_n, z_b):
+    settled = np.array(settled_bristle(PARAMETERS._replace(mu=mu), F_n, *z_b))
+    limit = mu * F_n / PARAMETERS.sigma_0
+    if np.hypot(*z_b) <= limit:
+        np.testing.assert_array_equal(settled, z_b)
+    else:
+        # rounding
+        assert np.hypot(*settled) == pytest.approx(limit, rel=1e-12)
+        assert z_b[0] * settled[1] - z_b[1] * settled[0] == pytest.approx(0.0, abs=1e-18)
+
+
+@given(forces, bristles, speeds)
+def test_a_sticking_or_released_bristle_follows_the_platform_and_a_sliding_one_does_not_stretch(F_n, z_b, v):
+    z_rate = np.array(bristle_rate(PARAMETERS, F_n, *z_b, v[0], v[1]))
+    released = F_n > 0.0 and z_b @ v[:2] < 0.0
+    if released or PARAMETERS.sigma_0 * np.hypot(*z_b) < PARAMETERS.mu * F_n:
+        np.testing.assert_array_equal(z_rate, v[:2])
+    else:
+        # m * m/s: rounding of a projection of numbers below 1e-3 and 1
+        assert z_b @ z_rate <= 1e-18
+
+
+@given(depths, speeds, bristles, tilts, st.tuples(share, share))
+def test_a_tilted_surface_is_the_level_one_turned_about_y(depth, v, z_b, tilt, sideways):
+    turn = Rotation.from_euler("y", tilt).as_matrix()
+    level = contact_force(PARAMETERS, *touching(depth), *v, *z_b)
+    tilted = contact_force(PARAMETERS._replace(tilt=tilt), *touching(depth, tilt, sideways), *(turn @ v), *z_b)
+    # depths of 1e-6 m are known to 1e-16 m: 1e-13 N of stiffness, times speeds up to 5
+    np.testing.assert_allclose(tilted, turn @ level, rtol=1e-10, atol=1e-11)
+
+
+@given(depths, speeds, bristles, tilts)
+def test_contact_takes_more_power_than_it_stores(depth, v, z_b, tilt):
+    """F . v >= d/dt (K depth^2/2 + sigma_0 z_b^2/2): what it does not store it turns into heat."""
+    parameters = PARAMETERS._replace(tilt=tilt)
+    p_B = touching(depth, tilt)
+    sin_t, cos_t = normal(parameters)
+    depth_rate = -sin_t * v[0] - cos_t * v[2]
+    F_n, found = normal_force(parameters, *p_B, *v)
+    z_rate = np.array(bristle_rate(parameters, F_n, *z_b, *tangential_velocity(parameters, *v)))
+    stored = parameters.K * found * depth_rate + parameters.sigma_0 * (z_b @ z_rate)
+    taken = np.array(contact_force(parameters, *p_B, *v, *z_b)) @ v
+    # rounding of powers up to 100 W
+    assert taken - stored >= -1e-13

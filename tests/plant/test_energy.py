@@ -1,0 +1,97 @@
+"""Energy with the drives locked: it never grows, and without any loss it stays."""
+
+import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from tests.laws.runs import PARAMETERS
+from tests.plant.states import moving
+from twin.plant.component import integrate
+from twin.plant.contact import normal_force
+from twin.plant.dynamics import spring_deflection
+from twin.robot.geometry import Geometry
+from twin.robot.gravity import G_ACCELERATION, leg_inertia, platform_mass
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.jacobian import jacobian
+
+STEP = 1e-4
+LOSSLESS = PARAMETERS._replace(b_j=0.0, damping=0.0, mu=0.0, backlash=0.0)
+
+
+def energy(parameters, x, theta_m):
+    """Kinetic, of weight, springs, surface and bristle together (J)."""
+    geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
+    theta_l, omega_l = joint_angles(geometry, x[:3]), jacobian(geometry, x[:3]) @ x[3:6]
+    d = np.array([spring_deflection(parameters, m, l) for m, l in zip(theta_m, theta_l, strict=True)])
+    _, depth = normal_force(parameters, *x[:6])
+    arm_moment = (parameters.m_a + parameters.m_b) / 2.0 * parameters.l_a
+    return (
+        platform_mass(parameters) * (x[3:6] @ x[3:6] / 2.0 + G_ACCELERATION * x[2])
+        + leg_inertia(parameters, parameters) * (omega_l @ omega_l) / 2.0
+        - arm_moment * G_ACCELERATION * np.sin(theta_l).sum()
+        + parameters.k_s * (d @ d) / 2.0
+        + parameters.K * max(depth, 0.0) ** 2 / 2.0
+        + parameters.sigma_0 * (x[6:8] @ x[6:8]) / 2.0
+    )
+
+
+def energies(parameters, x, theta_m, duration=0.05):
+    """Energy (J) at each step of a free motion with the motors held, shape (steps + 1,)."""
+    x, k, stage = x.copy(), np.empty((4, 8)), np.empty(8)
+    # a bristle longer than the cone allows is no state the robot can be in
+    integrate(parameters, x, theta_m, 0.0, k, stage)
+    found = [energy(parameters, x, theta_m)]
+    for _ in range(round(duration / STEP)):
+        integrate(parameters, x, theta_m, STEP, k, stage)
+        found.append(energy(parameters, x, theta_m))
+    return np.array(found)
+
+
+@settings(max_examples=15)
+@given(moving(), st.sampled_from([0.0, 0.2]))
+def test_energy_never_grows_while_the_drives_are_locked(state, tilt):
+    parameters = PARAMETERS._replace(tilt=tilt)
+    E = energies(parameters, *state)
+    # 1e-7 J: a Runge-Kutta step across a touch-down, of the order of K (v h)^2, in motions with 10 mJ
+    assert np.diff(E).max() <= 1e-7
+
+
+@settings(max_examples=15)
+@given(moving(parameters=LOSSLESS))
+def test_energy_stays_without_friction_and_damping(state):
+    E = energies(LOSSLESS, *state)
+    # 1e-7 J: touch-down inside a step, of the order of K (v h)^2; in free flight it is 1e-12
+    assert np.ptp(E) <= 1e-7
+
+
+@settings(max_examples=15)
+@given(moving(), st.floats(0.7, 0.95), st.floats(0.1, 1.0))
+def test_a_belt_whose_efficiency_depends_on_direction_only_loses_energy(state, eta, eta_rate):
+    lossy = LOSSLESS._replace(eta=eta, eta_rate=eta_rate)
+    E = energies(lossy, *state)
+    # as above
+    assert np.diff(E).max() <= 1e-7
+
+
+def test_a_belt_that_loses_energy_brings_the_robot_to_rest():
+    x = np.array([0.0, 0.0, -0.090, 0.0, 0.0, -0.2, 0.0, 0.0])
+    theta_m = PARAMETERS.N * joint_angles(Geometry(*PARAMETERS[:4]), x[:3])
+    start, *_, end = energies(LOSSLESS._replace(eta=0.8, eta_rate=0.05), x, theta_m, 1.0)
+    lossless = energies(LOSSLESS, x, theta_m, 1.0)
+    assert start - end > 1e-3
+    assert abs(lossless[-1] - lossless[0]) < 1e-8
+
+
+def test_the_papers_constant_efficiency_gives_back_what_it_took():
+    """Eq. 18 with eta < 1 is a softer spring, not a loss: driven backwards, the belt returns the power."""
+    soft = LOSSLESS._replace(eta=0.8)
+    x = np.array([0.0, 0.0, -0.090, 0.0, 0.0, -0.2, 0.0, 0.0])
+    theta_m = PARAMETERS.N * joint_angles(Geometry(*PARAMETERS[:4]), x[:3])
+    equivalent = LOSSLESS._replace(k_s=0.8 * LOSSLESS.k_s)
+    end, same = x.copy(), x.copy()
+    scratch = np.empty((4, 8)), np.empty(8)
+    for _ in range(1000):
+        integrate(soft, end, theta_m, STEP, *scratch)
+        integrate(equivalent, same, theta_m, STEP, *scratch)
+    # rounding over 1000 steps
+    np.testing.assert_allclose(end, same, rtol=0, atol=1e-12)
