@@ -98,6 +98,7 @@ class Contents:
     topics: dict[int, str] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
     _schemas: dict[int, Schema] = field(default_factory=dict)
+    _event_channels: set[int] = field(default_factory=set)
 
     def add(self, position: int, content: bytes) -> None:
         """Add all messages of the chunk at `position` in the file, or none.
@@ -108,19 +109,19 @@ class Contents:
         """
         offsets: dict[int, list[int]] = {}
         events = []
-        position = 0
-        while position < len(content):
-            opcode, length, channel = FRONT.unpack_from(content, position)
-            if opcode == Opcode.MESSAGE and channel in self.series:
-                offsets.setdefault(channel, []).append(position)
+        place = 0
+        while place < len(content):
+            opcode, length, channel = FRONT.unpack_from(content, place)
+            body = content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
+            if opcode != Opcode.MESSAGE:
+                self._declare(opcode, body)
+            elif channel in self.series:
+                offsets.setdefault(channel, []).append(place)
+            elif channel in self._event_channels:
+                events.append(_event(body))
             else:
-                start = position + RECORD_PREFIX
-                body = content[start : start + length]
-                if opcode == Opcode.MESSAGE:
-                    events.append(_event(body))
-                else:
-                    self._declare(opcode, body)
-            position += RECORD_PREFIX + length
+                raise Damage(position, "a chunk before which the declaration of its topics is missing")
+            place += RECORD_PREFIX + length
         array = np.frombuffer(content, dtype=np.uint8)
         parts = {c: self.series[c].records_at(array, np.array(own)) for c, own in offsets.items()}
         if not all(self.series[channel].follows(records) for channel, records in parts.items()):
@@ -138,7 +139,9 @@ class Contents:
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
             schema = self._schemas[channel.schema_id]
-            if schema.name != Log.DESCRIPTOR.full_name:
+            if schema.name == Log.DESCRIPTOR.full_name:
+                self._event_channels.add(channel.id)
+            else:
                 fields = described_fields(schema.name, schema.data)
                 self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
                 self.topics[channel.id] = channel.topic.removeprefix("/")
