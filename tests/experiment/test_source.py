@@ -77,3 +77,11 @@ def test_another_drive_brings_its_own_parameters(tmp_path: Path):
     replace_drive(source, "y.fmu")
     assert source.values["drive"].keys() == {"fmu"}
     assert not any(key.startswith("drive.parameters") for key in source.origins)
+
+
+def test_a_file_that_names_another_drive_keeps_nothing_of_the_one_it_extends(tmp_path: Path):
+    write(tmp_path, "base.toml", '[drive]\nfmu = "x"\n[drive.parameters]\ndroop = 0.6\n')
+    other = write(tmp_path, "other.toml", 'extends = "base.toml"\n[drive]\nfmu = "y"\n')
+    assert read_source(other).values["drive"] == {"fmu": "y"}
+    tuned = write(tmp_path, "tuned.toml", 'extends = "base.toml"\n[drive.parameters]\ndroop = 0.3\n')
+    assert read_source(tuned).values["drive"] == {"fmu": "x", "parameters": {"droop": 0.3}}

@@ -25,8 +25,8 @@ def sha256(file: Path) -> str:
         return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
-def entries(file: Path) -> list[str]:
-    """Names in the archive, after checking that unpacking it is safe and that it is whole.
+def entries(file: Path) -> dict[str, int]:
+    """Names in the archive and their sizes unpacked, after checking that unpacking is safe and the archive whole.
 
     Raises:
         InputRefused: no zip, damaged, an entry that points outside or is a link, too many or too large entries.
@@ -47,7 +47,7 @@ def entries(file: Path) -> list[str]:
             damaged = archive.testzip()
             if damaged:
                 raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the FMU again")
-            return archive.namelist()
+            return {info.filename: info.file_size for info in infos}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as problem:
         raise InputRefused(f"{file}: not a complete FMU, {str(problem).lower()}; an FMU is a zip archive") from None
 

@@ -16,6 +16,10 @@ from twin.drive.archive import entries, sha256
 from twin.drive.units import Conversion, conversion
 from twin.errors import InputRefused
 
+DESCRIPTION = "modelDescription.xml"
+MOST_DESCRIPTION = 64 << 20
+"""Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
+
 FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
 """How FMI 2.0 types travel, in words of FMI 3.0."""
 
@@ -112,7 +116,9 @@ def described(file: Path) -> FmuDescription:
     """
     if not file.is_file():
         raise InputRefused(f"{file}: no such FMU")
-    names = set(entries(file))
+    names = entries(file)
+    if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
+        raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
     model = _model(file)
     version = model.fmiVersion
     if version not in ("2.0",) and not version.startswith("3."):

@@ -2,7 +2,7 @@
 
 import ctypes
 import os
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from ctypes import byref, c_void_p
 from pathlib import Path
@@ -14,7 +14,7 @@ from fmpy import fmi2, fmi3
 from twin.drive.adapter import KINDS
 from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription, Variable
-from twin.errors import InputRefused
+from twin.errors import ComponentFailed, InputRefused
 
 Setting = tuple[Variable, float | np.ndarray]
 """A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
@@ -48,6 +48,7 @@ class Instance:
         self.description = description
         self.name = name
         self.messages: list[str] = []
+        self._settings, self._inputs = settings, inputs
         self._fmu = self._loaded(name, folder)
         self._instantiate()
         self._initialise(settings, inputs)
@@ -72,6 +73,40 @@ class Instance:
             for variable, value in settings:
                 self._set(variable, value)
 
+    def advance(self, t: float, h: float) -> None:
+        """One step from `t` to `t` + `h` (s), after which a saved state may be restored.
+
+        Raises:
+            ComponentFailed: it returned more than a warning.
+        """
+        self._called("DoStep", lambda: self._fmu.doStep(t, h, False))
+
+    def reset(self) -> None:
+        """FMI's reset, then initialised as the first time.
+
+        Raises:
+            ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
+        """
+        self._called("Reset", self._fmu.reset)
+        self._initialise(self._settings, self._inputs)
+
+    def saved_state(self) -> Any:
+        """Its state, to be given to `restore`.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        return self._called("GetFMUstate", self._fmu.getFMUState)
+
+    def restore(self, state: Any) -> None:
+        """Go back to `state` and free that.
+
+        Raises:
+            ComponentFailed: it refuses.
+        """
+        self._called("SetFMUstate", lambda: self._fmu.setFMUState(state))
+        self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(state))
+
     def close(self) -> None:
         """Free it; safe to call twice."""
         if self._fmu is not None and self._fmu.component:
@@ -87,7 +122,7 @@ class Instance:
         kind = fmi2.FMU2Slave if self.description.version == 2 else fmi3.FMU3Slave
         here = os.getcwd()
         try:
-            with self._calling("Instantiate, while its binary was being loaded"):
+            with announced(self.description.path.name, name, "the loading of its binary"):
                 return kind(
                     guid=model.guid,
                     unzipDirectory=str(folder),
@@ -163,6 +198,15 @@ class Instance:
         if self.description.version == 2:
             return "Integer" if variable.type == "Enumeration" else variable.type
         return KINDS[variable.kind]
+
+    def _called(self, function: str, call: Callable[[], Any]) -> Any:
+        try:
+            with self._calling(function):
+                return call()
+        # FMPy's FMICallException, or ctypes where the binary lacks the function
+        except Exception as problem:
+            name = f"fmi{self.description.version}{function}"
+            raise ComponentFailed(f"{self.description.path.name}: {name} failed: {problem}{self._said()}") from None
 
     def _said(self) -> str:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""

@@ -39,7 +39,7 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """The file at `path` laid over the files it `extends`.
+    """The file at `path` laid over the files it `extends`; a [drive] that names another drive replaces the whole table.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
@@ -48,6 +48,10 @@ def read_source(path: Path) -> Source:
     for file in reversed(_chain(path)):
         table = _table(file)
         table.pop("extends", None)
+        drive = table.get("drive")
+        if isinstance(drive, dict) and drive.keys() & {"fmu", "parts"}:
+            # another drive has other parameters: nothing of the one before can stay
+            forget_drive(source)
         source.put(table, f"set in {file.name}")
     return source
 
@@ -67,9 +71,15 @@ def override(source: Source, texts: Iterable[str]) -> None:
 
 def replace_drive(source: Source, fmu: str) -> None:
     """Make the drive at path `fmu` that of every joint, with the parameters of its own mapping or its start values."""
+    forget_drive(source)
     source.values["drive"] = {"fmu": fmu}
-    source.origins = {key: origin for key, origin in source.origins.items() if not key.startswith("drive.")}
     source.origins["drive.fmu"] = "set on the command line"
+
+
+def forget_drive(source: Source) -> None:
+    """Take out all that is said of the drive."""
+    source.values.pop("drive", None)
+    source.origins = {key: origin for key, origin in source.origins.items() if not key.startswith("drive.")}
 
 
 def located(name: str, start: Path) -> Path:
