@@ -90,9 +90,7 @@ def test_the_same_content_is_unpacked_once_whatever_its_name(
     assert [f.name for f in (tmp_path / "cache" / "fmus").iterdir()] == [sha256(servo)]
 
 
-def test_other_content_of_the_same_name_is_unpacked_apart(
-    tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
-):
+def test_other_content_of_the_same_name_is_unpacked_apart(tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
     other = altered(servo, tmp_path / "velocity_servo.fmu", lambda n, c: (n, c))
     other_digest = sha256(other)

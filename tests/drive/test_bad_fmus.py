@@ -43,7 +43,9 @@ def test_a_bad_status_once_or_for_ever_stops_the_run_at_that_step(
     with pytest.raises(ComponentFailed) as failure:
         run(made(bad), 1.0, 0.0)
     assert str(failure.value).startswith(f"bad.fmu (drive_1) fmi2DoStep returned {status}")
-    assert "in the step from t = 0.1 s, tick 100. Last inputs: omega_ref = 1 rad/s, tau_load = 0 N m." in str(failure.value)
+    assert "in the step from t = 0.1 s, tick 100. Last inputs: omega_ref = 1 rad/s, tau_load = 0 N m." in str(
+        failure.value
+    )
 
 
 def test_a_warning_does_not_stop_the_run(root: Path, tmp_path: Path):
@@ -92,8 +94,9 @@ def test_a_description_that_is_too_large_is_refused_unread(
 
 
 def test_entities_that_multiply_are_not_expanded(tmp_path: Path, servo: Path):
-    bomb = b"""<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">%s]><fmiModelDescription fmiVersion="&i;"/>""" % (
-        b"".join(b'<!ENTITY %c "%s">' % (98 + i, b"&%c;" % (97 + i) * 10) for i in range(8))
+    bomb = (
+        b"""<?xml version="1.0"?><!DOCTYPE x [<!ENTITY a "aaaaaaaaaa">%s]><fmiModelDescription fmiVersion="&i;"/>"""
+        % (b"".join(b'<!ENTITY %c "%s">' % (98 + i, b"&%c;" % (97 + i) * 10) for i in range(8)))
     )
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, bomb if n == DESCRIPTION else c))
     with pytest.raises(InputRefused, match="modelDescription.xml"):

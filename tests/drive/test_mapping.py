@@ -95,7 +95,7 @@ def test_a_drive_commanded_with_a_voltage_is_told_to_need_a_loop():
         (Wiring(outputs={"theta_m": "n"}), "output 'n' has unit 'rpm'; theta_m needs one like rad"),
         (Wiring(outputs={"theta_m": "T_case"}), "has unit 'degC'; theta_m needs one like rad"),
         (Wiring(inputs={"speed": "n_cmd"}), "[drive.inputs] has no role 'speed'"),
-        (Wiring(command="torque", inputs={"omega_ref": "n_cmd"}), 'no role \'omega_ref\' for command = "torque"'),
+        (Wiring(command="torque", inputs={"omega_ref": "n_cmd"}), "no role 'omega_ref' for command = \"torque\""),
     ],
 )
 def test_a_wrong_mapping_is_refused_with_what_was_expected(wiring: Wiring, said: str):

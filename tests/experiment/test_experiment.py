@@ -50,7 +50,11 @@ def test_the_robot_is_what_both_are_by_default(fig4: Path):
 
 def test_one_joint_may_have_another_drive(fig4: Path):
     experiment = load_experiment(fig4, ["drive.joint_2.fmu='fmus/pmsm_foc'", "drive.joint_3.parameters.droop=0.3"])
-    assert [Path(drive.fmu or "").stem for drive in experiment.drives] == ["velocity_servo", "pmsm_foc", "velocity_servo"]
+    assert [Path(drive.fmu or "").stem for drive in experiment.drives] == [
+        "velocity_servo",
+        "pmsm_foc",
+        "velocity_servo",
+    ]
     assert [drive.parameters for drive in experiment.drives] == [{"droop": 0.6}, {}, {"droop": 0.3}]
 
 

@@ -135,9 +135,7 @@ def printed_position(theta_l):
 
 def test_eq_17_is_the_forward_kinematics_away_from_home():
     # 1e-13 m: the printed elimination divides by a small determinant
-    np.testing.assert_allclose(
-        printed_position(joint_angles(GEOMETRY, OFF_HOME)), OFF_HOME, rtol=0, atol=1e-13
-    )
+    np.testing.assert_allclose(printed_position(joint_angles(GEOMETRY, OFF_HOME)), OFF_HOME, rtol=0, atol=1e-13)
 
 
 def test_eq_17_divides_by_zero_at_home_and_the_corrected_form_does_not():
@@ -202,9 +200,7 @@ def test_calibrating_at_home_hides_the_swap_and_leaves_a_false_side_force():
     press = (0.0, 0.0, -5.005)
 
     def printed(p_B):
-        return force_by_the_papers_route(
-            joint_angles(GEOMETRY, p_B), joint_torques(GEOMETRY, p_B, press), PRINTED
-        )
+        return force_by_the_papers_route(joint_angles(GEOMETRY, p_B), joint_torques(GEOMETRY, p_B, press), PRINTED)
 
     calibration = press[2] / printed(HOME)[2]
     assert calibration * printed(HOME)[2] == pytest.approx(press[2], rel=1e-15)  # rounding

@@ -32,9 +32,7 @@ ENCODER = Topic(
     (Field("count_m", 3, "int", "1", "motor encoder"), Field("triggered", 1, "bool", "1", "force loop on")),
     2,
 )
-SCALE = Topic(
-    "scale", (Field("moved", 2, "bool", "1", "left, right"), Field("n", 1, "int", "1", "readings")), 40
-)
+SCALE = Topic("scale", (Field("moved", 2, "bool", "1", "left, right"), Field("n", 1, "int", "1", "readings")), 40)
 TOPICS = (PLANT, *(Topic(f"drive/{leg}", DRIVE, 1) for leg in (1, 2, 3)), ENCODER, SCALE)
 METADATA = {"experiment": {"toml": "[task]\nname = 'press'\n"}, "twin": {"seed": "0"}}
 ENDING = {"outcome": {"status": "done"}}

@@ -20,9 +20,7 @@ from . import samples
 from .samples import DRIVE, TICK, TICKS
 
 
-def test_a_finished_recording_gives_back_every_value_and_time(
-    finished: Path, truth: dict[str, np.ndarray]
-) -> None:
+def test_a_finished_recording_gives_back_every_value_and_time(finished: Path, truth: dict[str, np.ndarray]) -> None:
     recording = read(finished)
     samples.assert_beginning(recording, truth)
     assert len(recording["plant.p_B"]) == TICKS
@@ -105,9 +103,7 @@ def test_a_missing_recording_is_named_together_with_what_is_left_of_it(tmp_path:
         read(tmp_path / "run.mcap")
 
 
-@pytest.mark.parametrize(
-    ("content", "what"), [(b"", "an empty file"), (b"time,F_z\n0,5\n", "not an MCAP file")]
-)
+@pytest.mark.parametrize(("content", "what"), [(b"", "an empty file"), (b"time,F_z\n0,5\n", "not an MCAP file")])
 def test_a_file_that_is_no_recording_is_told_apart(content: bytes, what: str, tmp_path: Path) -> None:
     (tmp_path / "run.mcap").write_bytes(content)
     with pytest.raises(RecordingRefused, match=rf"run\.mcap: {what}, expected a recording"):

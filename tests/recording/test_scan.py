@@ -79,9 +79,7 @@ def test_a_file_cut_anywhere_reads_to_its_last_complete_chunk(
     assert recording.note.startswith(f"unfinished recording: read {extent}; ")
 
 
-def test_a_file_cut_at_any_byte_of_its_ending_reads_whole(
-    finished: Path, truth: Truth, altered: Altered
-) -> None:
+def test_a_file_cut_at_any_byte_of_its_ending_reads_whole(finished: Path, truth: Truth, altered: Altered) -> None:
     content = finished.read_bytes()
     # footer and magic have 37 bytes; further in, the cut goes through the index
     for missing in range(1, 60):
@@ -161,9 +159,7 @@ def test_a_damaged_chunk_is_located_and_what_precedes_it_survives(
     with pytest.raises(RecordingDamaged) as caught:
         read(path)
     assert f"{path}: damaged at byte {start}: a chunk that " in str(caught.value)
-    assert str(caught.value).endswith(
-        f"; with salvage it can be read up to {reached:.3f} s, its last complete chunk"
-    )
+    assert str(caught.value).endswith(f"; with salvage it can be read up to {reached:.3f} s, its last complete chunk")
     recording = read(path, salvage=True)
     assert_beginning(recording, truth)
     assert recording.time("plant")[-1] == reached

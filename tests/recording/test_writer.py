@@ -163,9 +163,7 @@ def test_the_file_says_who_wrote_it(finished: Path) -> None:
 
 
 @pytest.mark.parametrize("tick", [Fraction(1, 1000), Fraction(1, 3000), Fraction(1, 70_000)])
-def test_log_times_are_the_nearest_nanosecond_to_whole_ticks_however_late(
-    tick: Fraction, tmp_path: Path
-) -> None:
+def test_log_times_are_the_nearest_nanosecond_to_whole_ticks_however_late(tick: Fraction, tmp_path: Path) -> None:
     ticks = 10**7 + np.arange(0, 300, 3)
     with Writer(tmp_path / "late.mcap", [Topic("drive/1", DRIVE, 3)], float(tick), {}) as writer:
         writer.write("drive/1", int(ticks[0]), np.zeros((100, 2)))
@@ -201,9 +199,7 @@ def test_a_recording_has_its_name_only_when_it_is_finished(tmp_path: Path) -> No
     assert (path.exists(), partial.exists()) == (True, False)
 
 
-def test_an_exception_leaves_all_rows_in_a_readable_partial_file(
-    tmp_path: Path, truth: dict[str, np.ndarray]
-) -> None:
+def test_an_exception_leaves_all_rows_in_a_readable_partial_file(tmp_path: Path, truth: dict[str, np.ndarray]) -> None:
     with pytest.raises(ZeroDivisionError), Writer(tmp_path / "run.mcap", TOPICS, TICK, {}) as writer:
         samples.fill(writer)
         raise ZeroDivisionError

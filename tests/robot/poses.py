@@ -25,9 +25,7 @@ TURN = np.array([[-0.5, -math.sqrt(0.75), 0.0], [math.sqrt(0.75), -0.5, 0.0], [0
 # in steps of 1e-3: numbers near the smallest float would only test underflow
 triple = st.tuples(*[st.integers(-1000, 1000)] * 3).map(lambda whole: np.array(whole) / 1000.0)
 
-working_poses = st.tuples(st.floats(-0.030, 0.030), st.floats(-0.030, 0.030), st.floats(-0.130, -0.085)).map(
-    np.array
-)
+working_poses = st.tuples(st.floats(-0.030, 0.030), st.floats(-0.030, 0.030), st.floats(-0.130, -0.085)).map(np.array)
 
 
 @st.composite

@@ -72,9 +72,7 @@ def test_mirroring_the_pose_in_x_swaps_legs_two_and_three(p_B):
 def test_angles_do_not_depend_on_the_unit_of_length(p_B, scale):
     scaled = Geometry(*(scale * length for length in GEOMETRY))
     # 1e-13: rounding of the scaled lengths through the same formula
-    np.testing.assert_allclose(
-        joint_angles(scaled, scale * p_B), joint_angles(GEOMETRY, p_B), rtol=0, atol=1e-13
-    )
+    np.testing.assert_allclose(joint_angles(scaled, scale * p_B), joint_angles(GEOMETRY, p_B), rtol=0, atol=1e-13)
 
 
 @given(working_poses, st.sampled_from([0, 1, 2]))
@@ -136,9 +134,7 @@ def test_a_distal_link_changed_by_the_excess_just_reaches(geometry, p_B):
     def reaches(change):
         longer_and_shorter = (geometry.l_b + change, geometry.l_b - change)
         return any(
-            not math.isnan(leg_angle(geometry._replace(l_b=l_b), leg, *p_B))
-            for l_b in longer_and_shorter
-            if l_b > 0.0
+            not math.isnan(leg_angle(geometry._replace(l_b=l_b), leg, *p_B)) for l_b in longer_and_shorter if l_b > 0.0
         )
 
     # 1e-9 m on either side of the edge, far above rounding of lengths below 1 m

@@ -15,9 +15,7 @@ half_widths = st.floats(0.0, 0.1)
 
 
 @given(stiffnesses, ratios, wind_ups, speeds, speeds)
-def test_lossless_transmission_stores_what_the_motor_gives_and_the_load_does_not_take(
-    k_s, N, d, omega_m, thetadot_l
-):
+def test_lossless_transmission_stores_what_the_motor_gives_and_the_load_does_not_take(k_s, N, d, omega_m, thetadot_l):
     motor_power = motor_load_torque(k_s, d) * omega_m
     load_power = load_torque(k_s, N, 1.0, d) * thetadot_l
     stored_power = k_s * d * deflection(omega_m, thetadot_l, N)  # d/dt of k_s d^2 / 2

@@ -39,9 +39,7 @@ def test_a_distal_link_pulls_and_pushes_only_along_itself(p_B, tau_l, leg):
     force = np.array(leg_force(GEOMETRY, leg, theta, x, y, z, tau_l[leg]))
     link = np.array(distal_link(GEOMETRY, leg, np.cos(theta), np.sin(theta), *p_B)) / GEOMETRY.l_b
     # rounding of unit vectors, relative to the force
-    np.testing.assert_allclose(
-        np.cross(link, force), 0.0, rtol=0, atol=1e-15 + 1e-14 * float(np.linalg.norm(force))
-    )
+    np.testing.assert_allclose(np.cross(link, force), 0.0, rtol=0, atol=1e-15 + 1e-14 * float(np.linalg.norm(force)))
 
 
 @given(working_poses, triple)
@@ -56,9 +54,7 @@ def test_turning_the_torques_by_one_leg_turns_the_force_by_120_degrees(p_B, tau_
     theta_l = joint_angles(GEOMETRY, p_B)
     turned = end_effector_force(GEOMETRY, np.roll(theta_l, 1), np.roll(tau_l, 1))
     # 1e-12 N: forces up to 100 N through the turned angles
-    np.testing.assert_allclose(
-        turned, TURN @ end_effector_force(GEOMETRY, theta_l, tau_l), rtol=0, atol=1e-12
-    )
+    np.testing.assert_allclose(turned, TURN @ end_effector_force(GEOMETRY, theta_l, tau_l), rtol=0, atol=1e-12)
 
 
 def test_equal_torques_of_an_eighth_newton_metre_press_with_5_newton_at_home():

@@ -56,7 +56,6 @@ class DrivePlan:
         """The contract's outputs that it offers."""
         return tuple(b.port for b in self.bindings if b.role.causality == "output")
 
-
     def warnings(self) -> list[str]:
         """What may go wrong although the drive is accepted."""
         loops = [
@@ -164,7 +163,7 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
     a, b = variables[source].conversion, variables[target].conversion
     if a and b and a.dimension != b.dimension:
         raise InputRefused(
-            f"{label}: [drive.wires] \"{target}\" = \"{source}\": units '{variables[target].unit}' and "
+            f'{label}: [drive.wires] "{target}" = "{source}": units \'{variables[target].unit}\' and '
             f"'{variables[source].unit}' do not measure the same"
         )
     return source, target
@@ -191,7 +190,9 @@ def _part(
     """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
     mine = [b for b in plan.bindings if _belongs(part, b.name)]
     # an optional input keeps the value it was given before initialisation
-    inputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "input" and b.role.required]
+    inputs = [
+        FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "input" and b.role.required
+    ]
     outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if _belongs(part, target)]
     outputs += _distinct(_wire_port(part, description, source) for source, _ in plan.wires if _belongs(part, source))

@@ -39,9 +39,7 @@ def in_si(value: Any, unit: str) -> Any:
 class Section(BaseModel):
     """A table of the TOML file: unknown keys are mistakes, numbers are finite, types are not guessed."""
 
-    model_config = ConfigDict(
-        extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True
-    )
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, validate_default=True)
 
     @field_validator("*", mode="after")
     @classmethod

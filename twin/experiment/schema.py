@@ -111,7 +111,7 @@ class Drive(Section):
     @model_validator(mode="after")
     def _consistent(self) -> "Drive":
         if (self.fmu is None) == (not self.parts):
-            raise ValueError("expected either fmu = \"...\" or [drive.parts.NAME] tables")
+            raise ValueError('expected either fmu = "..." or [drive.parts.NAME] tables')
         if (self.command == "velocity") != (self.velocity_loop is None):
             raise ValueError(
                 f'command = "{self.command}" '

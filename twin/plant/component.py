@@ -107,9 +107,7 @@ class Plant(Component):
         substeps: Runge-Kutta steps per co-simulation step.
     """
 
-    def __init__(
-        self, parameters: PlantParameters, x: ArrayLike, theta_m: ArrayLike, substeps: int = 1
-    ):
+    def __init__(self, parameters: PlantParameters, x: ArrayLike, theta_m: ArrayLike, substeps: int = 1):
         memory = np.zeros(1, dtype=MEMORY)
         memory["parameters"][0] = tuple(parameters)
         memory["substeps"] = substeps

@@ -70,9 +70,7 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
         record += bytes(field.size * value_type.itemsize)
     names = [field.name for field in fields]
     values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
-    head = np.dtype(
-        {"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": len(record)}
-    )
+    head = np.dtype({"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": len(record)})
     template = np.frombuffer(record, dtype=np.uint8)
     front = template.view(head)
     front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(record) - RECORD_PREFIX, channel

@@ -68,9 +68,7 @@ def resultant_force(geometry, theta_l, p_B, tau_l):
 def _forces(geometry, theta_l, p_B, tau_l):
     F_ee_B = np.empty_like(p_B)
     for row in range(p_B.shape[0]):
-        F_ee_B[row, 0], F_ee_B[row, 1], F_ee_B[row, 2] = resultant_force(
-            geometry, theta_l[row], p_B[row], tau_l[row]
-        )
+        F_ee_B[row, 0], F_ee_B[row, 1], F_ee_B[row, 2] = resultant_force(geometry, theta_l[row], p_B[row], tau_l[row])
     return F_ee_B
 
 
