@@ -1,23 +1,51 @@
-"""Build the drive FMUs: `python fmus/build.py [drive ...]`. Needs `pip install .[fmus]` for the compiler."""
+"""Build the drive FMUs: `python fmus/build.py [drive ...]`. Needs `pip install .[fmus]` for the tools."""
 
 import argparse
+from importlib.util import find_spec
+from pathlib import Path
 
 from builder.archive import write_fmu
-from builder.compile import TARGETS
+from builder.compile import TARGETS, TARGETS_FMI3
 from builder.drive import FMUS, drive_names, load_drive
+from builder.modelica import modelica_drive_names, pack_modelica_drive
+from builder.python_slave import pack_python_drive, python_drive_names
 
 
 def main() -> None:
     """Build the drives named on the command line, or all, each into its own folder."""
+    tools = _tools()
     parser = argparse.ArgumentParser(description=main.__doc__)
-    parser.add_argument("drive", nargs="*", help=f"which drives (default: all of {', '.join(drive_names())})")
-    names = parser.parse_args().drive or drive_names()
-    for unknown in sorted(set(names) - set(drive_names())):
-        parser.error(f"there is no drive '{unknown}'; there are: {', '.join(drive_names())}")
+    parser.add_argument("drive", nargs="*", help=f"which drives (default: all of {', '.join(sorted(tools))})")
+    names = parser.parse_args().drive or sorted(tools)
+    for unknown in sorted(set(names) - set(tools)):
+        parser.error(f"there is no drive '{unknown}'; there are: {', '.join(sorted(tools))}")
+    for name in names:
+        missing = [tool for tool in tools[name] if find_spec(tool) is None]
+        if missing:
+            parser.error(f"drive '{name}' is made with {' and '.join(missing)}: pip install .[fmus]")
     for name in names:
         target = FMUS / name / f"{name}.fmu"
-        write_fmu(load_drive(name), TARGETS, FMUS / ".build" / name, target)
+        build(name, FMUS / ".build" / name, target)
         print(target.relative_to(FMUS.parent))
+
+
+def _tools() -> dict[str, tuple[str, ...]]:
+    """The packages each drive is made with, by its name."""
+    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0")], ("ziglang",))
+    in_python = dict.fromkeys(python_drive_names(), ("pythonfmu",))
+    in_modelica = dict.fromkeys(modelica_drive_names(), ("rumoca", "ziglang"))
+    return compiled | in_python | in_modelica
+
+
+def build(name: str, scratch: Path, target: Path) -> None:
+    """Build drive `name` under `scratch` into the file `target`, whatever it is made of."""
+    if name in python_drive_names():
+        pack_python_drive(name, scratch, target)
+    elif name in modelica_drive_names():
+        pack_modelica_drive(name, scratch, target)
+    else:
+        drive = load_drive(name)
+        write_fmu(drive, {"2.0": TARGETS, "3.0": TARGETS_FMI3}[drive.fmi], scratch, target)
 
 
 if __name__ == "__main__":

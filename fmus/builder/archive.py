@@ -7,20 +7,22 @@ from pathlib import Path
 from .compile import shared_library, write_generated
 from .drive import FMUS, Drive
 from .model_description import model_description
+from .model_description_fmi3 import model_description_fmi3
 
 # the earliest date a zip can hold; the true date would make every build different
 EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def write_fmu(drive: Drive, platforms: Iterable[str], scratch: Path, target: Path) -> None:
-    """Build the drive for the platforms (keys of TARGETS) under `scratch` and pack it into `target`.
+    """Build the drive for the platforms (keys of TARGETS, or of TARGETS_FMI3) under `scratch`, pack it into `target`.
 
     Raises:
         subprocess.CalledProcessError: the compiler refused.
         KeyError: a variable has a unit that fmi2/units.toml does not define.
     """
     write_generated(drive, scratch)
-    (scratch / "modelDescription.xml").write_bytes(model_description(drive))
+    describe = {"2.0": model_description, "3.0": model_description_fmi3}[drive.fmi]
+    (scratch / "modelDescription.xml").write_bytes(describe(drive))
     entries = {"modelDescription.xml": scratch / "modelDescription.xml"}
     for platform in platforms:
         library = shared_library(drive, platform, scratch)
@@ -28,10 +30,11 @@ def write_fmu(drive: Drive, platforms: Iterable[str], scratch: Path, target: Pat
     for source in (*drive.sources, scratch / "variables.h", scratch / "variables.c"):
         entries[f"sources/{source.name}"] = source
     entries["documentation/README.md"] = FMUS / drive.name / "README.md"
-    _write_zip(target, entries)
+    write_zip(target, entries)
 
 
-def _write_zip(target: Path, entries: dict[str, Path]) -> None:
+def write_zip(target: Path, entries: dict[str, Path]) -> None:
+    """Pack files by their name in the archive; the same content gives the same bytes."""
     with zipfile.ZipFile(target, "w") as archive:
         for name, path in sorted(entries.items()):
             entry = zipfile.ZipInfo(name, date_time=EPOCH)

@@ -25,8 +25,8 @@ typedef union {{
 
 
 def variables_table(drive: Drive) -> str:
-    """Text of variables.c: the rows that fmi2SetReal and fmi2Reset consult."""
-    rows = "\n".join(f"    {_row(variable)}," for variable in drive.variables)
+    """Text of variables.c: the rows that setting and resetting consult; FMI 3.0 has a column more, the type."""
+    rows = "\n".join(f"    {_row(variable, drive.fmi)}," for variable in drive.variables)
     return f"""/* Generated from {drive.name}/drive.toml. */
 #include "slave.h"
 
@@ -38,8 +38,9 @@ const Variable variables[N_VARIABLES] = {{
 """
 
 
-def _row(variable: Variable) -> str:
+def _row(variable: Variable, fmi: str) -> str:
     is_input = "true" if variable.causality == "input" else "false"
     low = "-INFINITY" if variable.min is None else repr(float(variable.min))
     high = "INFINITY" if variable.max is None else repr(float(variable.max))
-    return f'{{"{variable.name}", {is_input}, {float(variable.start)!r}, {low}, {high}}}'
+    kind = f"{variable.type}, " if fmi == "3.0" else ""
+    return f'{{"{variable.name}", {kind}{is_input}, {float(variable.start)!r}, {low}, {high}}}'

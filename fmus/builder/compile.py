@@ -1,4 +1,4 @@
-"""Cross-compilation of a drive for every platform of FMI 2.0 with the C compiler of the ziglang package."""
+"""Cross-compilation of a drive for every platform with the C compiler of the ziglang package."""
 
 import subprocess
 import sys
@@ -7,7 +7,7 @@ from pathlib import Path
 from struct import pack
 
 from .c_table import variables_header, variables_table
-from .drive import FMI2, Drive
+from .drive import FMI2, FMI3, Drive
 
 # By platform folder of FMI 2.0: the library's suffix and the compiler's targets. glibc 2.17 is of 2012 and
 # macOS 11 the first for both processors; newer systems run the same binary. Windows 10 is the first with the
@@ -16,6 +16,13 @@ TARGETS = {
     "linux64": ("so", ["x86_64-linux-gnu.2.17"]),
     "win64": ("dll", ["x86_64-windows-gnu"]),
     "darwin64": ("dylib", ["x86_64-macos.11.0", "aarch64-macos.11.0"]),
+}
+# The same by platform tuple of FMI 3.0, which keeps the processors of macOS apart.
+TARGETS_FMI3 = {
+    "x86_64-linux": ("so", ["x86_64-linux-gnu.2.17"]),
+    "x86_64-windows": ("dll", ["x86_64-windows-gnu"]),
+    "x86_64-darwin": ("dylib", ["x86_64-macos.11.0"]),
+    "aarch64-darwin": ("dylib", ["aarch64-macos.11.0"]),
 }
 # no fast-math, no contraction to fused multiply-add: the same numbers on every platform, up to its libm
 FLAGS = ["-std=c11", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared", "-s"]
@@ -33,22 +40,38 @@ def write_generated(drive: Drive, folder: Path) -> None:
 
 
 def shared_library(drive: Drive, platform: str, folder: Path) -> Path:
-    """Compile the drive, whose generated files are in `folder`, for one platform of TARGETS.
+    """Compile the drive, whose generated files are in `folder`, for one platform of TARGETS or TARGETS_FMI3.
 
     Raises:
         subprocess.CalledProcessError: the compiler refused; its messages are on stderr.
     """
-    suffix, triples = TARGETS[platform]
-    library = folder / platform / f"{drive.name}.{suffix}"
+    model = next(path for path in drive.sources if path.name == "model.c")
+    ceremony = {"2.0": [FMI2], "3.0": [FMI3, FMI2]}[drive.fmi]
+    sources = [model, *sorted(ceremony[0].glob("*.c")), folder / "variables.c"]
+    includes = [f"-I{path}" for path in (folder, *ceremony)] + ["-isystem", str(_fmi_headers())]
+    return linked_library(drive.name, platform, [*WARNINGS, *includes, *map(str, sources)], folder)
+
+
+def linked_library(identifier: str, platform: str, arguments: list[str], folder: Path) -> Path:
+    """Compile C for one platform of TARGETS or TARGETS_FMI3 into `<folder>/<platform>/<identifier>.<suffix>`.
+
+    Args:
+        identifier: modelIdentifier of the FMU. arguments: sources, includes and warnings for the compiler.
+
+    Raises:
+        subprocess.CalledProcessError: the compiler refused; its messages are on stderr.
+    """
+    suffix, triples = (TARGETS | TARGETS_FMI3)[platform]
+    library = folder / platform / f"{identifier}.{suffix}"
     library.parent.mkdir(parents=True, exist_ok=True)
     if len(triples) == 1:
-        _compile(drive, triples[0], folder, library)
+        _compile(triples[0], arguments, library)
     else:
         slices = {}
         for triple in triples:
             processor = triple.split("-")[0]
             path = library.with_suffix(f".{processor}")
-            _compile(drive, triple, folder, path)
+            _compile(triple, arguments, path)
             slices[processor] = path.read_bytes()
         library.write_bytes(universal_binary(slices))
     return library
@@ -67,17 +90,17 @@ def universal_binary(slices: dict[str, bytes]) -> bytes:
     return header + body
 
 
-def _compile(drive: Drive, triple: str, folder: Path, library: Path) -> None:
+def _fmi_headers() -> Path:
     fmpy = find_spec("fmpy")
     if fmpy is None or fmpy.origin is None:
-        raise ModuleNotFoundError("fmpy is not installed: the FMI 2.0 headers come with it")
-    headers = Path(fmpy.origin).parent / "c-code"
-    model = next(path for path in drive.sources if path.name == "model.c")
-    sources = [model, *sorted(FMI2.glob("*.c")), folder / "variables.c"]
-    includes = [f"-I{path}" for path in (folder, FMI2)] + ["-isystem", str(headers)]
+        raise ModuleNotFoundError("fmpy is not installed: the FMI headers come with it")
+    return Path(fmpy.origin).parent / "c-code"
+
+
+def _compile(triple: str, arguments: list[str], library: Path) -> None:
     linking = [] if "windows" in triple else ["-lm"]
     if "macos" in triple:
         # by default the absolute path of the output, which would tell one checkout from another
-        linking += ["-install_name", f"@rpath/{drive.name}.dylib"]
-    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", triple, *FLAGS, *WARNINGS]
-    subprocess.run([*compiler, *includes, *map(str, sources), *linking, "-o", str(library)], check=True)
+        linking += ["-install_name", f"@rpath/{library.stem}.dylib"]
+    compiler = [sys.executable, "-m", "ziglang", "cc", "-target", triple, *FLAGS]
+    subprocess.run([*compiler, *arguments, *linking, "-o", str(library)], check=True)

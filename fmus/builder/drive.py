@@ -5,22 +5,29 @@ import tomllib
 import uuid
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 FMUS = Path(__file__).resolve().parents[1]
 FMI2 = FMUS / "fmi2"
+FMI3 = FMUS / "fmi3"
 GUID_NAMESPACE = uuid.UUID("6f1d4c1e-6d0a-5c0b-9f0e-7d2b1a4c8e35")
 
 
 @dataclass(frozen=True)
 class Variable:
-    """One `[[variable]]` of drive.toml: a Real ScalarVariable of FMI 2.0 (section 2.2.7) in SI units."""
+    """One `[[variable]]` of drive.toml.
+
+    In FMI 2.0 drives a Real ScalarVariable (section 2.2.7); in FMI 3.0 drives of one of the types Float64, Float32,
+    Int32, Boolean (section 2.4.7), of which the last two have no unit.
+    """
 
     name: str
     causality: str
     variability: str
     start: float
-    unit: str
     description: str
+    unit: str | None = None
+    type: str = "Float64"
     initial: str | None = None
     min: float | None = None
     max: float | None = None
@@ -28,18 +35,28 @@ class Variable:
 
 @dataclass(frozen=True)
 class Drive:
-    """A drive's folder, read. The position in `variables` is the value reference."""
+    """A drive's folder, read. The position in `variables` is the value reference.
+
+    Attributes:
+        name: of the folder.
+        description: one sentence.
+        variables: in the order of drive.toml.
+        sources: the files the binary is made of.
+        guid: of `sources`; FMI 3.0 calls it the instantiation token.
+        fmi: version of the standard, "2.0" or "3.0".
+    """
 
     name: str
     description: str
     variables: tuple[Variable, ...]
     sources: tuple[Path, ...]
     guid: str
+    fmi: str = "2.0"
 
 
-def drive_names() -> list[str]:
-    """Names of all drives, sorted: the folders that hold a drive.toml."""
-    return sorted(path.parent.name for path in FMUS.glob("*/drive.toml"))
+def drive_names(fmi: str = "2.0") -> list[str]:
+    """Names of the drives compiled from a drive.toml for this version of FMI, sorted."""
+    return sorted(path.parent.name for path in FMUS.glob("*/drive.toml") if _document(path)["fmi"] == fmi)
 
 
 def load_drive(name: str) -> Drive:
@@ -50,15 +67,29 @@ def load_drive(name: str) -> Drive:
         TypeError: a variable has an unknown key or lacks a required one.
     """
     folder = FMUS / name
-    document = tomllib.loads((folder / "drive.toml").read_text(encoding="utf-8"))
-    sources = (folder / "drive.toml", folder / "model.c", *sorted(p for p in FMI2.iterdir() if p.is_file()))
+    document = _document(folder / "drive.toml")
+    fmi = document["fmi"]
+    sources = (folder / "drive.toml", folder / "model.c", *ceremony(fmi))
     return Drive(
         name=name,
         description=document["description"],
         variables=tuple(Variable(**row) for row in document["variable"]),
         sources=sources,
         guid=source_guid(sources),
+        fmi=fmi,
     )
+
+
+def ceremony(fmi: str) -> list[Path]:
+    """The files every drive of this version of FMI shares, sorted; FMI 3.0 borrows the model's interface."""
+    if fmi == "3.0":
+        return sorted([*(path for path in FMI3.iterdir() if path.is_file()), FMI2 / "model.h"])
+    return sorted(path for path in FMI2.iterdir() if path.is_file())
+
+
+def _document(path: Path) -> dict[str, Any]:
+    """drive.toml at `path`; one that names no version of FMI is of 2.0."""
+    return {"fmi": "2.0"} | tomllib.loads(path.read_text(encoding="utf-8"))
 
 
 def source_guid(sources: tuple[Path, ...]) -> str:

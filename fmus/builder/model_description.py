@@ -47,7 +47,7 @@ def model_description(drive: Drive) -> bytes:
 def _append_units(root: ET.Element, drive: Drive) -> None:
     exponents = tomllib.loads((FMI2 / "units.toml").read_text(encoding="utf-8"))
     definitions = ET.SubElement(root, "UnitDefinitions")
-    for name in sorted({variable.unit for variable in drive.variables}):
+    for name in sorted({variable.unit for variable in drive.variables if variable.unit}):
         unit = ET.SubElement(definitions, "Unit", name=name)
         ET.SubElement(unit, "BaseUnit", {base: str(power) for base, power in exponents[name].items()})
 

@@ -6,7 +6,7 @@ import pytest
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Error, fmi2LastSuccessfulTime, fmi2ModelExchange
 
-from .rig import DRIVES, Rig, described
+from .rig import DRIVES, MIDDLING, Rig, described, own_names
 
 pytestmark = pytest.mark.parametrize("drive", DRIVES)
 
@@ -23,7 +23,7 @@ def refusal(rig: Rig, error: pytest.ExceptionInfo[FMICallException]) -> str:
 
 def moving(drive: str) -> Rig:
     """A drive in the middle of something, at 7 ms."""
-    rig = Rig(drive).start(omega_ref=0.5, tau_load=0.03)
+    rig = Rig(drive).start(command=MIDDLING.get(drive, 0.5), tau_load=0.03)
     rig.run(1e-3, 7)
     return rig
 
@@ -82,19 +82,22 @@ def test_an_input_that_is_not_finite_is_refused_by_name(drive: str, value: float
         before = rig.values()
         with pytest.raises(FMICallException) as error:
             rig["tau_load"] = value
-        assert refusal(rig, error) == f"fmi2SetReal: tau_load = {value:g} is not finite"
+        assert (
+            refusal(rig, error)
+            == f"fmi2SetReal: {own_names(drive).get('tau_load', 'tau_load')} = {value:g} is not finite"
+        )
         assert rig.values() == before
 
 
 def test_a_refused_value_leaves_its_neighbours_unset_too(drive: str) -> None:
     with moving(drive) as rig:
         with pytest.raises(FMICallException):
-            rig.slave.setReal([rig.references["omega_ref"], rig.references["tau_load"]], [1.0, float("nan")])
-        assert rig["omega_ref"] == 0.5
+            rig.slave.setReal([rig.reference("command"), rig.reference("tau_load")], [1.0, float("nan")])
+        assert rig["command"] == MIDDLING.get(drive, 0.5)
 
 
 def test_a_result_that_is_not_finite_is_an_error(drive: str) -> None:
-    with Rig(drive).start(theta_m=1.7e308, omega_ref=1.7e308, tau_load=-1.7e308) as rig:
+    with Rig(drive).start(theta_m=1.7e308, command=1.7e308, tau_load=-1.7e308) as rig:
         with pytest.raises(FMICallException) as error:
             rig.run(10.0, 3)
         assert "the result is not finite" in refusal(rig, error)
@@ -152,7 +155,7 @@ def test_reset_gives_a_new_drive(drive: str) -> None:
         assert rig.values() == fresh.values()
         rig.time = 0.0
         for instance in (fresh, rig):
-            instance.start(omega_ref=-0.2).run(1e-3, 10)
+            instance.start(command=-MIDDLING.get(drive, 0.5)).run(1e-3, 10)
         assert rig.values() == fresh.values()
 
 
@@ -161,7 +164,7 @@ def test_a_restored_state_repeats_the_future_bit_for_bit(drive: str) -> None:
         state = rig.slave.getFMUstate()
         rig.run(0.7e-3, 10)
         first = rig.values()
-        rig["omega_ref"] = 3.0
+        rig["command"] = 6 * MIDDLING.get(drive, 0.5)
         rig.step(1e-3)
         rig.slave.setFMUstate(state)
         rig.time = 7e-3
