@@ -1,4 +1,4 @@
-"""Compiles drives that go wrong with the machine's C compiler, in the clothes of velocity_servo."""
+"""Compiles drives for tests with the machine's C compiler, from the sources inside a good drive."""
 
 import importlib.util
 import os
@@ -16,10 +16,8 @@ from tests.drive.archives import altered
 Edit = Callable[[str], str]
 
 
-def compiled_drive(
-    root: Path, folder: Path, name: str, model: Path | None = None, edits: Mapping[str, Edit] | None = None
-) -> Path:
-    """`folder`/`name`.fmu: velocity_servo with another model.c, or with `edits` of its sources by file name.
+def compiled_library(good: Path, work: Path, replaced: Mapping[str, str | Edit]) -> bytes:
+    """The shared library of `good`'s sources, some of them `replaced` or edited, built in `work`.
 
     Skips without a compiler, but not on CI, which has one.
     """
@@ -27,22 +25,25 @@ def compiled_drive(
     if compiler is None or not sys.platform.startswith("linux"):
         assert "CI" not in os.environ, "this test compiles a drive and CI has to have a C compiler"
         pytest.skip("compiles a drive: needs Linux and a C compiler")
-    good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
-    work = folder / f"{name}.build"
     with zipfile.ZipFile(good) as archive:
         archive.extractall(work)
     sources = work / "sources"
-    if model is not None:
-        shutil.copy(model, sources / "model.c")
-    for file, edit in (edits or {}).items():
-        (sources / file).write_text(edit((sources / file).read_text()))
+    for file, content in replaced.items():
+        path = sources / file
+        path.write_text(content if isinstance(content, str) else content(path.read_text()))
     fmpy = importlib.util.find_spec("fmpy")
     assert fmpy is not None and fmpy.origin is not None
     headers = Path(fmpy.origin).parent / "c-code"
     library = work / "drive.so"
     command = [compiler, "-shared", "-fPIC", "-O1", f"-I{sources}", f"-I{headers}"]
     subprocess.run([*command, *map(str, sorted(sources.glob("*.c"))), "-lm", "-o", str(library)], check=True)
-    content = library.read_bytes()
+    return library.read_bytes()
+
+
+def compiled_drive(root: Path, folder: Path, name: str, replaced: Mapping[str, str | Edit]) -> Path:
+    """`folder`/`name`.fmu: velocity_servo with some of its sources `replaced` or edited."""
+    good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    content = compiled_library(good, folder / f"{name}.build", replaced)
     return altered(
         good, folder / f"{name}.fmu", lambda n, c: (n, content if n == "binaries/linux64/velocity_servo.so" else c)
     )

@@ -7,4 +7,4 @@ from tests.drive.compiled import compiled_drive
 
 def faulty_drive(root: Path, folder: Path) -> Path:
     """An FMU that goes wrong after a second, as its parameter droop says."""
-    return compiled_drive(root, folder, "faulty", Path(__file__).with_name("faulty.c"))
+    return compiled_drive(root, folder, "faulty", {"model.c": Path(__file__).with_name("faulty.c").read_text()})

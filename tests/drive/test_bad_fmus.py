@@ -39,7 +39,7 @@ def servo(root: Path) -> Path:
 def test_a_bad_status_once_or_for_ever_stops_the_run_at_that_step(
     root: Path, tmp_path: Path, status: str, condition: str
 ):
-    bad = compiled_drive(root, tmp_path, "bad", edits={"lifecycle.c": returning(status, condition)})
+    bad = compiled_drive(root, tmp_path, "bad", {"lifecycle.c": returning(status, condition)})
     with pytest.raises(ComponentFailed) as failure:
         run(made(bad), 1.0, 0.0)
     assert str(failure.value).startswith(f"bad.fmu (drive_1) fmi2DoStep returned {status}")
@@ -49,7 +49,7 @@ def test_a_bad_status_once_or_for_ever_stops_the_run_at_that_step(
 
 
 def test_a_warning_does_not_stop_the_run(root: Path, tmp_path: Path):
-    bad = compiled_drive(root, tmp_path, "bad", edits={"lifecycle.c": returning("fmi2Warning", "0")})
+    bad = compiled_drive(root, tmp_path, "bad", {"lifecycle.c": returning("fmi2Warning", "0")})
     assert np.isfinite(run(made(bad), 1.0, 0.0)["theta_m"]).all()
 
 
@@ -57,7 +57,7 @@ def test_an_fmu_that_gives_no_instance_is_refused(root: Path, tmp_path: Path):
     def edit(text: str) -> str:
         return text.replace("    Slave *slave = malloc(sizeof *slave);", "    Slave *slave = NULL;")
 
-    bad = compiled_drive(root, tmp_path, "bad", edits={"lifecycle.c": edit})
+    bad = compiled_drive(root, tmp_path, "bad", {"lifecycle.c": edit})
     with pytest.raises(InputRefused, match="fmi2Instantiate refused") as refused:
         made(bad)
     assert "out of memory" in str(refused.value)
@@ -67,7 +67,7 @@ def test_a_missing_function_is_refused_by_name(root: Path, tmp_path: Path):
     def edit(text: str) -> str:
         return text.replace(STEP, "static fmi2Status unused(")
 
-    bad = compiled_drive(root, tmp_path, "bad", edits={"lifecycle.c": edit})
+    bad = compiled_drive(root, tmp_path, "bad", {"lifecycle.c": edit})
     with pytest.raises(InputRefused, match="does not load") as refused:
         made(bad)
     assert "fmi2DoStep" in str(refused.value)
@@ -79,7 +79,7 @@ def test_an_initialisation_that_fails_is_refused_with_what_the_fmu_said(root: Pa
         assert entry in text
         return text.replace(entry, entry + '    return refuse(c, "licence not found");\n')
 
-    bad = compiled_drive(root, tmp_path, "bad", edits={"lifecycle.c": edit})
+    bad = compiled_drive(root, tmp_path, "bad", {"lifecycle.c": edit})
     with pytest.raises(InputRefused, match="cannot be initialised") as refused:
         made(bad)
     assert "licence not found" in str(refused.value)
