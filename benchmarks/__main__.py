@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import figure_4, macro_step, start_up
+from benchmarks import figure_4, fmi_versions, macro_step, start_up
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -33,6 +33,7 @@ def main() -> None:
     for part in (
         lambda: macro_step.measurements(ROOT / "fmus" / "ideal_velocity"),
         lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
+        fmi_versions.measurements,
         lambda: figure_4.measurements(EXPERIMENT),
         lambda: start_up.measurements(EXPERIMENT),
     ):

@@ -20,7 +20,7 @@ from twin.recording.recording import Recording
 
 ROOT = Path(__file__).parents[2]
 BASELINES = Path(__file__).parent / "baselines"
-DRIVES = ("ideal_velocity", "velocity_servo", "pmsm_foc")
+DRIVES = tuple(sorted(path.parent.name for path in ROOT.glob("fmus/*/*.fmu")))
 
 TOLERANCE = 0.02
 """Relative: libm differs between machines by rounding only, which the encoders can turn into single counts: 1.5 mrad of
