@@ -69,8 +69,8 @@ def test_step_response_and_tracking_error_stay_where_they_were(drive: str, tmp_p
     now = measured(drive, tmp_path)
     for experiment, numbers in baseline.items():
         for name, before in numbers.items():
-            # overshoot in percent and errors in mm and N are near zero: a hundredth of each is noise
-            assert now[experiment][name] == pytest.approx(before, rel=TOLERANCE, abs=0.01), f"{experiment} {name}"
+            # some are near zero, where a share of them says nothing: 2 mN, 2 um, 2 ms
+            assert now[experiment][name] == pytest.approx(before, rel=TOLERANCE, abs=0.002), f"{experiment} {name}"
 
 
 def main() -> None:
