@@ -40,15 +40,6 @@ def test_what_is_not_there_is_refused(tmp_path: Path):
     assert "no such FMU" in refusal(tmp_path / "none.fmu")
 
 
-def test_what_is_no_zip_and_what_is_truncated_are_refused(tmp_path: Path, servo: Path):
-    text = tmp_path / "text.fmu"
-    text.write_text("not a zip")
-    assert "not a complete FMU" in refusal(text)
-    cut = tmp_path / "cut.fmu"
-    cut.write_bytes(servo.read_bytes()[:-1000])
-    assert "not a complete FMU" in refusal(cut)
-
-
 def test_a_zip_without_description_is_refused(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: None if n == DESCRIPTION else (n, c))
     assert "no modelDescription.xml" in refusal(bad)

@@ -13,7 +13,7 @@ from numba import carray, njit
 
 from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
 from twin.controller.reference import reference_position
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import doubles_at, step_function
 
 INPUTS = (
@@ -115,7 +115,7 @@ def step(self, t, h, u, y):
     return 0
 
 
-class Controller(Component):
+class Controller(NativeComponent):
     """Sampled component: estimates in, motor speeds out.
 
     Args:
@@ -141,17 +141,8 @@ class Controller(Component):
         memory["position"][0] = [loop(position)] * 3
         memory["way_points"] = len(times_)
         memory["times"], memory["points"] = times_.ctypes.data, points_.ctypes.data
-        super().__init__(
-            name="controller",
-            inputs=INPUTS,
-            outputs=OUTPUTS,
-            sampled=True,
-            step_address=step.address,
-            self_address=memory.ctypes.data,
-            initial_outputs=np.zeros(width(OUTPUTS)),
-            period=period,
-            keep=(memory, times_, points_),
-        )
+        kept = (times_, points_)
+        super().__init__("controller", INPUTS, OUTPUTS, True, step, memory, period=period, keep=kept)
 
 
 NEVER = math.inf

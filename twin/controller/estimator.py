@@ -4,7 +4,7 @@ import numpy as np
 from numba import carray, njit
 
 from twin.controller.belief import BELIEF, Belief
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import step_function
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import arm_gravity_torque, platform_weight
@@ -62,7 +62,7 @@ def step(self, t, h, u, y):
     return 0
 
 
-class Estimator(Component):
+class Estimator(NativeComponent):
     """Sampled component: encoder counts in, position and force out.
 
     Args:
@@ -75,14 +75,4 @@ class Estimator(Component):
         memory = np.zeros(1, dtype=MEMORY)
         memory["belief"][0] = tuple(belief)
         memory["gravity_compensation"] = gravity_compensation
-        super().__init__(
-            name="estimator",
-            inputs=INPUTS,
-            outputs=OUTPUTS,
-            sampled=True,
-            step_address=step.address,
-            self_address=memory.ctypes.data,
-            initial_outputs=np.zeros(width(OUTPUTS)),
-            period=period,
-            keep=memory,
-        )
+        super().__init__("estimator", INPUTS, OUTPUTS, True, step, memory, period=period)

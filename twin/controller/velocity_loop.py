@@ -4,7 +4,7 @@ import numpy as np
 from numba import carray
 
 from twin.controller.pid import PID, Gains, accept, loop, proposal
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import step_function
 
 INPUTS = (
@@ -25,7 +25,7 @@ def step(self, t, h, u, y):
     return 0
 
 
-class VelocityLoop(Component):
+class VelocityLoop(NativeComponent):
     """Sampled component: speed error in, command of the drive out.
 
     Args:
@@ -38,14 +38,4 @@ class VelocityLoop(Component):
         memory = np.zeros(1, dtype=MEMORY)
         memory["pid"][0] = loop(gains)
         memory["limit"] = limit
-        super().__init__(
-            name="velocity_loop",
-            inputs=INPUTS,
-            outputs=(command,),
-            sampled=True,
-            step_address=step.address,
-            self_address=memory.ctypes.data,
-            initial_outputs=np.zeros(width((command,))),
-            period=period,
-            keep=memory,
-        )
+        super().__init__("velocity_loop", INPUTS, (command,), True, step, memory, period=period)

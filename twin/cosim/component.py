@@ -71,6 +71,43 @@ class Component:
         """Release what the component holds outside Python's memory."""
 
 
+class NativeComponent(Component):
+    """A component with a compiled step over a record, as most are.
+
+    Args:
+        name, inputs, outputs, sampled, period: see `Component`.
+        step: made by `native.step_function`.
+        memory: (1,) record that the step works on.
+        initial_outputs: zeros if not given; a sampled component overwrites them at tick 0.
+        keep: what `memory` points to.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        inputs: tuple[Port, ...],
+        outputs: tuple[Port, ...],
+        sampled: bool,
+        step: Any,
+        memory: np.ndarray,
+        initial_outputs: np.ndarray | None = None,
+        period: int = 1,
+        keep: Any = None,
+    ):
+        super().__init__(
+            name=name,
+            inputs=inputs,
+            outputs=outputs,
+            sampled=sampled,
+            step_address=step.address,
+            self_address=memory.ctypes.data,
+            initial_outputs=np.zeros(width(outputs)) if initial_outputs is None else initial_outputs,
+            period=period,
+            keep=(memory, keep),
+        )
+        self.memory = memory
+
+
 def width(ports: tuple[Port, ...]) -> int:
     """Number of doubles that `ports` take together."""
     return sum(port.size for port in ports)

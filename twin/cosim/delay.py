@@ -3,7 +3,7 @@
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import Component, NativeComponent, Port, width
 from twin.cosim.native import doubles_at, step_function
 
 MEMORY = np.dtype([("size", "i8"), ("ticks", "i8"), ("position", "i8"), ("ring", "i8")], align=True)
@@ -26,13 +26,4 @@ def delay(name: str, port: Port, ticks: int, initial: np.ndarray) -> Component:
     """Sampled component: its output `port` is its input of `ticks` (>= 1) ticks ago, before that `initial`."""
     ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))
     memory = np.array([(width((port,)), ticks, 0, ring.ctypes.data)], dtype=MEMORY)
-    return Component(
-        name=name,
-        inputs=(port,),
-        outputs=(port,),
-        sampled=True,
-        step_address=step.address,
-        self_address=memory.ctypes.data,
-        initial_outputs=ring[0].copy(),
-        keep=(memory, ring),
-    )
+    return NativeComponent(name, (port,), (port,), True, step, memory, ring[0].copy(), keep=ring)

@@ -6,7 +6,7 @@ import numpy as np
 from numba import carray, njit
 from numpy.typing import ArrayLike
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import NativeComponent, Port, width
 from twin.cosim.native import step_function
 from twin.plant.contact import contact_force, normal_force, settled_bristle
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection
@@ -97,7 +97,7 @@ def step(self, t, h, u, y):
     return 0 if outputs(m.parameters, m.x, theta_m, carray(y, 24)) else LEFT_WORKSPACE
 
 
-class Plant(Component):
+class Plant(NativeComponent):
     """Springs, mechanism and contact as one continuous component.
 
     Args:
@@ -114,17 +114,8 @@ class Plant(Component):
         memory["x"] = x
         initial = np.empty(width(OUTPUTS))
         outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), initial)
-        super().__init__(
-            name="plant",
-            inputs=INPUTS,
-            outputs=OUTPUTS,
-            sampled=False,
-            step_address=step.address,
-            self_address=memory.ctypes.data,
-            initial_outputs=initial,
-            keep=memory,
-        )
+        super().__init__("plant", INPUTS, OUTPUTS, False, step, memory, initial)
 
     def explain(self, status: int) -> str:
-        x, y, z = 1e3 * self.keep["last"][0][:3]
+        x, y, z = 1e3 * self.memory["last"][0][:3]
         return f"left the workspace: a leg cannot reach the platform near ({x:.1f}, {y:.1f}, {z:.1f}) mm,"

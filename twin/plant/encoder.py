@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import step_function
 
 INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
@@ -25,7 +25,7 @@ def step(self, t, h, u, y):
     return 0
 
 
-class Encoder(Component):
+class Encoder(NativeComponent):
     """Motor and joint encoders of the three legs; counts are rounded to the nearest.
 
     Args:
@@ -45,14 +45,4 @@ class Encoder(Component):
         memory = np.zeros(1, dtype=MEMORY)
         memory["counts_per_rad"] = np.repeat([motor_counts, joint_counts], 3) / (2 * np.pi)
         memory["zero"] = [*motor_zero, *joint_zero]
-        super().__init__(
-            name="encoder",
-            inputs=INPUTS,
-            outputs=OUTPUTS,
-            sampled=True,
-            step_address=step.address,
-            self_address=memory.ctypes.data,
-            initial_outputs=np.zeros(width(OUTPUTS)),
-            period=period,
-            keep=memory,
-        )
+        super().__init__("encoder", INPUTS, OUTPUTS, True, step, memory, period=period)

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import step_function
 
 INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
@@ -18,19 +18,9 @@ def step(self, t, h, u, y):
     return 0
 
 
-class Scale(Component):
+class Scale(NativeComponent):
     """Reads the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
 
     def __init__(self, resolution: float, period: int = 1):
         memory = np.array([(resolution,)], dtype=MEMORY)
-        super().__init__(
-            name="scale",
-            inputs=INPUTS,
-            outputs=OUTPUTS,
-            sampled=True,
-            step_address=step.address,
-            self_address=memory.ctypes.data,
-            initial_outputs=np.zeros(width(OUTPUTS)),
-            period=period,
-            keep=memory,
-        )
+        super().__init__("scale", INPUTS, OUTPUTS, True, step, memory, period=period)
