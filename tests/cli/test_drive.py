@@ -1,8 +1,15 @@
 import json
+import os
 from pathlib import Path
+
+from PIL import Image
 
 from tests.cli.test_run import twin
 from tests.drive.archives import redescribed
+from tests.drive.faulty import faulty_drive
+from twin.qualification.definitions import CHECKS, MEASURES
+
+FIG4 = "experiments/fig4_force_position.toml"
 
 
 def test_info_shows_contract_parameters_and_hash_within_80_columns(root: Path, tmp_path: Path):
@@ -15,15 +22,83 @@ def test_info_shows_contract_parameters_and_hash_within_80_columns(root: Path, t
 
 def test_info_as_json_is_complete(root: Path, tmp_path: Path):
     facts = json.loads(twin("drive", "info", root / "fmus/velocity_servo", "--json", cwd=tmp_path).stdout)
-    assert facts["fmi_version"] == "2.0"
-    assert facts["roles"]["theta_m"] == {"causality": "output", "unit": "rad", "unit_stated": True}
-    assert facts["parameters"]["droop"]["start"] == "0.6"
+    (fmu,) = facts["fmus"]
+    assert fmu["fmi_version"] == "2.0"
+    assert fmu["parameters"]["droop"]["start"] == 0.6
+    assert facts["roles"]["theta_m"] == {"variable": "theta_m", "causality": "output", "unit": "rad", "gain": 1.0}
     assert facts["warnings"] == []
 
 
 def test_a_drive_that_does_not_fit_is_exit_code_2(root: Path, tmp_path: Path):
     good = root / "fmus/velocity_servo/velocity_servo.fmu"
-    bad = redescribed(good, tmp_path / "bad.fmu", 'name="omega_ref"', 'name="n_cmd"')
-    done = twin("drive", "info", bad, cwd=tmp_path)
-    assert done.returncode == 2
-    assert "no input 'omega_ref'" in done.stderr
+    bad = redescribed(good, tmp_path / "bad.fmu", 'causality="input"', 'causality="parameter"')
+    for command in ("info", "check"):
+        done = twin("drive", command, bad, cwd=tmp_path)
+        assert done.returncode == 2
+        assert "omega_ref" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_check_prints_the_verdict_first_and_draws_a_picture(root: Path, tmp_path: Path):
+    done = twin("drive", "check", root / "fmus/stepper", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == "stepper.fmu  QUALIFIED"
+    assert max(len(line) for line in lines) <= 80
+    picture = lines[-1].removeprefix("  picture  ")
+    with Image.open(tmp_path / picture) as image:
+        assert image.width >= 1200
+
+
+def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp_path: Path):
+    facts = json.loads(twin("drive", "check", root / "fmus/velocity_servo", "--json", cwd=tmp_path).stdout)
+    assert facts["qualified"] is True and facts["failed"] == []
+    assert list(facts["checks"]) == list(CHECKS) and list(facts["measures"]) == list(MEASURES)
+    droop = facts["measures"]["droop"]
+    assert droop["unit"] == "rad/s per N m" and abs(droop["value"] - 0.6) < 1e-6
+    assert all(check["meaning"] for check in facts["checks"].values())
+    assert (tmp_path / facts["picture"]).is_file()
+
+
+def test_a_drive_that_fails_the_check_is_exit_code_1_and_the_picture_says_so(root: Path, tmp_path: Path):
+    faulty_drive(root, tmp_path)
+    (tmp_path / "mapping.toml").write_text('fmu = "faulty.fmu"\n[parameters]\ndroop = 2.0\n')
+    done = twin("drive", "check", "mapping.toml", cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.startswith("faulty.fmu  NOT QUALIFIED: runs")
+    assert (tmp_path / "results/drive_check/faulty.png").is_file()
+
+
+def test_list_names_every_drive_of_the_shelf_within_80_columns(root: Path):
+    done = twin("drive", "list", cwd=root)
+    assert done.returncode == 0, done.stderr
+    names = [folder.name for folder in (root / "fmus").iterdir() if any(folder.glob("*.fmu"))]
+    assert all(any(line.startswith(name) for line in done.stdout.splitlines()) for name in names)
+    assert max(len(line) for line in done.stdout.splitlines()) <= 80
+    assert {drive["name"] for drive in json.loads(twin("drive", "list", "--json", cwd=root).stdout)} == set(names)
+
+
+def test_new_writes_a_mapping_that_the_check_takes_and_never_overwrites_it(root: Path, tmp_path: Path):
+    (tmp_path / "servo.fmu").write_bytes((root / "fmus/velocity_servo/velocity_servo.fmu").read_bytes())
+    done = twin("drive", "new", "servo.fmu", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    written = (tmp_path / "mapping.toml").read_text()
+    assert twin("drive", "info", "mapping.toml", cwd=tmp_path).returncode == 0
+    again = twin("drive", "new", "servo.fmu", cwd=tmp_path)
+    assert again.returncode == 2
+    assert "never overwritten" in again.stderr
+    assert (tmp_path / "mapping.toml").read_text() == written
+
+
+def test_compare_prints_a_table_and_draws_a_picture(root: Path, tmp_path: Path):
+    arguments = ("velocity_servo", "ideal_velocity", "--experiment", root / FIG4, "--out", tmp_path / "x", "--json")
+    facts = json.loads(twin("drive", "compare", *arguments, cwd=root).stdout)
+    assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "ideal_velocity"]
+    with Image.open(facts["picture"]) as image:
+        assert image.width >= 1200
+
+
+def test_help_of_every_command_fits_80_columns(tmp_path: Path):
+    for command in ("info", "list", "new", "check", "compare"):
+        done = twin("drive", command, "--help", cwd=tmp_path, env=os.environ | {"COLUMNS": "80"})
+        assert done.returncode == 0
+        assert max(len(line) for line in done.stdout.splitlines()) <= 80

@@ -1,12 +1,15 @@
-"""`twin drive`: look at a drive FMU before using it."""
+"""`twin drive`: look at drive FMUs, qualify and compare them, bring new ones in."""
 
 import json
 import math
+import os
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
+
+from twin.errors import InputRefused
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan
@@ -14,19 +17,21 @@ if TYPE_CHECKING:
 
 WIDTH = 80
 
-app = typer.Typer(help="Look at drive FMUs.", no_args_is_help=True)
+app = typer.Typer(help="Look at drive FMUs, qualify, compare and bring them in.", no_args_is_help=True)
+
+Fmu = Annotated[
+    str, typer.Argument(metavar="FMU", help="An .fmu file, a mapping, a drive's folder, or a name in fmus/.")
+]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 @app.callback()
 def drive() -> None:
-    """Look at drive FMUs."""
+    """Look at drive FMUs, qualify, compare and bring them in."""
 
 
 @app.command()
-def info(
-    fmu: Annotated[str, typer.Argument(metavar="FMU", help="An .fmu file, a drive's folder, or a name in fmus/.")],
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of a table.")] = False,
-) -> None:
+def info(fmu: Fmu, as_json: Json = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
@@ -36,6 +41,129 @@ def info(
 
     plan = planned(lone_drive(str(fmu), Path.cwd()))
     print(json.dumps(_facts(plan)) if as_json else _table(plan))
+
+
+@app.command("list")
+def list_(as_json: Json = False) -> None:
+    """List the drives of fmus/ and whether they fit this robot, without loading their binaries.
+
+    Exit code: 0 whether they fit or not, 2 there is no fmus/.
+    """
+    from dataclasses import asdict
+
+    from twin.qualification.shelf import shelved_drives
+    from twin.report.drive_text import list_text
+
+    drives = shelved_drives(Path.cwd())
+    print(json.dumps([asdict(shelved) for shelved in drives]) if as_json else list_text(drives))
+
+
+@app.command()
+def new(fmu: Fmu) -> None:
+    """Write the mapping.toml that brings a foreign FMU in, beside it.
+
+    What is in doubt stands in it as comments. An existing mapping.toml is never touched.
+    Exit code: 0 written, 2 refused.
+    """
+    from twin.drive.description import described
+    from twin.experiment.drive_files import MAPPING, lone_drive
+    from twin.qualification.proposal import proposal
+
+    file = lone_drive(fmu, Path.cwd()).fmu
+    if file is None:
+        raise InputRefused(f"{fmu}: is made of several FMUs already; name one .fmu file")
+    description = described(Path(file))
+    mapping = Path(os.path.relpath(description.path.parent / MAPPING))
+    text, complete = proposal(description)
+    try:
+        with mapping.open("x") as empty:
+            empty.write(text)
+    except FileExistsError:
+        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one") from None
+    except OSError as problem:
+        raise InputRefused(f"{mapping}: cannot be written: {problem.strerror}") from None
+    print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
+    print(f"then: twin drive check {mapping}")
+
+
+@app.command()
+def check(
+    fmus: Annotated[list[str], typer.Argument(metavar="FMU...", help="Drives: .fmu files, folders, names in fmus/.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
+    as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
+
+    Exit code: 0 qualified, 1 not, 2 refused before it ran.
+    """
+    from twin.report.drive_text import check_text, measures_table
+
+    _made(out)
+    all_facts = []
+    for fmu in fmus:
+        facts = checked(fmu, str(Path.cwd()), str(out))
+        all_facts.append(facts)
+        if as_json:
+            print(json.dumps(facts))
+        elif not as_table:
+            print(f"{check_text(facts)}\n  picture  {facts['picture']}")
+    if as_table and not as_json:
+        print(measures_table(all_facts))
+    if not all(facts["qualified"] for facts in all_facts):
+        raise SystemExit(1)
+
+
+@app.command()
+def compare(
+    fmus: Annotated[list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.")],
+    experiment: Annotated[Path, typer.Option(metavar="FILE", help="The experiment (TOML).")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
+    as_json: Json = False,
+) -> None:
+    """Run the same experiment with one drive after the other, and judge what truly happened.
+
+    Exit code: 0 all ran, 2 one is refused (none has run), 3 one failed while running.
+    """
+    _made(out)
+    facts, text = compared(fmus, experiment, out)
+    print(json.dumps(facts) if as_json else f"{text}\npicture  {facts['picture']}")
+    if any(drive["failure"] for drive in facts["drives"]):
+        raise SystemExit(3)
+
+
+def checked(fmu: str, here: str, out: str) -> dict[str, Any]:
+    """Qualify a drive and draw the picture: text in, JSON out, and nothing else loads the FMU.
+
+    This call is what a supervised process has to run, so that an FMU that crashes takes only that with it.
+    """
+    from twin.experiment.drive_files import lone_drive
+    from twin.qualification.qualification import qualified
+    from twin.report.drive_check import draw_drive_check
+
+    done = qualified(lone_drive(fmu, Path(here)))
+    picture = Path(out) / f"{Path(done.plan.label).stem}.png"
+    draw_drive_check(done, picture)
+    return done.facts() | {"picture": str(picture)}
+
+
+def compared(fmus: list[str], experiment: Path, out: Path) -> tuple[dict[str, Any], str]:
+    """(facts for JSON, text) of drives in the same experiment, and the picture: as `checked`, to be supervised."""
+    from twin.qualification.comparison import comparison_facts, trials
+    from twin.report.drive_compare import draw_drive_compare
+    from twin.report.drive_text import compare_text
+
+    done = trials(experiment, fmus)
+    picture = out / f"{experiment.stem}.png"
+    draw_drive_compare(done, f"Drives compared in {experiment.name}", picture)
+    return comparison_facts(experiment, done) | {"picture": str(picture)}, compare_text(done)
+
+
+def _made(folder: Path) -> None:
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be made: {problem.strerror}") from None
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:
@@ -75,7 +203,8 @@ def _table(plan: "DrivePlan") -> str:
     lines: list[str] = []
     for part, fmu in plan.parts.items():
         lines += [
-            f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, FMI {fmu.model.fmiVersion} co-simulation",
+            f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
+            f"FMI {fmu.model.fmiVersion} co-simulation",
             *textwrap.wrap(fmu.model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",

@@ -1,0 +1,31 @@
+from collections.abc import Callable
+from functools import cache
+from pathlib import Path
+
+import pytest
+from hypothesis import settings
+
+from tests.conftest import ROOT
+from twin.experiment.drive_files import lone_drive
+from twin.qualification.qualification import Qualification, qualified
+
+# loading a compiled function for the first time takes longer than hypothesis grants one example
+settings.register_profile("compiled", deadline=None)
+settings.load_profile("compiled")
+
+
+@cache
+def _done(drive: str) -> Qualification:
+    return qualified(lone_drive(drive, ROOT))
+
+
+@pytest.fixture(scope="session")
+def done() -> Callable[[str], Qualification]:
+    """The qualification of a drive of fmus/, run once."""
+    return _done
+
+
+@pytest.fixture
+def velocity_servo(root: Path) -> Path:
+    """A drive whose every answer is known from its equations."""
+    return root / "fmus" / "velocity_servo" / "velocity_servo.fmu"

@@ -1,0 +1,78 @@
+"""The same experiment with one drive after the other, judged on what is true."""
+
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.assembly.robot import assemble
+from twin.cosim.simulation import Simulation
+from twin.experiment.experiment import Experiment, load_experiment
+from twin.qualification.finding import Measure
+from twin.qualification.true_run import COMPARED, TrueRun
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One drive in the experiment.
+
+    Attributes:
+        name: of the drive, as the user said it.
+        run: what is true in it, up to the failure if there was one.
+        measures: all of `COMPARED`.
+        failure: what ended the run early; empty if nothing did.
+    """
+
+    name: str
+    run: TrueRun
+    measures: tuple[Measure, ...]
+    failure: str = ""
+
+
+def trials(experiment: Path, drives: list[str]) -> tuple[Trial, ...]:
+    """Run `experiment` with each of `drives` in all three joints, in this process.
+
+    Raises:
+        InputRefused: the experiment or a drive has a mistake; no experiment has been run.
+    """
+    experiments = [load_experiment(experiment, (), drive) for drive in drives]
+    for loaded in experiments:
+        assemble(loaded).close()
+    return tuple(_trial(loaded, drive) for loaded, drive in zip(experiments, drives, strict=True))
+
+
+def comparison_facts(experiment: Path, done: tuple[Trial, ...]) -> dict[str, Any]:
+    """Everything but the curves, for JSON; SI units."""
+    return {
+        "experiment": experiment.stem,
+        "definitions": {name: definition._asdict() for name, definition in COMPARED.items()},
+        "drives": [
+            {
+                "drive": trial.name,
+                "failure": trial.failure,
+                "measures": {m.name: {"value": m.value, "remark": m.remark} for m in trial.measures},
+            }
+            for trial in done
+        ],
+    }
+
+
+def _trial(experiment: Experiment, name: str) -> Trial:
+    with assemble(experiment) as assembly:
+        system = assembly.system
+        simulation = Simulation(system, experiment.duration_ticks, timed=True)
+        slices, elapsed = [], 0.0
+        while not simulation.finished:
+            began = time.perf_counter()
+            rows = simulation.advance()
+            elapsed += time.perf_counter() - began
+            slices.append(rows.copy())
+        run = TrueRun(system, np.concatenate(slices))
+        of_drives = sum(simulation.cycles[system.components.index(d)] for d in run.drives) / simulation.cycles.sum()
+        cost = float(of_drives * elapsed / len(run.rows))
+    if simulation.failure:
+        lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
+        return Trial(name, run, lost, str(simulation.failure))
+    return Trial(name, run, run.measures(cost))

@@ -1,0 +1,153 @@
+"""What truly happened in an experiment, whatever the robot's controller believes of it, as curves and as numbers."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.cosim.component import Component
+from twin.cosim.system import System
+from twin.metrics.response import Curve, first_time, overshoot, settling_time
+from twin.metrics.tracking import rms
+from twin.qualification.definitions import Definition
+from twin.qualification.finding import Measure
+
+BAND = 0.05
+"""Share of the reference (force) or of its last change (position) within which the robot has settled."""
+
+STILL = 1e-9
+"""m per tick. Rounding moves a reference that stands still by far less, any real motion by far more."""
+
+COMPARED = {
+    "settling_time": Definition(
+        "settles", "s",
+        "from the trigger of the force loop until the true pressing force stays within 5 % of its reference; where "
+        "nothing triggers, from the end of the z reference's last change until the true z stays within 5 % of it",
+    ),
+    "overshoot": Definition(
+        "overshoot", "%", "of the same quantity beyond its reference, after the same moment, by force or by change",
+    ),
+    "rms_force_error": Definition(
+        "rms F_z", "N", "root mean square of the true pressing force minus its reference, second half of the run",
+    ),
+    "rms_z_error": Definition(
+        "rms z", "m", "root mean square of the true z minus its pre-defined reference, second half of the run",
+    ),
+    "peak_current": Definition("peak I", "A", "largest current of any of the three drives, where they tell it"),
+    "shaft_work": Definition(
+        "work", "J", "work the three shafts do on the springs, what they get back not counted: tau_load omega_m > 0",
+    ),
+    "energy": Definition("energy", "J", "electrical energy the three drives draw, where they tell their power"),
+    "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
+}  # fmt: skip
+
+NO_CONTACT = {True: "", False: "no contact"}
+NOT_TOLD = {True: "", False: "the drive does not tell"}
+
+
+@dataclass(frozen=True)
+class TrueRun:
+    """A robot's run.
+
+    Attributes:
+        system: the robot. rows: its outputs, one row per tick (ticks, outputs).
+    """
+
+    system: System
+    rows: np.ndarray
+
+    @property
+    def t(self) -> Curve:
+        """s, (ticks,)."""
+        return self.system.tick * np.arange(len(self.rows), dtype=float)
+
+    @property
+    def F_z(self) -> Curve:
+        """True pressing force (N), (ticks,)."""
+        return -self._column("plant.F_ee_B[2]")
+
+    @property
+    def F_z_ref(self) -> Curve:
+        """What it should be while the force loop is on (N), (ticks,)."""
+        return self._column("controller.F_z_ref")
+
+    @property
+    def z(self) -> Curve:
+        """True height of the platform (m), (ticks,)."""
+        return self._column("plant.p_B[2]")
+
+    @property
+    def z_ref(self) -> Curve:
+        """Pre-defined height, before the force loop shifts it (m), (ticks,)."""
+        return self._column("controller.p_ref_B[2]")
+
+    @property
+    def drives(self) -> tuple[Component, ...]:
+        """One per joint, or one for all."""
+        return tuple(c for c in self.system.components if c.name.startswith("drive"))
+
+    def of_drives(self, port: str) -> np.ndarray:
+        """An output of all three drives, (ticks, 3), or (ticks, 0) where they do not offer it."""
+        columns = [
+            self.rows[:, self.system.columns(f"{drive.name}.{port}")]
+            for drive in self.drives
+            if any(output.name == port for output in drive.outputs)
+        ]
+        return np.hstack(columns) if columns else np.zeros((len(self.rows), 0))
+
+    def measures(self, cost: float) -> tuple[Measure, ...]:
+        """All of `COMPARED`.
+
+        Args:
+            cost: wall time in the drives per tick (s).
+        """
+        late = slice(len(self.rows) // 2, None)
+        touching = bool(np.any(self.F_z[late] > 0.0))
+        shaft_power = self._column("plant.tau_load") * self.of_drives("omega_m")
+        current, power = self.of_drives("current"), self.of_drives("power")
+        return (
+            *self._approach(),
+            Measure(
+                "rms_force_error", rms(self.F_z[late] - self.F_z_ref[late]) if touching else None, NO_CONTACT[touching]
+            ),
+            Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
+            Measure(
+                "peak_current", float(np.max(np.abs(current))) if current.size else None, NOT_TOLD[current.size > 0]
+            ),
+            Measure("shaft_work", self._integral(np.maximum(0.0, shaft_power))),
+            Measure("energy", self._integral(power) if power.size else None, NOT_TOLD[power.size > 0]),
+            Measure("cost", cost),
+        )
+
+    def _approach(self) -> tuple[Measure, Measure]:
+        """Measures `settling_time` and `overshoot`: of the force once it is controlled, else of the height."""
+        triggered = first_time(self.t, self._column("controller.triggered") > 0.0)
+        if np.isfinite(triggered):
+            return self._approached(triggered, self.F_z, float(self.F_z_ref[-1]))
+        moving = np.flatnonzero(np.abs(np.diff(self.z_ref)) > STILL)
+        if len(moving) == 0:
+            still = "z is to stay where it is"
+            return Measure("settling_time", None, still), Measure("overshoot", None, still)
+        # the last change of the reference begins after the last pause in it
+        pauses = np.flatnonzero(np.diff(moving) > 1)
+        before = float(self.z_ref[moving[pauses[-1] + 1] if len(pauses) else moving[0]])
+        change = float(self.z_ref[-1]) - before
+        return self._approached(float(self.t[moving[-1] + 1]), (self.z - before) * np.sign(change), abs(change))
+
+    def _approached(self, start: float, y: Curve, target: float) -> tuple[Measure, Measure]:
+        after = self.t >= start
+        settled = settling_time(self.t[after], y[after], target, BAND * target) - start
+        return (
+            Measure("settling_time", settled)
+            if np.isfinite(settled)
+            else Measure("settling_time", None, "not in this run"),
+            Measure("overshoot", 100.0 * overshoot(y[after], target)),
+        )
+
+    def _column(self, end: str) -> np.ndarray:
+        """The output `end`: (ticks,) for a single number, else (ticks, size)."""
+        values = self.rows[:, self.system.columns(end)]
+        return values[:, 0] if values.shape[1] == 1 else values
+
+    def _integral(self, power: np.ndarray) -> float:
+        """Energy (J) of `power` (ticks, n), W, held from tick to tick."""
+        return float(np.sum(power[:-1]) * self.system.tick)
