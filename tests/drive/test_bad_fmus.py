@@ -89,7 +89,7 @@ def test_a_description_that_is_too_large_is_refused_unread(
     tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setattr(description, "MOST_DESCRIPTION", 1000)
-    with pytest.raises(InputRefused, match="modelDescription.xml has"):
+    with pytest.raises(InputRefused, match=r"modelDescription\.xml has"):
         description.described(servo)
 
 
@@ -99,13 +99,13 @@ def test_entities_that_multiply_are_not_expanded(tmp_path: Path, servo: Path):
         % (b"".join(b'<!ENTITY %c "%s">' % (98 + i, b"&%c;" % (97 + i) * 10) for i in range(8)))
     )
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, bomb if n == DESCRIPTION else c))
-    with pytest.raises(InputRefused, match="modelDescription.xml"):
+    with pytest.raises(InputRefused, match=r"modelDescription\.xml"):
         description.described(bad)
 
 
 def test_a_drive_for_another_platform_only_is_refused_with_what_to_do(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: None if "linux64" in n else (n, c))
-    with pytest.raises(InputRefused, match="it has darwin64, win64. Export it for"):
+    with pytest.raises(InputRefused, match=r"it has darwin64, win64\. Export it for"):
         description.described(bad)
 
 

@@ -1,5 +1,4 @@
 import hashlib
-import zipfile
 from pathlib import Path
 
 import pytest

@@ -132,3 +132,10 @@ def test_sign_and_gear_ratio_conserve_power(sign, ratio: float, speed: float, to
     assert in_fmu == pytest.approx(speed * torque, rel=1e-12, abs=1e-15)
     # the FMU's shaft turns `ratio` times as fast, in the direction of `sign`
     assert speed / found["omega_ref"].gain == pytest.approx(sign * ratio * speed, rel=1e-12)
+
+
+def test_a_variable_that_alone_counts_the_other_way_is_named_with_a_minus():
+    wiring = Wiring(inputs={"tau_load": "-tau_load"})
+    gains = {b.port.name: b.gain for b in bindings("own.fmu", OWN, wiring)}
+    assert gains == {"omega_ref": 1.0, "tau_load": -1.0, "theta_m": 1.0, "omega_m": 1.0}
+    assert "has no variable 'M'" in refusal(FOREIGN, Wiring(inputs={"tau_load": "-M"}))

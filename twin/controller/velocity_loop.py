@@ -1,4 +1,4 @@
-"""The velocity loop of ours in front of a drive that takes torque, current or voltage: a discrete PI at its own rate."""
+"""Our velocity loop for drives that take torque, current or voltage: a discrete PI at its own rate."""
 
 import numpy as np
 from numba import carray

@@ -95,9 +95,7 @@ def do_step_2(typingctx, function, instance, t, h):
     def codegen(context, builder, signature, arguments):
         f, c, t_, h_ = arguments
         kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I32])
-        return builder.call(
-            builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID), t_, h_, _I32(1)]
-        )
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID), t_, h_, _I32(1)])
 
     return types.int32(types.int64, types.int64, types.float64, types.float64), codegen
 
@@ -185,7 +183,11 @@ def step(self, t, h, u, y):
     groups = carray(_groups_at(m.input_groups), m.inputs)
     for i in range(m.inputs):
         g = groups[i]
-        slots, gain, offset = carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
+        slots, gain, offset = (
+            carray(_u64(g.slots), g.values),
+            carray(_f64(g.gain), g.values),
+            carray(_f64(g.offset), g.values),
+        )
         for j in range(g.values):
             _store(g.kind, g.buffer, j, (carray(_f64(address_of(u)), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
         status = _access(m.version, m.instance, g)
@@ -205,7 +207,11 @@ def step(self, t, h, u, y):
         status = _access(m.version, m.instance, g)
         if status > 1:
             return GET + status
-        slots, gain, offset = carray(_u64(g.slots), g.values), carray(_f64(g.gain), g.values), carray(_f64(g.offset), g.values)
+        slots, gain, offset = (
+            carray(_u64(g.slots), g.values),
+            carray(_f64(g.gain), g.values),
+            carray(_f64(g.offset), g.values),
+        )
         for j in range(g.values):
             carray(_f64(address_of(y)), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
     return 0

@@ -35,7 +35,9 @@ def entries(file: Path) -> dict[str, int]:
         with zipfile.ZipFile(file) as archive:
             infos = archive.infolist()
             if len(infos) > MOST_ENTRIES:
-                raise InputRefused(f"{file}: {len(infos)} entries; expected at most {MOST_ENTRIES}, do not trust this file")
+                raise InputRefused(
+                    f"{file}: {len(infos)} entries; expected at most {MOST_ENTRIES}, do not trust this file"
+                )
             size = sum(info.file_size for info in infos)
             packed = sum(info.compress_size for info in infos)
             if size > MOST_BYTES or (size > FEW_BYTES and size > SUSPICIOUS_RATIO * packed):

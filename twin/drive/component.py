@@ -140,7 +140,8 @@ class FmuComponent(Component):
                 "references": np.array([ports[i].variable.reference for i in members], dtype=np.uint32),
                 "slots": slots.astype(np.uint64),
                 "gain": np.concatenate([np.full(ports[i].port.size, ports[i].gain) for i in members]),
-                "offset": np.concatenate([np.full(ports[i].port.size, ports[i].offset) for i in members]) + extra[slots],
+                "offset": np.concatenate([np.full(ports[i].port.size, ports[i].offset) for i in members])
+                + extra[slots],
                 "buffer": np.zeros(len(slots) * ITEM_SIZES[ports[members[0]].variable.kind], dtype=np.uint8),
             }
             row["kind"] = ports[members[0]].variable.kind

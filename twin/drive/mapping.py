@@ -26,7 +26,7 @@ class Wiring:
     Attributes:
         command: what it is commanded with.
         sign: -1 if the FMU turns the other way. gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
-        inputs, outputs: role -> the FMU's variable.
+        inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way.
     """
 
     command: Command = "velocity"
@@ -71,9 +71,13 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     roles = (COMMANDS[wiring.command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
     _refuse_unknown_roles(file, wiring, roles)
     chosen: dict[str, str] = {}
+    turned: set[str] = set()
     for role in roles:
         said = (wiring.inputs if role.causality == "input" else wiring.outputs).get(role.port.name)
         if said is not None:
+            if said.startswith("-") and said not in variables:
+                turned.add(role.port.name)
+                said = said.removeprefix("-").strip()
             chosen[role.port.name] = _checked(file, variables, role, said)
         elif role.port.name in variables and _plays(variables[role.port.name], role):
             chosen[role.port.name] = role.port.name
@@ -88,7 +92,7 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     if unsure:
         raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, wiring))
     found = tuple(
-        _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring)
+        _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
         for role in roles
         if role.port.name in chosen
     )
@@ -96,10 +100,10 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     return found
 
 
-def _bound(role: Role, variable: Variable, name: str, wiring: Wiring) -> Binding:
+def _bound(role: Role, variable: Variable, name: str, wiring: Wiring, turned: bool) -> Binding:
     _, factor, offset = variable.conversion or Conversion(role.dimension)
     ratio = wiring.sign * wiring.gear_ratio
-    mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical]
+    mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical] * (-1.0 if turned else 1.0)
     return Binding(role, variable, name, factor * mechanical, offset * mechanical)
 
 
@@ -132,7 +136,9 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
     # some tools leave their outputs marked as local; nobody can write to them, but they can be read
     allowed = ("input",) if role.causality == "input" else ("output", "local")
     if variable.causality not in allowed:
-        raise InputRefused(f"{file}: '{name}' has causality {variable.causality}; {role.port.name} needs {role.causality}")
+        raise InputRefused(
+            f"{file}: '{name}' has causality {variable.causality}; {role.port.name} needs {role.causality}"
+        )
     if variable.kind < 0:
         raise InputRefused(f"{file}: '{name}' has type {variable.type}; {role.port.name} needs a number")
     if not _measures(variable, role):
