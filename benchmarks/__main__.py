@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import figure_4, fmi_versions, macro_step, start_up
+from benchmarks import figure_4, fmi_versions, isolation, macro_step, start_up
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -36,6 +36,7 @@ def main() -> None:
         fmi_versions.measurements,
         lambda: figure_4.measurements(EXPERIMENT),
         lambda: start_up.measurements(EXPERIMENT),
+        lambda: isolation.measurements(EXPERIMENT),
     ):
         found = part()
         everything += found

@@ -11,10 +11,10 @@ from typing import Any
 
 import numpy as np
 
-from twin.assembly.drives import DrivePlan
-from twin.assembly.robot import Assembly, assemble
+from twin.assembly.drives import DrivePlan, drive
+from twin.assembly.robot import Assembly, DriveMaker, assemble
 from twin.cosim.component import Component
-from twin.cosim.simulation import Simulation
+from twin.cosim.simulation import Simulation, SimulationMemory
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
@@ -27,6 +27,7 @@ SUMMARY = "summary.json"
 PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
 
 Progress = Callable[[int, int], None]
+Witness = Callable[[System, int], SimulationMemory | None]
 
 
 @dataclass(frozen=True)
@@ -60,6 +61,8 @@ def execute(
     progress: Progress = lambda done, total: None,
     substitutes: Mapping[str, Component] | None = None,
     timed: bool = False,
+    witness: Witness = lambda system, last_tick: None,
+    drive_maker: DriveMaker = drive,
 ) -> Run:
     """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
 
@@ -69,22 +72,28 @@ def execute(
         progress: told (ticks done, ticks in all) after every slice.
         substitutes: see `assemble`.
         timed: measure each component.
+        witness: told of the system before its first tick; provides the memory it is stepped in.
+        drive_maker: see `assemble`.
 
     Raises:
         InputRefused: a drive FMU does not fit.
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
         RecordingFailed: the disk is full; likewise.
     """
-    with assemble(experiment, substitutes) as assembly:
-        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed)
-    summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
-    (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
+    with assemble(experiment, substitutes, drive_maker) as assembly:
+        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, witness)
+        summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
+        # before the FMUs are freed: one that crashes then shall take nothing with it
+        (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
     return run
 
 
-def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool) -> Run:
+def _recorded(
+    experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool, witness: Witness
+) -> Run:
     system = assembly.system
-    simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed)
+    memory = witness(system, experiment.duration_ticks)
+    simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed, memory)
     topics = [_topic(component) for component in system.components]
     spans = [_span(system, position) for position in range(len(topics))]
     watch = TriggerWatch(system)
@@ -102,6 +111,8 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
             for tick, text in watch.events(first, rows):
                 writer.write_event(tick, "INFO", text, "controller")
                 events.append((tick * system.tick, text))
+            # a component may take this process with it in the next slice
+            writer.end_slice()
             stepping += stepped - began
             writing += time.perf_counter() - stepped
             progress(simulation.next_tick, experiment.duration_ticks + 1)

@@ -60,8 +60,8 @@ class DrivePlan:
         """What may go wrong although the drive is accepted."""
         loops = [
             f"{name} depends directly on {load.name} (ModelStructure). With the spring that makes an algebraic loop, "
-            "tau_load = k_s (theta_m - N theta_l); the master breaks it by one step of delay, which costs accuracy and, "
-            "above a gain of 1, stability. Export the drive with theta_m as a state, or raise [drive] substeps"
+            "tau_load = k_s (theta_m - N theta_l); the master breaks it by one step of delay, which costs accuracy "
+            "and, above a gain of 1, stability. Export the drive with theta_m as a state, or raise [drive] substeps"
             for load in self.bindings
             if load.port.name == "tau_load"
             for name in self._fed_through(load.name)
@@ -247,6 +247,7 @@ def _inner_system(
         a, b = _port_name(source), _port_name(target)
         wires.append((f"{owner[a]}.{a}", f"{owner[b]}.{b}"))
     load = next(b.port for b in plan.bindings if b.port.name == "tau_load")
+    inputs = (replace(OMEGA_REF, size=plan.axes), load)
     return Subsystem(
-        name, (replace(OMEGA_REF, size=plan.axes), load), outputs, components, wires, tick / substeps, substeps, label=plan.label
+        name, inputs, outputs, components, wires, tick / substeps, substeps, label=plan.label
     )  # fmt: skip

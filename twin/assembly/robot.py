@@ -1,12 +1,12 @@
 """From an experiment to components and wires: the only place where the parts meet."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
 
-from twin.assembly.drives import DrivePlan, drive, planned
+from twin.assembly.drives import DrivePlan, Start, drive, planned
 from twin.controller.belief import Belief
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.estimator import Estimator
@@ -45,7 +45,12 @@ class Assembly:
             component.close()
 
 
-def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None = None) -> Assembly:
+DriveMaker = Callable[[str, DrivePlan, float, Start, Start], Component]
+
+
+def assemble(
+    experiment: Experiment, substitutes: Mapping[str, Component] | None = None, drive_maker: DriveMaker = drive
+) -> Assembly:
     """Build every component of `experiment` and wire them.
 
     The robot starts at rest in static equilibrium at the first way point of its reference.
@@ -53,6 +58,7 @@ def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None
     Args:
         experiment: what to build.
         substitutes: components of the same ports that take the place of the ones with their names.
+        drive_maker: what makes a drive of its plan, with the arguments of `drives.drive`.
 
     Raises:
         InputRefused: a drive FMU does not fit. All three are checked before any is loaded.
@@ -79,12 +85,12 @@ def assemble(experiment: Experiment, substitutes: Mapping[str, Component] | None
     commander = "delay" if experiment.controller.delay_ticks else "controller"
     with ExitStack() as made:
         if plans[0].axes == 3:
-            components.append(drive("drive", plans[0], experiment.cosim.tick, theta_m, tau_load))
+            components.append(drive_maker("drive", plans[0], experiment.cosim.tick, theta_m, tau_load))
             made.callback(components[-1].close)
             wires = _wires(commander) + _common_drive_wires(commander)
         else:
             for i, plan in enumerate(plans):
-                components.append(drive(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
+                components.append(drive_maker(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
                 made.callback(components[-1].close)
             wires = _wires(commander) + _joint_drive_wires(commander)
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]

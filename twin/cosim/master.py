@@ -70,7 +70,7 @@ def _publish(part):
 
 
 @njit(cache=True, nogil=True)
-def advance(table, sampled, timed, dt, y, rows, first, count, last):
+def advance(table, sampled, timed, dt, y, rows, first, count, last, mark):
     """Run ticks `first` to `first + count - 1`, at most to `last`; tick `last` gets a row but no step.
 
     Args:
@@ -79,6 +79,8 @@ def advance(table, sampled, timed, dt, y, rows, first, count, last):
         dt: tick (s).
         y: outputs (2 m,): valid half, newest half.
         rows: (>= count, m), filled with the valid half of each tick.
+        mark: (2,) int64, set to tick and component before each step, for whoever watches from outside: a step that
+            crashes or never returns can tell nobody.
 
     Returns:
         (rows written, component, status): component -1 if all went well, else the one whose step at tick
@@ -90,6 +92,7 @@ def advance(table, sampled, timed, dt, y, rows, first, count, last):
         for c in range(sampled):
             part = table[c]
             if _due(part, k):
+                mark[0], mark[1] = k, c
                 status = _step(part, timed, y, t, dt)
                 if status != 0:
                     return k - first, c, status
@@ -100,6 +103,7 @@ def advance(table, sampled, timed, dt, y, rows, first, count, last):
         for c in range(sampled, components):
             part = table[c]
             if _due(part, k):
+                mark[0], mark[1] = k, c
                 status = _step(part, timed, y, t, dt)
                 if status != 0:
                     return k - first + 1, c, status

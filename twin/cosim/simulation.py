@@ -1,5 +1,7 @@
 """A system in motion: slices of compiled ticks, and failures turned into sentences."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from twin.cosim.component import Component
@@ -7,6 +9,22 @@ from twin.cosim.failure import failed_phrase
 from twin.cosim.master import advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
+
+NOBODY = -1
+"""What the mark says between slices, when no component is being stepped."""
+
+
+@dataclass(frozen=True)
+class SimulationMemory:
+    """What can be seen from outside while a step runs.
+
+    Attributes:
+        mark: (2,) int64: tick and component being stepped, NOBODY between slices.
+        u: (inputs_width,) float64: the inputs that each component was last stepped with.
+    """
+
+    mark: np.ndarray
+    u: np.ndarray
 
 
 class Simulation:
@@ -17,13 +35,22 @@ class Simulation:
         last_tick: the tick that gets the last row and no step.
         slice_ticks: most ticks one call of `advance` runs.
         timed: count the processor cycles of each component.
+        memory: where the mark and the inputs live; by default this process alone sees them.
     """
 
-    def __init__(self, system: System, last_tick: int, slice_ticks: int = 100, timed: bool = False):
+    def __init__(
+        self,
+        system: System,
+        last_tick: int,
+        slice_ticks: int = 100,
+        timed: bool = False,
+        memory: SimulationMemory | None = None,
+    ):
         self.system = system
         self.last_tick = last_tick
         self.next_tick = 0
-        self._u = np.zeros(system.inputs_width)
+        memory = memory or SimulationMemory(np.array([0, NOBODY]), np.zeros(system.inputs_width))
+        self._mark, self._u = memory.mark, memory.u
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])
         self._y = np.concatenate([valid, valid])
         self._rows = np.empty((slice_ticks, system.outputs_width))
@@ -76,10 +103,12 @@ class Simulation:
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
     def _advance(self, first: int, count: int) -> tuple[int, int, int]:
-        return advance(
+        done = advance(
             self._table, self.system.sampled, self._timed, self.system.tick, self._y,
-            self._rows, first, count, self.last_tick,
+            self._rows, first, count, self.last_tick, self._mark,
         )  # fmt: skip
+        self._mark[1] = NOBODY
+        return done
 
     def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
         return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

@@ -7,12 +7,12 @@ number of times per outer step. The inner loop is the same compiled master.
 from collections.abc import Sequence
 
 import numpy as np
-from numba import carray, from_dtype
+from numba import carray, from_dtype, types
 
 from twin.cosim.component import Component, Port, width
+from twin.cosim.failure import failed_phrase
 from twin.cosim.master import TABLE, advance
 from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to, step_function
-from twin.cosim.failure import failed_phrase
 from twin.cosim.system import Scheme, System
 from twin.errors import InputRefused
 
@@ -37,11 +37,12 @@ _MEMORY = np.dtype(
         ("inlet", "i8"),
         ("culprit", "i8"),
         ("status", "i8"),
+        ("mark", "i8"),
     ],
     align=True,
 )
 INNER_FAILED = 2
-_table_at = pointer_to(from_dtype(TABLE))
+_table_at, _marks_at = pointer_to(from_dtype(TABLE)), pointer_to(types.int64)
 
 
 @step_function(_INLET_MEMORY)
@@ -61,7 +62,8 @@ def _step(self, t, h, u, y):
     inner = carray(doubles_at(m.y), m.y_size)
     no_rows = carray(doubles_at(m.y), (m.substeps, 0))
     table = carray(_table_at(m.table), m.components)
-    done, culprit, status = advance(table, m.sampled, False, m.tick, inner, no_rows, m.next, m.substeps, NEVER)
+    mark = carray(_marks_at(m.mark), 2)
+    done, culprit, status = advance(table, m.sampled, False, m.tick, inner, no_rows, m.next, m.substeps, NEVER, mark)
     if culprit >= 0:
         # a continuous component fails in the tick whose row was already done
         m.culprit, m.status, m.next = culprit, status, m.next + done - (1 if culprit >= m.sampled else 0)
@@ -114,13 +116,15 @@ class Subsystem(Component):
         self._table = self.system.table(self._u, self._y)
         columns = [self.system.columns(source) for _, source in outputs]
         self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
+        # nobody watches inside: whoever watches the outer system is told of this component
+        self._mark = np.zeros(2, dtype=np.int64)
         self._memory = np.zeros(1, dtype=_MEMORY)
         m = self._memory[0]
         m["table"], m["components"] = self._table.ctypes.data, len(self._table)
         m["sampled"], m["tick"], m["substeps"] = self.system.sampled, tick, substeps
         m["y"], m["y_size"] = self._y.ctypes.data, len(self._y)
         m["outlet"], m["outlet_size"] = self._outlet.ctypes.data, len(self._outlet)
-        m["inlet"] = inlet_memory.ctypes.data
+        m["inlet"], m["mark"] = inlet_memory.ctypes.data, self._mark.ctypes.data
         super().__init__(
             name=name,
             inputs=inputs,

@@ -143,7 +143,8 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
         raise InputRefused(f"{file}: '{name}' has type {variable.type}; {role.port.name} needs a number")
     if not _measures(variable, role):
         raise InputRefused(
-            f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; {role.port.name} needs one like {role.port.unit}"
+            f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; "
+            f"{role.port.name} needs one like {role.port.unit}"
         )
     return name
 

@@ -54,7 +54,7 @@ KNOWN = {
     "K": Conversion(TEMPERATURE),
     **dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0, 273.15)),
 }
-"""What a unit's name means where the FMU does not define it, and where its definition counts turns instead of radians."""
+"""What a unit's name means where the FMU does not define it, or defines it in turns instead of radians."""
 
 
 def conversion(unit: str, definitions: list[Any]) -> Conversion | None:

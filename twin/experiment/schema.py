@@ -73,7 +73,7 @@ class Cosim(Section):
 
 
 class VelocityLoop(Section):
-    """[drive.velocity_loop]: our discrete PI in front of a drive that takes no speed. Gains in the command's SI unit."""
+    """[drive.velocity_loop]: our discrete PI before a drive that takes no speed. Gains in the command's SI unit."""
 
     kp: float = Field(ge=0)
     ki: float = Field(0.0, ge=0)

@@ -105,7 +105,7 @@ class Writer:
         if first_tick < opened.next_tick:
             raise ValueError(f"topic {topic}: tick {first_tick} comes after {opened.next_tick - period}")
         if topic in self._slice_topics:
-            self._end_slice()
+            self.end_slice()
         self._slice_topics.add(topic)
         if len(rows) == 0:
             return
@@ -193,7 +193,12 @@ class Writer:
         self._summary.message_counts[block.channel] = self._next_sequence(block.channel) + len(block.times)
         self._pending.append(block)
 
-    def _end_slice(self) -> None:
+    def end_slice(self) -> None:
+        """Put what was written into the file if it fills a chunk, rather than when the next slice begins.
+
+        Raises:
+            RecordingFailed: disk full or recording closed.
+        """
         self._slice_topics.clear()
         if sum(block.records.size for block in self._pending) >= SMALLEST_CHUNK:
             self._write_chunks()

@@ -1,0 +1,90 @@
+"""What isolation costs: a supervised process for the run, and one for each drive besides."""
+
+import json
+import subprocess
+import sys
+import tempfile
+import time
+from functools import partial
+from pathlib import Path
+
+from benchmarks.measurement import Measurement, Rounds
+from twin.assembly import assemble
+from twin.assembly.drives import DrivePlan, Start, drive
+from twin.cosim.component import Component
+from twin.cosim.simulation import Simulation
+from twin.execution import SLICE_TICKS
+from twin.experiment.experiment import Experiment, load_experiment
+from twin.guard.isolated_drive import IsolatedDrives
+from twin.guard.limits import Limits
+from twin.guard.voice import DirectVoice
+
+ROUNDS = 9
+VOICE = DirectVoice(lambda note: None, lambda done, total: None)
+
+
+def measurements(path: Path) -> list[Measurement]:
+    """The lines of the table for the experiment at `path`."""
+    experiment = load_experiment(path)
+    with tempfile.TemporaryDirectory() as scratch:
+        commands = Commands(path, Path(scratch))
+        commands.seconds("run")
+        whole = Rounds({name: partial(commands.seconds, name) for name in ("none", "run", "drive")}, ROUNDS)
+    stepping = {name: sorted(commands.stepping[name][-ROUNDS:])[ROUNDS // 2] for name in ("none", "run")}
+    drives = Rounds({str(count): partial(stepped, experiment, count) for count in (0, 1, 3)}, ROUNDS)
+    ticks = experiment.duration_ticks
+    per_tick = {count: 1e6 * (drives.typical(str(count)) - drives.typical("0")) / ticks for count in (1, 3)}
+    return [
+        Measurement("isolation: Fig. 4 stepping, none", 1e3 * stepping["none"], "ms"),
+        Measurement("isolation: run adds to it", 1e3 * (stepping["run"] - stepping["none"]), "ms", at_most=20.0),
+        Measurement(
+            "isolation: run adds to the command", whole.typical("run") - whole.typical("none"), "s", at_most=0.6
+        ),
+        Measurement("isolation: twin run Fig. 4", whole.typical("run"), "s", at_most=3.1),
+        Measurement("isolation: twin run Fig. 4 --isolate drive", whole.typical("drive"), "s"),
+        Measurement("isolation: one drive, per step", per_tick[1], "us", at_most=15.0),
+        Measurement("isolation: three drives, per step", per_tick[3], "us", at_most=50.0),
+    ]
+
+
+class Commands:
+    """`twin run` with each kind of isolation.
+
+    Attributes:
+        stepping: by isolation, what the runs said they spent in the master (s).
+    """
+
+    def __init__(self, experiment: Path, scratch: Path):
+        self._experiment, self._scratch = experiment, scratch
+        self._count = 0
+        self.stepping: dict[str, list[float]] = {"none": [], "run": [], "drive": []}
+
+    def seconds(self, isolation: str) -> float:
+        """Wall seconds of the whole command."""
+        self._count += 1
+        out = self._scratch / str(self._count)
+        command = ["run", str(self._experiment), "--isolate", isolation, "--out", str(out), "--json"]
+        began = time.perf_counter()
+        done = subprocess.run([sys.executable, "-m", "twin", *command], capture_output=True, check=True)
+        seconds = time.perf_counter() - began
+        self.stepping[isolation].append(json.loads(done.stdout)["stepping_s"])
+        return seconds
+
+
+def stepped(experiment: Experiment, isolated: int) -> float:
+    """Wall seconds of stepping `experiment` with the first `isolated` drives in processes of their own."""
+    with IsolatedDrives(VOICE, Limits.step, count=isolated) as drives:
+
+        def made(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+            elsewhere = int(name.removeprefix("drive_")) <= isolated
+            return (drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
+
+        with assemble(experiment, drive_maker=made) as assembly:
+            simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
+            began = time.perf_counter()
+            while not simulation.finished:
+                simulation.advance()
+            seconds = time.perf_counter() - began
+            if simulation.failure:
+                raise simulation.failure
+            return seconds

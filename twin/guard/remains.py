@@ -1,0 +1,22 @@
+"""What a run that did not end well has left in its folder."""
+
+from pathlib import Path
+
+
+def remains(folder: Path | None) -> str:
+    """A sentence about the recording in `folder` (None: there is no folder yet)."""
+    # the supervisor loads no numerics unless something goes wrong
+    from twin.recording.extent import last_time
+    from twin.recording.folder import RECORDING
+    from twin.recording.output import PARTIAL
+
+    if folder is not None and (folder / RECORDING).exists():
+        return f"The recording is complete: {seen_from_here(folder / RECORDING)}."
+    if folder is None or not (partial := folder / f"{RECORDING}{PARTIAL}").exists():
+        return "Nothing was recorded."
+    return f"Recorded until then: {seen_from_here(partial)} ({last_time(partial) or 0.0:.3f} s)."
+
+
+def seen_from_here(path: Path) -> Path:
+    """`path` relative to the current folder, if it lies below."""
+    return path.relative_to(Path.cwd()) if path.is_relative_to(Path.cwd()) else path

@@ -1,0 +1,64 @@
+"""The job of `twin run`: experiments in, recordings out."""
+
+from dataclasses import asdict
+from datetime import datetime
+from pathlib import Path
+
+from twin.errors import ComponentFailed
+from twin.execution import Run, execute
+from twin.experiment.experiment import Experiment, load_experiment
+from twin.guard.guard import JobDied
+from twin.guard.limits import Limits
+from twin.guard.remains import remains
+from twin.guard.voice import Voice
+from twin.recording.folder import claim_run_folder, create_run_folder
+
+
+def recorded_runs(
+    voice: Voice,
+    experiments: list[str],
+    settings: list[str],
+    drive: str | None,
+    out: str | None,
+    isolate_drives: bool = False,
+    limit_step: float = Limits.step,
+) -> None:
+    """Run each experiment and record it.
+
+    Notes: {"experiment", "folder"} before a run, {"run": the fields of `twin.execution.Run`} after it.
+
+    Args:
+        experiments: files. settings, drive: see `load_experiment`, for all of them.
+        out: the folder of the only run; None: results/<experiment>/<time>.
+        isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
+
+    Raises:
+        InputRefused: a mistake in any of the experiments; none has been run.
+        ComponentFailed, RecordingFailed: as `execute`.
+    """
+    loaded = [load_experiment(Path(path), settings, drive) for path in experiments]
+    for experiment in loaded:
+        voice.loading()
+        folder = (
+            claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
+        )
+        # absolute: an FMU may change the working directory
+        folder = folder.absolute()
+        voice.note(experiment=experiment.name, folder=str(folder))
+        if isolate_drives:
+            run = _with_isolated_drives(voice, experiment, folder, limit_step)
+        else:
+            run = execute(experiment, folder, voice.progress, witness=voice.stepping)
+        facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
+        voice.note(run=facts)
+
+
+def _with_isolated_drives(voice: Voice, experiment: Experiment, folder: Path, limit_step: float) -> Run:
+    # its compiled code takes a while to load
+    from twin.guard.isolated_drive import IsolatedDrives
+
+    with IsolatedDrives(voice, limit_step) as drives:
+        try:
+            return execute(experiment, folder, voice.progress, witness=voice.stepping, drive_maker=drives.drive)
+        except JobDied as death:
+            raise ComponentFailed(f"{death}\n{remains(folder)}") from None
