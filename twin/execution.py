@@ -14,7 +14,7 @@ import numpy as np
 from twin.assembly.drives import DrivePlan, drive
 from twin.assembly.robot import Assembly, DriveMaker, assemble
 from twin.cosim.component import Component
-from twin.cosim.simulation import Simulation, SimulationMemory
+from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
@@ -27,7 +27,6 @@ SUMMARY = "summary.json"
 PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
 
 Progress = Callable[[int, int], None]
-Witness = Callable[[System, int], SimulationMemory | None]
 
 
 @dataclass(frozen=True)
@@ -61,7 +60,6 @@ def execute(
     progress: Progress = lambda done, total: None,
     substitutes: Mapping[str, Component] | None = None,
     timed: bool = False,
-    witness: Witness = lambda system, last_tick: None,
     drive_maker: DriveMaker = drive,
 ) -> Run:
     """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
@@ -72,7 +70,6 @@ def execute(
         progress: told (ticks done, ticks in all) after every slice.
         substitutes: see `assemble`.
         timed: measure each component.
-        witness: told of the system before its first tick; provides the memory it is stepped in.
         drive_maker: see `assemble`.
 
     Raises:
@@ -81,19 +78,16 @@ def execute(
         RecordingFailed: the disk is full; likewise.
     """
     with assemble(experiment, substitutes, drive_maker) as assembly:
-        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, witness)
+        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # before the FMUs are freed: one that crashes then shall take nothing with it
         (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
     return run
 
 
-def _recorded(
-    experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool, witness: Witness
-) -> Run:
+def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool) -> Run:
     system = assembly.system
-    memory = witness(system, experiment.duration_ticks)
-    simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed, memory)
+    simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed)
     topics = [_topic(component) for component in system.components]
     spans = [_span(system, position) for position in range(len(topics))]
     watch = TriggerWatch(system)
@@ -149,9 +143,7 @@ class TriggerWatch:
         flags = np.concatenate([[self._before], rows[:, self._triggered]])
         self._before = flags[-1]
         rises = np.flatnonzero(np.diff(flags) > 0)
-        return [
-            (first + int(k), f"force control triggered at F_z = {rows[k, self._F_z]:.3f} N") for k in rises
-        ]
+        return [(first + int(k), f"force control triggered at F_z = {rows[k, self._F_z]:.3f} N") for k in rises]
 
 
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:

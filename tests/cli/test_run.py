@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.drive.archives import redescribed
 from twin.recording.reader import read
 
 FIG4 = "experiments/fig4_force_position.toml"
@@ -63,6 +64,18 @@ def test_bad_input_is_one_sentence_and_exit_code_2(root: Path, tmp_path: Path, a
     assert said in done.stderr
     assert "Traceback" not in done.stderr
     assert not list(tmp_path.rglob("*.mcap"))
+
+
+def test_an_fmu_that_can_live_only_once_in_a_process_runs_with_isolated_drives(root: Path, tmp_path: Path):
+    good = root / "fmus/velocity_servo/velocity_servo.fmu"
+    flag = 'canBeInstantiatedOnlyOncePerProcess="true"'
+    single = redescribed(good, tmp_path / "single.fmu", "<CoSimulation ", f"<CoSimulation {flag} ")
+    arguments = ["run", root / FIG4, "--drive", single, "--set", "duration_s=0.5"]
+    refused = twin(*arguments, cwd=tmp_path)
+    assert refused.returncode == 2
+    assert "can be instantiated only once per process" in refused.stderr
+    assert "--isolate drive" in refused.stderr
+    assert twin(*arguments, "--isolate", "drive", cwd=tmp_path).returncode == 0
 
 
 def test_ctrl_c_in_mid_run_keeps_what_was_recorded(root: Path, tmp_path: Path):

@@ -63,9 +63,7 @@ def integrated(omega_m: float, omega_ref: float, tau_load: float, h: float) -> t
     limits = [SERVO.acceleration(omega, omega_ref, tau_load) for omega in (-1e9, 1e9)]
     kinks = [gap_to(limit) for limit in limits]
     # short steps, since scipy finds the kinks by interpolation across them
-    first = solve_ivp(
-        rates, (0.0, h), [0.0, omega_m], "DOP853", events=kinks, max_step=h / 200, rtol=1e-13, atol=1e-15
-    )
+    first = solve_ivp(rates, (0.0, h), [0.0, omega_m], "DOP853", events=kinks, max_step=h / 200, rtol=1e-13, atol=1e-15)
     assert first.t_events is not None
     x = np.array([0.0, omega_m])
     for start, end in pairwise(sorted({0.0, *np.concatenate(first.t_events), h})):
@@ -78,9 +76,7 @@ def integrated(omega_m: float, omega_ref: float, tau_load: float, h: float) -> t
 @example(omega_ref=0.0, tau_load=0.25, omega_m=10.0, h=0.0164)  # leaves the acceleration limit on the way
 @example(omega_ref=0.0, tau_load=0.7, omega_m=35.0, h=0.01)  # torque against acceleration limit
 @example(omega_ref=-8.0, tau_load=0.605, omega_m=2.0, h=0.05)  # all three phases of an overload
-def test_a_step_is_the_integral_of_the_equations(
-    omega_ref: float, tau_load: float, omega_m: float, h: float
-) -> None:
+def test_a_step_is_the_integral_of_the_equations(omega_ref: float, tau_load: float, omega_m: float, h: float) -> None:
     theta_m, omega_end = integrated(omega_m, omega_ref, tau_load, h)
     with Rig("velocity_servo").start(omega_m=omega_m, omega_ref=omega_ref, tau_load=tau_load) as drive:
         drive.step(h)

@@ -3,6 +3,7 @@
 import json
 import signal
 import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -121,4 +122,21 @@ def test_a_killed_parent_leaves_no_orphan(command: Command, drive: Path):
     parent.wait()
     while command.survivors() and time.monotonic() < deadline:
         time.sleep(0.01)
+    assert command.survivors() == []
+
+
+@pytest.mark.parametrize(
+    ("attack", "manner"),
+    [(SEGFAULT, "crashed (SIGSEGV, segmentation fault)"), (SEGFAULT_IN_FREE, "crashed (SIGSEGV, segmentation fault)")],
+)
+def test_a_drive_that_crashes_on_the_bench_is_named(command: Command, drive: Path, attack: int, manner: str):
+    mapping = command.folder / "hostile.toml"
+    mapping.write_text(f'fmu = "{drive}"\n[parameters]\ndroop = {attack}\n')
+    done = subprocess.run(
+        [sys.executable, "-m", "twin", "drive", "check", str(mapping)],
+        cwd=command.folder, env=command.environment, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 3
+    assert done.stderr.startswith("hostile.fmu (drive) " + manner)
+    assert "Traceback" not in done.stderr
     assert command.survivors() == []

@@ -64,6 +64,8 @@ def assemble(
         InputRefused: a drive FMU does not fit. All three are checked before any is loaded.
     """
     plans = _planned_drives(experiment)
+    if drive_maker is drive:
+        _refuse_second_instances(plans)
     parameters = plant_parameters(experiment)
     x, theta_m = resting(parameters, experiment.reference.p[0])
     plant = Plant(parameters, x, theta_m, experiment.plant.substeps)
@@ -97,6 +99,19 @@ def assemble(
         system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
         made.pop_all()
     return Assembly(system, plans)
+
+
+def _refuse_second_instances(plans: tuple[DrivePlan, ...]) -> None:
+    """Some FMUs can live only once in a process; three joints need three processes then."""
+    instances = plans[:1] if plans[0].axes == 3 else plans
+    fmus = [fmu for plan in instances for fmu in plan.parts.values()]
+    for fmu in fmus:
+        only_once = fmu.model.coSimulation.canBeInstantiatedOnlyOncePerProcess
+        if only_once and sum(other.sha256 == fmu.sha256 for other in fmus) > 1:
+            raise InputRefused(
+                f"{fmu.path}: can be instantiated only once per process, and drives more than one joint; "
+                "use --isolate drive, which gives each joint's drive a process of its own"
+            )
 
 
 def plant_parameters(experiment: Experiment) -> PlantParameters:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin.errors import InputRefused
+from twin.errors import ComponentFailed, InputRefused
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan
@@ -22,6 +22,8 @@ app = typer.Typer(help="Look at drive FMUs, qualify, compare and bring them in."
 Fmu = Annotated[
     str, typer.Argument(metavar="FMU", help="An .fmu file, a mapping, a drive's folder, or a name in fmus/.")
 ]
+Isolate = Annotated[bool, typer.Option(help="Run the FMU in a process of its own.")]
+IN_A_PROCESS = os.name == "posix"
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
@@ -91,18 +93,20 @@ def check(
     fmus: Annotated[list[str], typer.Argument(metavar="FMU...", help="Drives: .fmu files, folders, names in fmus/.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
+    isolate: Isolate = IN_A_PROCESS,
     as_json: Json = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
 
-    Exit code: 0 qualified, 1 not, 2 refused before it ran.
+    Exit code: 0 qualified, 1 not, 2 refused before it ran, 3 an FMU crashed, hung or ended its process.
     """
     from twin.report.drive_text import check_text, measures_table
 
     _made(out)
     all_facts = []
     for fmu in fmus:
-        facts = checked(fmu, str(Path.cwd()), str(out))
+        arguments = {"fmu": fmu, "here": str(Path.cwd()), "out": str(out)}
+        facts = _guarded("checked", arguments) if isolate else checked(None, **arguments)
         all_facts.append(facts)
         if as_json:
             print(json.dumps(facts))
@@ -119,6 +123,7 @@ def compare(
     fmus: Annotated[list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.")],
     experiment: Annotated[Path, typer.Option(metavar="FILE", help="The experiment (TOML).")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
+    isolate: Isolate = IN_A_PROCESS,
     as_json: Json = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
@@ -126,17 +131,29 @@ def compare(
     Exit code: 0 all ran, 2 one is refused (none has run), 3 one failed while running.
     """
     _made(out)
-    facts, text = compared(fmus, experiment, out)
+    arguments: dict[str, Any] = {"fmus": fmus, "experiment": str(experiment), "out": str(out)}
+    facts, text = _guarded("compared", arguments) if isolate else compared(None, **arguments)
     print(json.dumps(facts) if as_json else f"{text}\npicture  {facts['picture']}")
     if any(drive["failure"] for drive in facts["drives"]):
         raise SystemExit(3)
 
 
-def checked(fmu: str, here: str, out: str) -> dict[str, Any]:
-    """Qualify a drive and draw the picture: text in, JSON out, and nothing else loads the FMU.
+def _guarded(job: str, arguments: dict[str, Any]) -> Any:
+    """What `job` of this module returns, in a process of its own.
 
-    This call is what a supervised process has to run, so that an FMU that crashes takes only that with it.
+    Raises:
+        ComponentFailed: an FMU crashed, hung or ended that process. On the bench that is a failure, not a refusal.
     """
+    from twin.guard.guard import JobDiedLoading, guarded
+
+    try:
+        return guarded(f"twin.cli.drive:{job}", arguments)
+    except JobDiedLoading as death:
+        raise ComponentFailed(str(death)) from None
+
+
+def checked(voice: Any, fmu: str, here: str, out: str) -> dict[str, Any]:
+    """Qualify a drive and draw the picture: text in, JSON out, and nothing else loads the FMU; a job of the guard."""
     from twin.experiment.drive_files import lone_drive
     from twin.qualification.qualification import qualified
     from twin.report.drive_check import draw_drive_check
@@ -147,16 +164,17 @@ def checked(fmu: str, here: str, out: str) -> dict[str, Any]:
     return done.facts() | {"picture": str(picture)}
 
 
-def compared(fmus: list[str], experiment: Path, out: Path) -> tuple[dict[str, Any], str]:
-    """(facts for JSON, text) of drives in the same experiment, and the picture: as `checked`, to be supervised."""
+def compared(voice: Any, fmus: list[str], experiment: str, out: str) -> tuple[dict[str, Any], str]:
+    """(facts for JSON, text) of drives in the same experiment, and the picture; a job of the guard."""
     from twin.qualification.comparison import comparison_facts, trials
     from twin.report.drive_compare import draw_drive_compare
     from twin.report.drive_text import compare_text
 
-    done = trials(experiment, fmus)
-    picture = out / f"{experiment.stem}.png"
-    draw_drive_compare(done, f"Drives compared in {experiment.name}", picture)
-    return comparison_facts(experiment, done) | {"picture": str(picture)}, compare_text(done)
+    file = Path(experiment)
+    done = trials(file, fmus)
+    picture = Path(out) / f"{file.stem}.png"
+    draw_drive_compare(done, f"Drives compared in {file.name}", picture)
+    return comparison_facts(file, done) | {"picture": str(picture)}, compare_text(done)
 
 
 def _made(folder: Path) -> None:

@@ -39,9 +39,7 @@ class PythonModel(Protocol):
 class PythonComponent(Component):
     """Wraps a `PythonModel`; `initial_outputs` defaults to zeros."""
 
-    def __init__(
-        self, name: str, model: PythonModel, period: int = 1, initial_outputs: Sequence[float] | None = None
-    ):
+    def __init__(self, name: str, model: PythonModel, period: int = 1, initial_outputs: Sequence[float] | None = None):
         inputs, outputs = tuple(model.inputs), tuple(model.outputs)
         views: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
         self.exception: BaseException | None = None

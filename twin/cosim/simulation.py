@@ -1,5 +1,6 @@
 """A system in motion: slices of compiled ticks, and failures turned into sentences."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +28,18 @@ class SimulationMemory:
     u: np.ndarray
 
 
+Witness = Callable[[System, int], SimulationMemory]
+_witness: list[Witness] = []
+
+
+def let_watch(witness: Witness) -> None:
+    """From now on ask `witness` (system, last tick) for the memory of every simulation of this process.
+
+    A step may crash or never return; then only somebody outside this process can say which one it was.
+    """
+    _witness[:] = [witness]
+
+
 class Simulation:
     """Runs a `System` tick by tick from 0 to `last_tick`.
 
@@ -35,7 +48,8 @@ class Simulation:
         last_tick: the tick that gets the last row and no step.
         slice_ticks: most ticks one call of `advance` runs.
         timed: count the processor cycles of each component.
-        memory: where the mark and the inputs live; by default this process alone sees them.
+        memory: where the mark and the inputs live; by default this process alone sees them, or the one that
+            `let_watch` was told of.
     """
 
     def __init__(
@@ -49,6 +63,8 @@ class Simulation:
         self.system = system
         self.last_tick = last_tick
         self.next_tick = 0
+        if memory is None and _witness:
+            memory = _witness[0](system, last_tick)
         memory = memory or SimulationMemory(np.array([0, NOBODY]), np.zeros(system.inputs_width))
         self._mark, self._u = memory.mark, memory.u
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])

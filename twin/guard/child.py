@@ -36,11 +36,13 @@ def main() -> None:
     try:
         job = getattr(importlib.import_module(module), function)
         # after the job's own imports: what it needs of them is loaded while the arguments are still being made
+        from twin.cosim.simulation import let_watch
         from twin.drive.announcement import listen
         from twin.guard.voice import PipeVoice
 
         voice = PipeVoice(reports, box)
         listen(voice.call)
+        let_watch(voice.stepping)
         arguments = json.loads(next(lines))
         threading.Thread(target=_obey, args=(lines,), daemon=True).start()
         last = {"finished": job(voice, **arguments)}

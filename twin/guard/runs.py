@@ -48,7 +48,7 @@ def recorded_runs(
         if isolate_drives:
             run = _with_isolated_drives(voice, experiment, folder, limit_step)
         else:
-            run = execute(experiment, folder, voice.progress, witness=voice.stepping)
+            run = execute(experiment, folder, voice.progress)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         voice.note(run=facts)
 
@@ -59,6 +59,6 @@ def _with_isolated_drives(voice: Voice, experiment: Experiment, folder: Path, li
 
     with IsolatedDrives(voice, limit_step) as drives:
         try:
-            return execute(experiment, folder, voice.progress, witness=voice.stepping, drive_maker=drives.drive)
+            return execute(experiment, folder, voice.progress, drive_maker=drives.drive)
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(folder)}") from None

@@ -26,9 +26,6 @@ class Voice(Protocol):
     def loading(self) -> None:
         """From now on components are made; a failure is one of the input."""
 
-    def stepping(self, system: System, last_tick: int) -> SimulationMemory | None:
-        """From now on `system` is stepped, in the memory returned. Fits `twin.execution.execute(witness=...)`."""
-
     def progress(self, done: int, total: int) -> None:
         """`done` of `total` ticks are over. Fits `twin.execution.execute(progress=...)`."""
 
@@ -47,9 +44,6 @@ class DirectVoice:
 
     def loading(self) -> None:
         """Nothing to say: errors are raised."""
-
-    def stepping(self, system: System, last_tick: int) -> None:
-        """Nothing to say: the system is stepped in memory of its own."""
 
     def helper(self, name: str, pid: int) -> None:
         """Nothing to say: its memory is not limited."""
@@ -81,6 +75,7 @@ class PipeVoice:
         self.report("call", [file, instance, function])
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
+        """From now on `system` is stepped, in the memory returned. Fits `twin.cosim.simulation.let_watch`."""
         size = INPUTS_AT + 8 * max(1, system.inputs_width)
         os.ftruncate(self.box, size)
         # numpy keeps the mapping alive as long as an array looks into it
