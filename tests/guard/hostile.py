@@ -17,13 +17,12 @@ NONE, SEGFAULT, ABORT, EXIT, HANG, HANG_IN_INITIALISATION, SEGFAULT_IN_FREE, FLO
 
 
 def hostile_drive(root: Path, folder: Path) -> Path:
-    """An FMU that attacks its host as its parameter droop says."""
-    return compiled_drive(root, folder, "hostile", {"model.c": SOURCE.read_text(), "lifecycle.c": _renamed})
+    """The FMU, built in `folder`."""
 
+    def honest(text: str) -> str:
+        return re.sub(r"fmi2(FreeInstance|ExitInitializationMode)\(", r"honest_\1(", text)
 
-def _renamed(lifecycle: str) -> str:
-    """The honest functions under names that leave the FMI's to hostile.c."""
-    return re.sub(r"\bfmi2(FreeInstance|ExitInitializationMode)\(", r"honest_\1(", lifecycle)
+    return compiled_drive(root, folder, "hostile", {"model.c": SOURCE.read_text(), "lifecycle.c": honest})
 
 
 @dataclass

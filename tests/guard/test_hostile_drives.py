@@ -9,9 +9,11 @@ from pathlib import Path
 
 import pytest
 
+from tests.drive.archives import altered
 from tests.guard.hostile import (
     ABORT,
     EXIT,
+    EXPERIMENT,
     FLOOD,
     HANG,
     HANG_IN_INITIALISATION,
@@ -138,5 +140,19 @@ def test_a_drive_that_crashes_on_the_bench_is_named(command: Command, drive: Pat
     )  # fmt: skip
     assert done.returncode == 3
     assert done.stderr.startswith("hostile.fmu (drive) " + manner)
+    assert "Traceback" not in done.stderr
+    assert command.survivors() == []
+
+
+def test_a_drive_that_crashes_for_want_of_its_resources_is_refused(command: Command, root: Path):
+    good = root / "fmus" / "python_servo" / "python_servo.fmu"
+    poor = altered(good, command.folder / "poor.fmu", lambda n, c: None if n.startswith("resources/") else (n, c))
+    done = subprocess.run(
+        [sys.executable, "-m", "twin", "run", str(root / EXPERIMENT), "--drive", str(poor), "--out", "x"],
+        cwd=command.folder, env=command.environment, capture_output=True, text=True, timeout=120,
+    )  # fmt: skip
+    assert done.returncode == 2
+    assert done.stderr.startswith("poor.fmu")
+    assert "in fmi2" in done.stderr or "fmi2Instantiate refused" in done.stderr
     assert "Traceback" not in done.stderr
     assert command.survivors() == []
