@@ -21,7 +21,8 @@ MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
 
 FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
-"""How FMI 2.0 types travel, in words of FMI 3.0."""
+FMI3_KINDS = {"Enumeration": "Int64"}
+"""How types travel that have no functions of their own, in words of FMI 3.0."""
 
 
 @dataclass(frozen=True)
@@ -169,7 +170,8 @@ def _model(file: Path) -> Any:
 def _variable(v: Any, model: Any) -> Variable:
     declared = v.declaredType
     unit = v.unit or (declared.unit if declared is not None else None) or ""
-    kind = FMI2_KINDS.get(v.type, v.type)
+    # Boolean is a type of both standards, four bytes wide in the one and one in the other
+    kind = (FMI2_KINDS if model.fmiVersion == "2.0" else FMI3_KINDS).get(v.type, v.type)
     size = 1
     for dimension in v.dimensions or ():
         size *= int(dimension.start) if dimension.start is not None else int(dimension.variable.start)
