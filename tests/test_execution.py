@@ -85,6 +85,7 @@ def test_a_drive_that_fails_in_mid_run_stops_it_at_that_tick(root: Path, tmp_pat
     text = str(failure.value)
     assert text.startswith(said)
     assert "in the step from t = 0.999 s, tick 999. Last inputs: omega_ref = " in text
+    assert text.endswith(f"Try: twin drive check {fmu}")
     assert failure.value.exit_code == 3
     assert sorted(path.name for path in folder.iterdir()) == ["run.mcap.partial"]
     partial = read(folder / "run.mcap.partial")

@@ -112,7 +112,7 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
             progress(simulation.next_tick, experiment.duration_ticks + 1)
         if simulation.failure:
             writer.write_event(simulation.next_tick, "ERROR", str(simulation.failure), "cosim")
-            raise _with_remedy(simulation, writer.abandon())
+            raise _with_remedy(simulation, assembly, writer.abandon())
         began = time.perf_counter()
         recording = writer.finish()
         writing += time.perf_counter() - began
@@ -198,6 +198,12 @@ def _span(system: System, position: int) -> slice:
     return slice(int(system.y_start[position]), int(system.y_start[position + 1]))
 
 
-def _with_remedy(simulation: Simulation, partial: Path) -> ComponentFailed:
+def _with_remedy(simulation: Simulation, assembly: Assembly, partial: Path) -> ComponentFailed:
     until = max(0, simulation.next_tick - 1) * simulation.system.tick
-    return ComponentFailed(f"{simulation.failure}\nRecorded until then: {partial} ({until:.3f} s).")
+    sentences = [f"{simulation.failure}\nRecorded until then: {partial} ({until:.3f} s)."]
+    culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
+        "drive": assembly.drives[0]
+    }
+    if simulation.culprit in culprits:
+        sentences += [f"Try: twin drive check {fmu.path}" for fmu in culprits[simulation.culprit].parts.values()]
+    return ComponentFailed("\n".join(sentences))

@@ -41,7 +41,7 @@ def let_watch(witness: Witness) -> None:
 
 
 class Simulation:
-    """Runs a `System` tick by tick from 0 to `last_tick`.
+    """Runs a `System` tick by tick from 0 to `last_tick`; `failure` and `culprit` say what ended it too early, if so.
 
     Args:
         system: what to run.
@@ -73,6 +73,7 @@ class Simulation:
         self._table = system.table(self._u, self._y)
         self._timed = timed
         self.failure: ComponentFailed | None = None
+        self.culprit = ""
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._advance(0, 0)
 
@@ -127,4 +128,5 @@ class Simulation:
         return done
 
     def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
+        self.culprit = self.system.components[culprit].name
         return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")
