@@ -55,8 +55,8 @@ def run(
 ) -> None:
     """Run experiments and record them.
 
-    Exit code: 0 done, 2 input refused (also an FMU that crashes or hangs before the first step), 3 a component failed
-    while running (error, crash, hang, limit), 130 interrupted.
+    Exit code: 0 done, 3 a component failed while running (error, crash, hang),
+    2 input refused (also an FMU that crashes before the first step), 130 interrupted.
     """
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
