@@ -5,7 +5,7 @@ import math
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component, NativeComponent, Port
 from twin.cosim.native import step_function
 
 MEMORY = np.dtype([("T_m", "f8"), ("theta_m", "f8"), ("omega_m", "f8")], align=True)
@@ -26,13 +26,6 @@ def step(self, t, h, u, y):
 def lagging_drive(name: str, T_m: float) -> Component:
     """Continuous component: d omega_m/dt = (omega_ref - omega_m) / T_m, d theta_m/dt = omega_m, from rest."""
     memory = np.array([(T_m, 0.0, 0.0)], dtype=MEMORY)
-    return Component(
-        name=name,
-        inputs=(Port("omega_ref", 1, "rad/s", "commanded motor speed"),),
-        outputs=(Port("theta_m", 1, "rad", "motor angle"),),
-        sampled=False,
-        step_address=step.address,
-        self_address=memory.ctypes.data,
-        initial_outputs=np.zeros(1),
-        keep=memory,
-    )
+    inputs = (Port("omega_ref", 1, "rad/s", "commanded motor speed"),)
+    outputs = (Port("theta_m", 1, "rad", "motor angle"),)
+    return NativeComponent(name, inputs, outputs, False, step, memory)
