@@ -9,7 +9,7 @@
 #include <string.h>
 #include <unistd.h>
 
-enum { NONE, SEGFAULT, ABORT, EXIT, HANG, HANG_IN_INITIALISATION, SEGFAULT_IN_FREE, FLOOD, MOVE, LEAK };
+enum { NONE, SEGFAULT, ABORT, EXIT, HANG, HANG_IN_INITIALISATION, SEGFAULT_IN_FREE, FLOOD, MOVE, LEAK, FORK };
 
 void honest_FreeInstance(fmi2Component c);
 fmi2Status honest_ExitInitializationMode(fmi2Component c);
@@ -52,6 +52,12 @@ bool model_step(Variables *v, double h)
     case EXIT: exit(0);
     case HANG: while (forever) {} break;
     case FLOOD: print_megabytes(); break;
+    case FORK: /* what it leaves behind holds every pipe of its host open */
+        if (fork() == 0)
+            while (forever)
+                pause();
+        segfault();
+        break;
     case MOVE:
         if (chdir("/") != 0)
             abort();

@@ -13,7 +13,7 @@ from tests.drive.compiled import compiled_drive
 SOURCE = Path(__file__).with_name("hostile.c")
 EXPERIMENT = "experiments/fig4_position.toml"
 # the order of the enumeration in hostile.c
-NONE, SEGFAULT, ABORT, EXIT, HANG, HANG_IN_INITIALISATION, SEGFAULT_IN_FREE, FLOOD, MOVE, LEAK = range(10)
+NONE, SEGFAULT, ABORT, EXIT, HANG, HANG_IN_INITIALISATION, SEGFAULT_IN_FREE, FLOOD, MOVE, LEAK, FORK = range(11)
 
 
 def hostile_drive(root: Path, folder: Path) -> Path:

@@ -15,6 +15,7 @@ from tests.guard.hostile import (
     EXIT,
     EXPERIMENT,
     FLOOD,
+    FORK,
     HANG,
     HANG_IN_INITIALISATION,
     LEAK,
@@ -40,6 +41,7 @@ crash costs the slice in which it happens and the one before, if that is the fir
         (ABORT, "aborted the process (SIGABRT)"),
         (EXIT, "ended the process with exit(0)"),
         (HANG, "did not return within 1 s"),
+        (FORK, "crashed (SIGSEGV, segmentation fault)"),
     ],
 )
 def test_a_drive_that_kills_its_process_in_a_step_is_named(command: Command, drive: Path, attack: int, manner: str):

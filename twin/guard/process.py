@@ -104,7 +104,10 @@ class GuardedProcess:
     def reports(self, timeout: float) -> list[dict[str, Any]]:
         """What it has reported since the last call, waiting at most `timeout` (s) for something to happen."""
         lines: list[bytes] = []
-        for key, _ in self._selector.select(timeout):
+        ready = self._selector.select(timeout)
+        if not ready and not self.ended:
+            self.gone |= self._has_died()
+        for key, _ in ready:
             data = os.read(key.fd, _READ)
             if not data:
                 self._selector.unregister(key.fd)
@@ -114,6 +117,16 @@ class GuardedProcess:
             else:
                 self._tail = (self._tail + data)[-KEPT:]
         return [json.loads(line) for line in lines]
+
+    def _has_died(self) -> bool:
+        """Whether it has ended, which its closed pipe does not tell while something it started holds that open.
+
+        It is not waited for: until then its number, which is also that of its group, stays its own.
+        """
+        # macOS has it from Python 3.13 on; before, the limit on a step's time ends such a process
+        if not hasattr(os, "waitid"):
+            return False
+        return os.waitid(os.P_PID, self.pid, os.WEXITED | os.WNOHANG | os.WNOWAIT) is not None
 
     def end(self) -> int:
         """End it and everything it started; return its exit status, negative for a signal.
