@@ -96,8 +96,7 @@ def planned(table: Drive) -> DrivePlan:
     }
     label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
     wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs)
-    fed = {target for target in table.wires}
-    free = {name: v for name, v in variables.items() if name not in fed}
+    free = {name: v for name, v in variables.items() if name not in table.wires}
     plan = DrivePlan(
         label=label,
         table=table,

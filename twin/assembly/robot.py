@@ -21,6 +21,7 @@ from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
 from twin.plant.scale import Scale
+from twin.robot.gravity import G_ACCELERATION
 
 
 @dataclass
@@ -82,7 +83,7 @@ def assemble(
         Estimator(belief(experiment), experiment.controller.gravity_compensation, period),
         controller(experiment),
         *_delayed(experiment),
-        Scale(experiment.scale.resolution * 9.81, experiment.scale_ticks),
+        Scale(experiment.scale.resolution * G_ACCELERATION, experiment.scale_ticks),
     ]
     commander = "delay" if experiment.controller.delay_ticks else "controller"
     with ExitStack() as made:

@@ -1,6 +1,5 @@
 """The pre-defined trajectory: way points joined by straight lines at constant speed."""
 
-import numpy as np
 from numba import njit
 
 
@@ -28,8 +27,3 @@ def reference_position(times, points, segment, t):
         a[2] + share * (b[2] - a[2]),
         segment,
     )
-
-
-def path(times: np.ndarray, points: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """The trajectory at all times `t` (n,): (n, 3), m."""
-    return np.stack([np.interp(t, times, points[:, i]) for i in range(3)], axis=-1)

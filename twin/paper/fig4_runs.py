@@ -1,6 +1,5 @@
 """The two runs behind Fig. 4, as curves."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -101,19 +100,6 @@ class Fig4Runs:
         """Parameters whose source says that they were tuned to meet the figure: key -> source."""
         origins = self.force_position.recording.metadata.get("origins", {})
         return {key: text for key, text in origins.items() if text.startswith("tuned")}
-
-    @property
-    def names(self) -> tuple[str, str]:
-        return tuple(
-            run.recording.metadata.get("experiment", {}).get("name", run.recording.path.parent.name)
-            for run in (self.force_position, self.position)
-        )  # type: ignore[return-value]
-
-    @property
-    def tilt(self) -> float:
-        """Tilt of the scale in the force-position run (deg)."""
-        values = json.loads(self.force_position.recording.metadata["experiment"]["values"])
-        return float(values["contact"]["tilt_deg"])
 
 
 def fig4_runs(force_position: Recording, position: Recording) -> Fig4Runs:

@@ -46,7 +46,5 @@ class PlantParameters(NamedTuple):
 
 PARAMETERS = np.dtype([(name, "f8") for name in PlantParameters._fields], align=True)
 
-POSITION, VELOCITY, BRISTLE = slice(0, 3), slice(3, 6), slice(6, 8)
-"""The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
-
 STATES = 8
+"""The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""
