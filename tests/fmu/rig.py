@@ -51,7 +51,32 @@ def unpacked(drive: str) -> str:
     return str(extract(fmu_path(drive), unzipdir=Path(_scratch.name) / drive))
 
 
-class Rig:
+class Stepped:
+    """What the rigs of both versions of FMI share: a slave that is stepped, and freed at the end."""
+
+    slave: Any
+    time: float
+
+    def step(self, h: float) -> None:
+        """One communication step of h seconds."""
+        self.slave.doStep(self.time, h)
+        self.time += h
+
+    def run(self, h: float, steps: int) -> None:
+        """Several equal communication steps with the inputs left as they are."""
+        for _ in range(steps):
+            self.step(h)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self.slave.freeInstance()
+
+
+class Rig(Stepped):
     """One instance of a drive; `with Rig("velocity_servo").start(droop=0.0) as drive: drive.run(1e-3, 20)`.
 
     Values are read and set by variable name, `drive["omega_m"]`, `drive["omega_ref"] = 0.5`, or by role of the
@@ -90,16 +115,6 @@ class Rig:
         self.slave.exitInitializationMode()
         return self
 
-    def step(self, h: float) -> None:
-        """One communication step of h seconds."""
-        self.slave.doStep(self.time, h)
-        self.time += h
-
-    def run(self, h: float, steps: int) -> None:
-        """Several equal communication steps with the inputs left as they are."""
-        for _ in range(steps):
-            self.step(h)
-
     def values(self) -> list[float]:
         """All variables in the order of their value references."""
         return self.slave.getReal(list(self.references.values()))
@@ -113,11 +128,3 @@ class Rig:
 
     def __setitem__(self, name: str, value: float) -> None:
         self.slave.setReal([self.reference(name)], [value])
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.slave.freeInstance()

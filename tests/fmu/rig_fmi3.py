@@ -1,14 +1,13 @@
 """The test rig for FMI 3.0 drives: the same few verbs as rig.py, for variables of several types."""
 
-from types import TracebackType
 from typing import Any, Self
 
 from fmpy.fmi3 import FMU3Slave
 
-from .rig import described, unpacked
+from .rig import Stepped, described, unpacked
 
 
-class Rig3:
+class Rig3(Stepped):
     """One instance of an FMI 3.0 drive; values are read and set by variable name, whatever their type.
 
     Attributes:
@@ -41,16 +40,6 @@ class Rig3:
         self.slave.exitInitializationMode()
         return self
 
-    def step(self, h: float) -> None:
-        """One communication step of h seconds."""
-        self.slave.doStep(self.time, h)
-        self.time += h
-
-    def run(self, h: float, steps: int) -> None:
-        """Several equal communication steps with the inputs left as they are."""
-        for _ in range(steps):
-            self.step(h)
-
     def values(self) -> dict[str, Any]:
         """All variables by name."""
         return {name: self[name] for name in self.variables}
@@ -62,11 +51,3 @@ class Rig3:
     def __setitem__(self, name: str, value: float) -> None:
         variable = self.variables[name]
         getattr(self.slave, f"set{variable.type}")([variable.valueReference], [value])
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self.slave.freeInstance()
