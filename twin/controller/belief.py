@@ -14,6 +14,7 @@ class Belief(NamedTuple):
         k_s, N, eta: series elastic joint (Eq. 20).
         motor_counts, joint_counts: encoder counts per turn.
         motor_zero, joint_zero: encoder zero errors known from calibration (3,), rad.
+        backlash: half width of the springs' dead zone, motor side (rad); 0: the paper's estimator, blind to it.
     """
 
     a: float
@@ -30,6 +31,7 @@ class Belief(NamedTuple):
     joint_counts: float
     motor_zero: tuple[float, float, float]
     joint_zero: tuple[float, float, float]
+    backlash: float = 0.0
 
 
 BELIEF = np.dtype(

@@ -61,6 +61,7 @@ MEMORY = np.dtype(
         ("law", LAW),
         ("force", PID),
         ("position", PID, (3,)),
+        ("lead", "f8", (3,)),
         ("F_z", "f8"),
         ("triggered", "i8"),
         ("segment", "i8"),
@@ -73,23 +74,26 @@ MEMORY = np.dtype(
 
 
 @njit(cache=True)
-def force_correction(law, pid, F_z, h):
-    """dp_z (m) of the force loop for pressing force `F_z` (N)."""
-    u, integral = proposal(pid, law.F_z_ref - F_z, h)
+def force_correction(law, pid, e, h):
+    """dp_z (m) of the force loop for the force error `e` = F_z_ref - F_z (N)."""
+    u, integral = proposal(pid, e, h)
     if abs(u) <= law.dp_z_max:
         accept(pid, integral)
     return -min(max(u, -law.dp_z_max), law.dp_z_max)
 
 
 @njit(cache=True)
-def motor_speeds(law, pids, J, ex, ey, ez, h, omega_ref):
-    """omega_ref (3,) of the position loop for the position error (m), each within +-omega_max."""
+def motor_speeds(law, pids, J, ex, ey, ez, lead, h, omega_ref):
+    """omega_ref (3,) of the position loop for the position error (m) plus feed-forward `lead` (3,), rad/s.
+
+    Each is kept within +-omega_max.
+    """
     ux, ix = proposal(pids[0], ex, h)
     uy, iy = proposal(pids[1], ey, h)
     uz, iz = proposal(pids[2], ez, h)
     within = True
     for i in range(3):
-        omega = law.N * (J[3 * i] * ux + J[3 * i + 1] * uy + J[3 * i + 2] * uz)
+        omega = law.N * (J[3 * i] * ux + J[3 * i + 1] * uy + J[3 * i + 2] * uz) + lead[i]
         within = within and abs(omega) <= law.omega_max
         omega_ref[i] = min(max(omega, -law.omega_max), law.omega_max)
     if within:
@@ -107,8 +111,8 @@ def step(self, t, h, u, y):
     m.F_z += low_pass_share(m.law.corner, h) * (-u_[14] - m.F_z)
     if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
-    dp_z = force_correction(m.law, m.force, m.F_z, h) if m.triggered else 0.0
-    motor_speeds(m.law, m.position, u_[3:12], x - u_[0], y_ref - u_[1], z + dp_z - u_[2], h, y_[:3])
+    dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0
+    motor_speeds(m.law, m.position, u_[3:12], x - u_[0], y_ref - u_[1], z + dp_z - u_[2], m.lead, h, y_[:3])
     y_[3], y_[4], y_[5] = x, y_ref, z
     y_[6], y_[7], y_[8] = x, y_ref, z + dp_z
     y_[9], y_[10], y_[11], y_[12] = dp_z, m.triggered, m.F_z, m.law.F_z_ref

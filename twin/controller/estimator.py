@@ -4,12 +4,12 @@ import numpy as np
 from numba import carray, njit
 
 from twin.controller.belief import BELIEF, Belief
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent, Port, width
 from twin.cosim.native import step_function
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian_row
-from twin.robot.sea import deflection, load_torque
+from twin.robot.sea import dead_zone, deflection, load_torque
 
 INPUTS = (Port("count_m", 3, "1", "motor encoder counts"), Port("count_l", 3, "1", "joint encoder counts"))
 OUTPUTS = (
@@ -19,8 +19,14 @@ OUTPUTS = (
     Port("J", 9, "rad/m", "Jacobian d theta_l / d p_B at p_B, row by row"),
     Port("tau_l", 3, "N m", "joint torques by Eq. 20"),
     Port("F_ee_B", 3, "N", "force by the robot on the environment by statics, base frame B, unfiltered"),
+    Port("valid", 1, "1", "whether these follow from the newest counts; if not, from the last that fit a pose", "bool"),
 )
-MEMORY = np.dtype([("belief", BELIEF), ("gravity_compensation", "i8")], align=True)
+ESTIMATES = width(OUTPUTS) - 1
+MEMORY = np.dtype(
+    [("belief", BELIEF), ("gravity_compensation", "i8"), ("estimated", "i8"), ("newest", "f8", (ESTIMATES,))],
+    align=True,
+)
+NO_POSE = 2
 
 
 @njit(cache=True)
@@ -31,9 +37,9 @@ def angle(count, counts_per_turn, zero):
 
 @njit(cache=True)
 def estimate(belief, gravity_compensation, count_m, count_l, y):
-    """The ports `OUTPUTS` into `y` (24,) from motor and joint counts (3,) each; NaN where no pose fits the angles.
+    """All but the last of `OUTPUTS` into `y` (24,) from motor and joint counts (3,) each; NaN where no pose fits.
 
-    F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
+    The springs' dead zone is taken off the deflection as far as the belief knows it. F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
     J^T tau_l, the paper's own form.
     """
     for i in range(3):
@@ -46,7 +52,8 @@ def estimate(belief, gravity_compensation, count_m, count_l, y):
         theta_l = y[3 + i]
         jx, jy, jz = jacobian_row(belief, i, theta_l, px, py, pz)
         y[9 + 3 * i], y[10 + 3 * i], y[11 + 3 * i] = jx, jy, jz
-        tau = load_torque(belief.k_s, belief.N, belief.eta, deflection(y[i], theta_l, belief.N))
+        wound = dead_zone(deflection(y[i], theta_l, belief.N), belief.backlash)
+        tau = load_torque(belief.k_s, belief.N, belief.eta, wound)
         y[18 + i] = tau
         if gravity_compensation:
             tau += arm_gravity_torque(belief, belief, theta_l)
@@ -57,9 +64,15 @@ def estimate(belief, gravity_compensation, count_m, count_l, y):
 @step_function(MEMORY)
 def step(self, t, h, u, y):
     m = carray(self, 1)[0]
-    counts = carray(u, 6)
-    estimate(m.belief, m.gravity_compensation, counts[:3], counts[3:], carray(y, 24))
-    return 0
+    counts, y_ = carray(u, 6), carray(y, ESTIMATES + 1)
+    estimate(m.belief, m.gravity_compensation, counts[:3], counts[3:], m.newest)
+    # one sum is NaN or infinite if any of them is; a lost or garbled sample may not take the controller with it
+    valid = np.isfinite(np.sum(m.newest))
+    if valid:
+        y_[:ESTIMATES] = m.newest
+        m.estimated = 1
+    y_[ESTIMATES] = valid
+    return 0 if m.estimated else NO_POSE
 
 
 class Estimator(NativeComponent):
@@ -76,3 +89,6 @@ class Estimator(NativeComponent):
         memory["belief"][0] = tuple(belief)
         memory["gravity_compensation"] = gravity_compensation
         super().__init__("estimator", INPUTS, OUTPUTS, True, step, memory, period=period)
+
+    def explain(self, status: int) -> str:
+        return "found no pose that fits the first encoder counts"

@@ -1,0 +1,156 @@
+"""The machine that walks through a table of phases (Sec. III.B) and turns it into references."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from twin.controller.motion import motion, motion_time, smooth
+
+MACHINE = np.dtype(
+    [
+        ("index", "i8"),
+        ("passes", "i8"),
+        ("entered", "f8"),
+        ("total", "f8"),
+        ("length", "f8"),
+        ("start", "f8", (3,)),
+        ("end", "f8", (3,)),
+        ("p", "f8", (3,)),
+        ("v", "f8", (3,)),
+        ("F_start", "f8"),
+        ("F_ref", "f8"),
+        ("contact_force", "f8"),
+        ("lost", "f8"),
+        ("patience", "f8"),
+        ("tapped", "f8"),
+        ("z_turn", "f8"),
+        ("z_lowest", "f8"),
+        ("t_turn", "f8"),
+        ("learning", "f8"),
+    ],
+    align=True,
+)
+"""State of the machine, SI.
+
+index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
+length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
+contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
+tapped: when the last tap began. z_turn: platform height at which the pre-defined force was felt; z_lowest: reached in
+this tap. t_turn: how long before it a tap has to turn round; learning: share of the error that the next one corrects.
+"""
+
+TRAVEL, DESCEND, BUILD_UP, HOLD, CIRCLE, PUSH, RELEASE, RETRACT, PROBE, TAP, RISE, WAIT, DONE = range(1, 14)
+ELAPSED, FELT, TURN = range(3)
+"""The values of `PhaseKind` and `Until`, which compiled code reads as numbers."""
+
+LONGEST_TURN = 0.1
+"""Bound of t_turn (s): five times what the slowest drive takes to reverse."""
+
+
+@njit(cache=True)
+def enter_line(m, phase):
+    """Lay the phase's line from the present reference to its end."""
+    squared = 0.0
+    for i in range(3):
+        m.start[i] = m.p[i]
+        m.end[i] = m.p[i] if math.isnan(phase.target[i]) else phase.target[i]
+        if i == 2 and phase.lift > 0.0:
+            m.end[2] = m.z_turn + phase.lift
+        squared += (m.end[i] - m.start[i]) ** 2
+    m.length = math.sqrt(squared)
+
+
+@njit(cache=True)
+def enter(m, phases, index, t, F_z, dp_z):
+    """Begin phase `index` at `t` (s) from the present reference, at the pressing force `F_z` (N).
+
+    Where the force loop ends, its correction `dp_z` (m) stays in the reference, so that this does not jump.
+    """
+    before, phase = phases[m.index], phases[index]
+    if before.force_on and not phase.force_on:
+        m.p[2] += dp_z
+    m.index, m.entered, m.lost = index, t, 0.0
+    enter_line(m, phase)
+    # the force reference starts where the force is, so the force loop starts without a jump
+    m.F_start = m.F_ref if before.force_on else max(F_z, 0.0)
+    m.total = max(motion_time(phase, m.length), phase.duration)
+    if phase.period > 0.0:
+        m.total = max(0.0, m.tapped + phase.period - t)
+    if phase.kind == TAP:
+        m.tapped, m.z_lowest = t, np.inf
+
+
+@njit(cache=True)
+def _following(m, phase, t, h, z, v_z, F_z, F_rate):
+    """Index of the phase that is due now; the present one if it goes on."""
+    over = t - m.entered > m.total - 0.5 * h
+    if phase.until == FELT:
+        if F_z >= phase.level:
+            return phase.next
+        return phase.otherwise if over else m.index
+    if phase.until == TURN:
+        # between this call and the next, of which `walk` makes the right moment
+        if z + v_z * (m.t_turn + h) <= m.z_turn or F_z + F_rate * m.t_turn >= phase.level:
+            return phase.next
+        return phase.otherwise if over else m.index
+    if phase.force_on and phase.kind != RELEASE:
+        m.lost = m.lost + h if F_z < 0.5 * m.contact_force else 0.0
+        if m.lost > m.patience:
+            return phase.otherwise
+    if not over:
+        return m.index
+    if phase.times > 1:
+        m.passes += 1
+        if m.passes < phase.times:
+            return phase.again
+        m.passes = 0
+    return phase.next
+
+
+@njit(cache=True)
+def _turn_within(m, phase, t, h, rest):
+    """Turn round `rest` seconds after `t`, before the next call at `t + h`.
+
+    The command is held until then, so its speed is the mean of down and up: a turn at the call before or after would
+    miss the depth by up to h times the speed.
+    """
+    down = m.v[2]
+    m.p[2] += down * rest
+    enter_line(m, phase)
+    m.entered = t + rest
+    m.total = max(motion_time(phase, m.length), phase.duration)
+    m.p[2] -= down * rest
+    m.v[2] = (down * rest + phase.speed * (h - rest)) / h
+
+
+@njit(cache=True)
+def walk(m, phases, t, h, z, F_z, F_rate, F_delay, dp_z):
+    """Advance to `t` (s): phase, references `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
+
+    Args:
+        h: time since the last call (s).
+        z: estimated height of the platform (m). F_z, F_rate: pressing force (N), its rate (N/s).
+        F_delay: by how much F_z lags (s). dp_z: correction of the force loop (m).
+    """
+    if m.index < 0:
+        enter(m, phases, 0, t, F_z, dp_z)
+    phase = phases[m.index]
+    m.z_lowest = min(m.z_lowest, z)
+    following = _following(m, phase, t, h, z, m.v[2], F_z, F_rate)
+    if following != m.index:
+        if phase.kind == PROBE:
+            m.z_turn = z - m.v[2] * F_delay
+        if phase.kind == RISE:
+            late = (m.z_turn - m.z_lowest) / phase.speed
+            m.t_turn = min(max(m.t_turn + m.learning * late, 0.0), LONGEST_TURN)
+        rest = min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h) if phase.until == TURN and m.v[2] < 0.0 else 0.0
+        enter(m, phases, following, t, F_z, dp_z)
+        if rest > 0.0:
+            _turn_within(m, phases[m.index], t, h, rest)
+            return
+        phase = phases[m.index]
+    elapsed = t - m.entered
+    motion(phase, m.start, m.end, m.length, elapsed, m.p, m.v)
+    share = smooth(elapsed / phase.duration) if phase.duration > 0.0 else 1.0
+    m.F_ref = m.F_start + share * (phase.F_end - m.F_start) if phase.force_on else 0.0

@@ -1,0 +1,138 @@
+"""The four tasks of Sec. III.B as phases: approach, gentle descent, force build-up, hold / tap / circle / push, release.
+
+A program is a table of `Phase`s for the whole sequence. Each phase begins where the reference is, so tasks of any order
+follow one another without a jump.
+"""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import NamedTuple
+
+from twin.controller.phase import Phase, PhaseKind, Until
+
+Point = tuple[float, float]
+"""x and y in the base frame (m)."""
+
+
+class Approach(NamedTuple):
+    """How all tasks come and go, SI.
+
+    Attributes:
+        height: z at which the platform travels between points (m). floor: z below which it never descends (m).
+        speed: of travelling and of retracting (m/s). descent: of going down gently (m/s). ramp: time to get to speed and
+            back to rest (s).
+        release: time in which the force is taken back (s).
+        contact_force: pressing force that counts as touching (N).
+    """
+
+    height: float
+    floor: float
+    speed: float
+    descent: float
+    ramp: float
+    release: float
+    contact_force: float
+
+
+class Press(NamedTuple):
+    """Press on a point: `force` (N) reached within `build_up` (s), held for `hold` (s)."""
+
+    point: Point
+    force: float
+    build_up: float
+    hold: float
+
+
+class Tap(NamedTuple):
+    """Tap a point `times` times: down at `speed` (m/s) until `force` (N), up by `lift` (m), every `period` (s)."""
+
+    point: Point
+    force: float
+    speed: float
+    lift: float
+    period: float
+    times: int
+
+
+class Roll(NamedTuple):
+    """Circle about a point under `force` (N): `radius` (m), `rate` (Hz), `turns` besides those that lead in and out."""
+
+    point: Point
+    force: float
+    build_up: float
+    radius: float
+    rate: float
+    turns: float
+
+
+class Push(NamedTuple):
+    """Push from a point straight to `to` (m) at `speed` (m/s) under `force` (N)."""
+
+    point: Point
+    force: float
+    build_up: float
+    to: Point
+    speed: float
+
+
+Task = Press | Tap | Roll | Push
+
+
+def program(approach: Approach, tasks: Sequence[Task]) -> list[Phase]:
+    """The phases of `tasks` in their order; the last phase holds for ever above the last point."""
+    phases: list[Phase] = []
+    for number, task in enumerate(tasks, start=1):
+        phases += _of_task(approach, task, number, len(phases))
+    return [*phases, Phase(PhaseKind.DONE, len(tasks), duration=math.inf, next=len(phases))]
+
+
+def _of_task(approach: Approach, task: Task, number: int, first: int) -> list[Phase]:
+    travel = Phase(
+        PhaseKind.TRAVEL, number, (*task.point, approach.height), speed=approach.speed,
+        ramp_in=approach.ramp, ramp_out=approach.ramp,
+    )  # fmt: skip
+    descend = Phase(
+        PhaseKind.DESCEND, number, (math.nan, math.nan, approach.floor), speed=approach.descent, ramp_in=approach.ramp,
+        until=Until.FELT, level=approach.contact_force,
+    )  # fmt: skip
+    retract = Phase(
+        PhaseKind.RETRACT, number, (math.nan, math.nan, approach.height), speed=approach.speed,
+        ramp_in=approach.ramp, ramp_out=approach.ramp,
+    )  # fmt: skip
+    work = _taps(approach, task, number) if isinstance(task, Tap) else _under_force(approach, task, number)
+    chain = [travel, descend, *work, retract]
+    last = first + len(chain) - 1
+    linked = []
+    for index, phase in enumerate(chain, start=first):
+        again = index + phase.again if phase.again else index + 1
+        linked.append(phase._replace(next=index + 1, otherwise=last, again=again))
+    return linked
+
+
+def _under_force(approach: Approach, task: Press | Roll | Push, number: int) -> Iterable[Phase]:
+    pressing = Phase(PhaseKind.BUILD_UP, number, force_on=True, F_end=task.force)
+    yield pressing._replace(duration=task.build_up)
+    match task:
+        case Press():
+            yield pressing._replace(kind=PhaseKind.HOLD, duration=task.hold)
+        case Roll():
+            yield pressing._replace(kind=PhaseKind.CIRCLE, radius=task.radius, rate=task.rate, turns=task.turns)
+        case Push():
+            yield pressing._replace(
+                kind=PhaseKind.PUSH, target=(*task.to, math.nan), speed=task.speed,
+                ramp_in=approach.ramp, ramp_out=approach.ramp,
+            )  # fmt: skip
+    yield pressing._replace(kind=PhaseKind.RELEASE, F_end=approach.contact_force, duration=approach.release)
+
+
+def _taps(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
+    down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
+    # a gentle touch first: where the force is reached is what the taps then aim at
+    yield down._replace(speed=approach.descent, until=Until.FELT)
+    up = Phase(PhaseKind.RETRACT, number, lift=task.lift, speed=approach.speed, ramp_in=approach.ramp)
+    yield up._replace(ramp_out=approach.ramp)
+    # a tap turns at once: a smooth turn would be a longer one
+    yield down._replace(kind=PhaseKind.TAP, speed=task.speed, ramp_in=approach.ramp, until=Until.TURN)
+    yield up._replace(kind=PhaseKind.RISE, speed=task.speed, ramp_in=0.0, ramp_out=approach.ramp)
+    # `again` is relative until the phases are linked
+    yield Phase(PhaseKind.WAIT, number, period=task.period, times=task.times, again=-2)

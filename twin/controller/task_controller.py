@@ -1,0 +1,162 @@
+"""The controller that carries out tasks: the machine of phases in front of the force-position law of Fig. 3 B.
+
+As `controller.py`, with three differences: the reference is a machine that feels its way (`machine.py`), velocity and
+the wind-up of the springs are fed forward, and the force loop acts in the phases that press, from the force that is
+there, so that neither it nor the reference ever jumps.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import carray, from_dtype, njit
+
+from twin.controller.controller import INPUTS, LAW, OUTPUTS, Law, force_correction, motor_speeds
+from twin.controller.feed_forward import friction_force, load_torques
+from twin.controller.machine import MACHINE, walk
+from twin.controller.motion import motion
+from twin.controller.phase import PHASE, Phase
+from twin.controller.pid import PID, Gains, loop, low_pass_share
+from twin.cosim.component import NativeComponent, Port, width
+from twin.cosim.native import pointer_to, step_function
+
+TASK_OUTPUTS = (
+    *OUTPUTS,
+    Port("v_ref_B", 3, "m/s", "velocity of the reference, fed forward"),
+    Port("task", 1, "1", "task of the sequence that is on, counted from 1", "int"),
+    Port("phase", 1, "1", "what it is doing, see the recording's metadata 'phases'", "int"),
+)
+
+
+class FeedForward(NamedTuple):
+    """What the feed-forward believes: k_s (N m/rad), eta, friction coefficient mu, lag of the drives (s)."""
+
+    k_s: float
+    eta: float
+    mu: float
+    lag: float
+
+
+class Touch(NamedTuple):
+    """How the machine feels, SI.
+
+    Attributes:
+        contact_force: pressing force that counts as touching (N).
+        patience: contact may be lost for so long while pressing (s).
+        t_turn: how long before its lowest point the first tap turns round (s).
+        learning: share of a tap's depth error that the next tap corrects, 0 .. 1.
+    """
+
+    contact_force: float
+    patience: float
+    t_turn: float
+    learning: float
+
+
+FEED_FORWARD = np.dtype([(name, "f8") for name in FeedForward._fields], align=True)
+MEMORY = np.dtype(
+    [
+        ("law", LAW),
+        ("forward", FEED_FORWARD),
+        ("force", PID),
+        ("position", PID, (3,)),
+        ("machine", MACHINE),
+        ("phases", "i8"),
+        ("count", "i8"),
+        ("F_z", "f8"),
+        ("F_rate", "f8"),
+        ("dp_z", "f8"),
+        ("p", "f8", (3,)),
+        ("v", "f8", (3,)),
+        ("lead", "f8", (3,)),
+    ],
+    align=True,
+)
+_phases_at = pointer_to(from_dtype(PHASE))
+
+
+@njit(cache=True)
+def fed_forward(m, phase, J, t, h):
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, `lag` ahead of `t` (s)."""
+    machine, forward = m.machine, m.forward
+    elapsed = t - machine.entered
+    if elapsed >= 0.0:
+        motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag, m.p, m.v)
+    else:
+        # the machine turns round before the next call and has set the mean speed until then
+        m.v[:] = machine.v
+    for i in range(3):
+        m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * m.v[2])
+    if phase.force_on:
+        F_x, F_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
+        motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag + h, m.p, m.v)
+        next_x, next_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
+        tau = load_torques(J, next_x - F_x, next_y - F_y, 0.0)
+        for i in range(3):
+            m.lead[i] += tau[i] / (h * forward.k_s * m.law.N * forward.eta)
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    u_, y_ = carray(u, 15), carray(y, 18)
+    phases, machine = carray(_phases_at(m.phases), m.count), m.machine
+    J = u_[3:12]
+    share = low_pass_share(m.law.corner, h)
+    before = m.F_z
+    m.F_z += share * (-u_[14] - m.F_z)
+    m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
+    # a first-order low-pass lags a ramp by its time constant
+    lag = h * (1.0 - share) / share
+    walk(machine, phases, t, h, u_[2], m.F_z, m.F_rate, lag, m.dp_z)
+    phase = phases[machine.index]
+    if phase.force_on:
+        m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)
+    else:
+        m.dp_z, m.force.integral, m.force.started = 0.0, 0.0, 0
+    fed_forward(m, phase, J, t, h)
+    x, y_ref, z = machine.p
+    motor_speeds(m.law, m.position, J, x - u_[0], y_ref - u_[1], z + m.dp_z - u_[2], m.lead, h, y_[:3])
+    y_[3], y_[4], y_[5] = x, y_ref, z
+    y_[6], y_[7], y_[8] = x, y_ref, z + m.dp_z
+    y_[9], y_[10], y_[11], y_[12] = m.dp_z, phase.force_on, m.F_z, machine.F_ref
+    y_[13], y_[14], y_[15] = machine.v
+    y_[16], y_[17] = phase.task, phase.kind
+    return 0
+
+
+class TaskController(NativeComponent):
+    """Sampled component: estimates in, motor speeds out, a program of phases in between.
+
+    Args:
+        law: settings; its F_z_ref and triggers are not used. position, force: gains, see `Controller`.
+        feed_forward, touch: see there.
+        phases: the program; the last one holds for ever.
+        start: where the platform is at the beginning (3,), m.
+        period: in ticks.
+    """
+
+    def __init__(
+        self,
+        law: Law,
+        position: Gains,
+        force: Gains,
+        feed_forward: FeedForward,
+        touch: Touch,
+        phases: Sequence[Phase],
+        start: Sequence[float],
+        period: int = 1,
+    ):
+        table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
+        memory = np.zeros(1, dtype=MEMORY)
+        m = memory[0]
+        m["law"], m["forward"] = tuple(law), tuple(feed_forward)
+        m["force"] = loop(force)
+        m["position"] = [loop(position)] * 3
+        m["phases"], m["count"] = table.ctypes.data, len(table)
+        machine = m["machine"]
+        machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
+        machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
+        machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
+        assert width(TASK_OUTPUTS) == 18
+        super().__init__("controller", INPUTS, TASK_OUTPUTS, True, step, memory, period=period, keep=table)

@@ -1,0 +1,95 @@
+"""[[task]], [approach], [controller.touch], [controller.feed_forward]: massage tasks in TOML (Sec. III.B)."""
+
+from typing import Literal
+
+from pydantic import Field, model_validator
+
+from twin.experiment.quantity import Section, quantity
+
+Pair = tuple[float, float]
+
+
+class Approach(Section):
+    """[approach]: how all tasks come and go."""
+
+    height: float = quantity("height_mm")
+    floor: float = quantity("floor_mm")
+    speed: float = quantity("speed_mm_per_s", gt=0)
+    descent: float = quantity("descent_mm_per_s", gt=0)
+    ramp: float = quantity("ramp_ms", gt=0)
+    release: float = quantity("release_s", gt=0)
+
+    @model_validator(mode="after")
+    def _floor_is_below(self) -> "Approach":
+        if self.floor >= self.height:
+            raise ValueError(f"floor_mm = {1e3 * self.floor:g} is not below height_mm = {1e3 * self.height:g}")
+        return self
+
+
+class Touch(Section):
+    """[controller.touch]: how the controller feels contact."""
+
+    contact: float = quantity("contact_N", gt=0)
+    patience: float = quantity("patience_ms", gt=0)
+    turn: float = quantity("turn_ms", ge=0, le=100)
+    learning: float = Field(ge=0, le=1)
+
+
+class FeedForward(Section):
+    """[controller.feed_forward]: what the controller believes of friction under the head."""
+
+    friction: float = Field(ge=0)
+
+
+class TaskOnPoint(Section):
+    """What every task has."""
+
+    point: Pair = quantity("point_mm")
+    force: float = quantity("force_N", gt=0)
+
+
+class Press(TaskOnPoint):
+    """[[task]] kind = "press"."""
+
+    kind: Literal["press"]
+    build_up: float = quantity("build_up_s", gt=0)
+    hold: float = quantity("hold_s", gt=0)
+
+
+class Tap(TaskOnPoint):
+    """[[task]] kind = "tap"."""
+
+    kind: Literal["tap"]
+    speed: float = quantity("speed_mm_per_s", gt=0)
+    lift: float = quantity("lift_mm", gt=0)
+    period: float = quantity("period_s", gt=0)
+    times: int = Field(ge=1)
+
+
+class Roll(TaskOnPoint):
+    """[[task]] kind = "roll"."""
+
+    kind: Literal["roll"]
+    build_up: float = quantity("build_up_s", gt=0)
+    radius: float = quantity("radius_mm", gt=0)
+    rate: float = quantity("rate_Hz", gt=0)
+    turns: float = Field(ge=1)
+
+
+class Push(TaskOnPoint):
+    """[[task]] kind = "push"."""
+
+    kind: Literal["push"]
+    build_up: float = quantity("build_up_s", gt=0)
+    to: Pair = quantity("to_mm")
+    speed: float = quantity("speed_mm_per_s", gt=0)
+
+    @model_validator(mode="after")
+    def _goes_somewhere(self) -> "Push":
+        if self.to == self.point:
+            raise ValueError("to_mm is point_mm: expected another point, to which to push")
+        return self
+
+
+Task = Press | Tap | Roll | Push
+KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
