@@ -20,7 +20,7 @@ from twin.assembly import belief, controller, plant_parameters
 from twin.controller.estimator import Estimator
 from twin.cosim.component import width
 from twin.experiment.experiment import Experiment
-from twin.plant.component import OUTPUTS, outputs, settle
+from twin.plant.component import OUTPUTS, STILL, outputs, settle
 from twin.plant.dynamics import derivative
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
@@ -78,10 +78,10 @@ def coupled_derivative(parameters, T_m, droop, omega_ref, x):
     dx = np.empty_like(x)
     dx[:3] = x[3:6]
     y = np.empty(OUTPUT_VALUES)
-    outputs(parameters, x[6:], x[:3], y)
+    outputs(parameters, x[6:], x[:3], STILL, STILL, y)
     for leg in range(3):
         dx[3 + leg] = (omega_ref[leg] - droop[leg] * y[TAU_LOAD + leg] - x[3 + leg]) / T_m
-    derivative(parameters, x[6:], x[:3], dx[6:])
+    derivative(parameters, x[6:], x[:3], STILL, STILL, dx[6:])
     return dx
 
 
@@ -100,9 +100,9 @@ def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray
     T_s, droop = experiment.controller.period, drive_droop(experiment)
     rows = np.empty((round(duration / T_s) + 1, OUTPUT_VALUES))
     for k, y in enumerate(rows):
-        outputs(parameters, x[6:], x[:3], y)
+        outputs(parameters, x[6:], x[:3], STILL, STILL, y)
         counts = encoder(np.concatenate([x[:3], y[THETA_L]]))
-        estimate = estimator(counts)
+        estimate = estimator(counts[:6])
         omega_ref = law(estimate[ESTIMATES_USED], k * T_s, T_s)[:3]
 
         def rate(_t, x, omega_ref=omega_ref):
@@ -110,5 +110,5 @@ def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray
 
         solution = solve_ivp(rate, (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=RTOL, atol=ATOL)
         x = solution.y[:, -1]
-        settle(parameters, x[6:])
+        settle(parameters, x[6:], STILL, STILL)
     return dict(zip(signal_labels(OUTPUTS), rows.T, strict=True))

@@ -9,7 +9,7 @@ from twin.cosim.component import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
-from twin.plant.component import Plant
+from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative
 from twin.plant.equilibrium import resting
 from twin.robot.geometry import Geometry
@@ -21,7 +21,7 @@ GEOMETRY = Geometry(*PARAMETERS[:4])
 
 def acceleration(parameters, x, theta_m):
     dx = np.empty(8)
-    derivative(parameters, x, theta_m, dx)
+    derivative(parameters, x, theta_m, STILL, STILL, dx)
     return dx[3:6]
 
 

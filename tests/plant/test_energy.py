@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS
 from tests.plant.states import moving
-from twin.plant.component import integrate
+from twin.plant.component import STILL, integrate
 from twin.plant.contact import normal_force
 from twin.plant.dynamics import spring_deflection
 from twin.robot.geometry import Geometry
@@ -22,14 +22,14 @@ def energy(parameters, x, theta_m):
     """Kinetic, of weight, springs, surface and bristle together (J)."""
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     theta_l, omega_l = joint_angles(geometry, x[:3]), jacobian(geometry, x[:3]) @ x[3:6]
-    d = np.array([spring_deflection(parameters, m, l) for m, l in zip(theta_m, theta_l, strict=True)])
+    d = np.array([spring_deflection(parameters, leg, theta_m[leg], theta_l[leg]) for leg in range(3)])
     _, depth = normal_force(parameters, *x[:6])
     arm_moment = (parameters.m_a + parameters.m_b) / 2.0 * parameters.l_a
     return (
         platform_mass(parameters) * (x[3:6] @ x[3:6] / 2.0 + G_ACCELERATION * x[2])
         + leg_inertia(parameters, parameters) * (omega_l @ omega_l) / 2.0
         - arm_moment * G_ACCELERATION * np.sin(theta_l).sum()
-        + parameters.k_s * (d @ d) / 2.0
+        + parameters.k_s * (parameters.k_s_share @ d**2) / 2.0
         + parameters.K * max(depth, 0.0) ** 2 / 2.0
         + parameters.sigma_0 * (x[6:8] @ x[6:8]) / 2.0
     )
@@ -39,10 +39,10 @@ def energies(parameters, x, theta_m, duration=0.05):
     """Energy (J) at each step of a free motion with the motors held, shape (steps + 1,)."""
     x, k, stage = x.copy(), np.empty((4, 8)), np.empty(8)
     # a bristle longer than the cone allows is no state the robot can be in
-    integrate(parameters, x, theta_m, 0.0, k, stage)
+    integrate(parameters, x, theta_m, STILL, STILL, 0.0, k, stage)
     found = [energy(parameters, x, theta_m)]
     for _ in range(round(duration / STEP)):
-        integrate(parameters, x, theta_m, STEP, k, stage)
+        integrate(parameters, x, theta_m, STILL, STILL, STEP, k, stage)
         found.append(energy(parameters, x, theta_m))
     return np.array(found)
 
@@ -91,7 +91,7 @@ def test_the_papers_constant_efficiency_gives_back_what_it_took():
     end, same = x.copy(), x.copy()
     scratch = np.empty((4, 8)), np.empty(8)
     for _ in range(1000):
-        integrate(soft, end, theta_m, STEP, *scratch)
-        integrate(equivalent, same, theta_m, STEP, *scratch)
+        integrate(soft, end, theta_m, STILL, STILL, STEP, *scratch)
+        integrate(equivalent, same, theta_m, STILL, STILL, STEP, *scratch)
     # rounding over 1000 steps
     np.testing.assert_allclose(end, same, rtol=0, atol=1e-12)

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import positions
 from twin.errors import Unreachable
-from twin.plant.component import Plant
+from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative
 from twin.plant.equilibrium import resting
 
@@ -18,7 +18,7 @@ def test_nothing_accelerates_at_rest(p_B, tilt):
     parameters = PARAMETERS._replace(tilt=tilt)
     x, theta_m = resting(parameters, p_B)
     dx = np.empty(8)
-    derivative(parameters, x, theta_m, dx)
+    derivative(parameters, x, theta_m, STILL, STILL, dx)
     # rounding: forces up to 20 N known to 1e-15, on 0.2 kg
     np.testing.assert_allclose(dx, 0.0, rtol=0, atol=1e-12)
 

@@ -11,6 +11,7 @@ from mpmath import mp, mpf
 
 from tests.laws.runs import PARAMETERS
 from tests.plant.states import moving
+from twin.plant.component import STILL
 from twin.plant.contact import contact_force
 from twin.plant.dynamics import derivative
 
@@ -34,7 +35,7 @@ class Bodies:
     """The robot as bodies with masses; q and v are position (m) and velocity (m/s) of the platform."""
 
     def __init__(self, parameters, theta_m):
-        self.c = type(parameters)(*map(mpf, parameters))
+        self.c = parameters._replace(**{k: mpf(v) for k, v in parameters._asdict().items() if np.isscalar(v)})
         self.theta_m = [mpf(angle) for angle in theta_m]
 
     def angle(self, leg, q):
@@ -117,7 +118,7 @@ def lagrangian_acceleration(parameters, x, theta_m, force):
 
 def acceleration(parameters, x, theta_m):
     dx = np.empty(8)
-    derivative(parameters, x, theta_m, dx)
+    derivative(parameters, x, theta_m, STILL, STILL, dx)
     return dx[3:6]
 
 

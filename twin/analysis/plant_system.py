@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Port, width
-from twin.plant.component import INPUTS, OUTPUTS, outputs
+from twin.plant.component import INPUTS, OUTPUTS, STILL, outputs
 from twin.plant.dynamics import derivative
 from twin.plant.parameters import STATES, PlantParameters
 
@@ -27,7 +27,7 @@ def signal_labels(ports: tuple[Port, ...]) -> list[str]:
 
 
 def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
-    """Springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI.
+    """Springs, mechanism and contact as a continuous-time `control.NonlinearIOSystem`, SI. The surface stays at rest.
 
     The equations are those of `twin/plant/dynamics.py` and `twin/plant/contact.py`. Between the component and this
     system there is one difference: the component scales its bristle back onto the friction cone after each step
@@ -56,11 +56,11 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
 
 def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
     dx = np.empty(STATES)
-    derivative(PlantParameters(**params), x, u, dx)
+    derivative(PlantParameters(**params), x, u, STILL, STILL, dx)
     return dx
 
 
 def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
     y = np.empty(width(OUTPUTS))
-    outputs(PlantParameters(**params), x, u, y)
+    outputs(PlantParameters(**params), x, u, STILL, STILL, y)
     return y

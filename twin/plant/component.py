@@ -1,4 +1,7 @@
-"""The plant as a co-simulation component: classical Runge-Kutta over a tick, friction settled after each step."""
+"""The plant as a co-simulation component: classical Runge-Kutta over a tick, friction settled after each step.
+
+A surface that moves goes on at constant velocity within a tick, s_k + v_k (t - t_k).
+"""
 
 import math
 
@@ -9,7 +12,7 @@ from numpy.typing import ArrayLike
 from twin.cosim.component import NativeComponent, Port, width
 from twin.cosim.native import step_function
 from twin.plant.contact import contact_force, normal_force, settled_bristle
-from twin.plant.dynamics import derivative, joint_torque, spring_deflection
+from twin.plant.dynamics import derivative, joint_torque, spring_deflection, spring_stiffness
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.robot.inverse_kinematics import leg_angle
 from twin.robot.jacobian import jacobian_row
@@ -18,6 +21,10 @@ from twin.robot.sea import motor_load_torque
 LEFT_WORKSPACE = 2
 
 INPUTS = (Port("theta_m", 3, "rad", "motor angles, held over the step"),)
+GROUND_INPUTS = (
+    Port("s_B", 3, "m", "displacement of the surface in base frame B, at the start of the step"),
+    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B, held over the step"),
+)
 OUTPUTS = (
     Port("p_B", 3, "m", "platform position in base frame B"),
     Port("v_B", 3, "m/s", "platform velocity in base frame B"),
@@ -34,6 +41,7 @@ MEMORY = np.dtype(
     [
         ("parameters", PARAMETERS),
         ("substeps", "i8"),
+        ("moving", "i8"),
         ("x", "f8", (STATES,)),
         ("last", "f8", (STATES,)),
         ("k", "f8", (4, STATES)),
@@ -43,29 +51,53 @@ MEMORY = np.dtype(
 )
 
 
+STILL = (0.0, 0.0, 0.0)
+"""Displacement and velocity of a surface that does not move."""
+
+
 @njit(cache=True)
-def settle(parameters, x):
+def moved(s_B, v_s_B, t):
+    """Displacement (m) of the surface, a triple, `t` seconds after it was at `s_B`."""
+    return s_B[0] + t * v_s_B[0], s_B[1] + t * v_s_B[1], s_B[2] + t * v_s_B[2]
+
+
+@njit(cache=True)
+def normal_force_of(parameters, x, s_B, v_s_B):
+    """Normal force (N) in the state `x` on a surface displaced by `s_B` that moves at `v_s_B`."""
+    F_n, _ = normal_force(
+        parameters, x[0] - s_B[0], x[1] - s_B[1], x[2] - s_B[2], x[3] - v_s_B[0], x[4] - v_s_B[1], x[5] - v_s_B[2]
+    )
+    return F_n
+
+
+@njit(cache=True)
+def settle(parameters, x, s_B, v_s_B):
     """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
-    F_n, _ = normal_force(parameters, x[0], x[1], x[2], x[3], x[4], x[5])
-    x[6], x[7] = settled_bristle(parameters, F_n, x[6], x[7])
+    x[6], x[7] = settled_bristle(parameters, normal_force_of(parameters, x, s_B, v_s_B), x[6], x[7])
 
 
 @njit(cache=True)
-def integrate(parameters, x, theta_m, h, k, stage):
-    """One classical Runge-Kutta step of `h` seconds, `x` in place; `k` (4, 8) and `stage` (8,) are scratch."""
-    derivative(parameters, x, theta_m, k[0])
+def integrate(parameters, x, theta_m, s_B, v_s_B, h, k, stage):
+    """One classical Runge-Kutta step of `h` seconds, `x` in place; `k` (4, 8) and `stage` (8,) are scratch.
+
+    The surface starts at the triple `s_B` (m) and moves at `v_s_B` (m/s).
+    """
+    derivative(parameters, x, theta_m, s_B, v_s_B, k[0])
     for part, weight in ((1, 0.5), (2, 0.5), (3, 1.0)):
         for i in range(STATES):
             stage[i] = x[i] + weight * h * k[part - 1, i]
-        derivative(parameters, stage, theta_m, k[part])
+        derivative(parameters, stage, theta_m, moved(s_B, v_s_B, weight * h), v_s_B, k[part])
     for i in range(STATES):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
-    settle(parameters, x)
+    settle(parameters, x, moved(s_B, v_s_B, h), v_s_B)
 
 
 @njit(cache=True)
-def outputs(parameters, x, theta_m, y):
-    """The ports `OUTPUTS` of the state `x` at motor angles `theta_m`, into `y`; False outside the workspace."""
+def outputs(parameters, x, theta_m, s_B, v_s_B, y):
+    """The ports `OUTPUTS` of the state `x` at motor angles `theta_m`, into `y`; False outside the workspace.
+
+    The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s).
+    """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
     for i in range(6):
         y[i] = x[i]
@@ -75,13 +107,15 @@ def outputs(parameters, x, theta_m, y):
         inside = inside and not math.isnan(theta_l)
         jx, jy, jz = jacobian_row(parameters, leg, theta_l, px, py, pz)
         omega_l = jx * vx + jy * vy + jz * vz
-        d = spring_deflection(parameters, theta_m[leg], theta_l)
+        d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
         y[6 + leg] = theta_l
         y[9 + leg] = omega_l
-        y[12 + leg] = joint_torque(parameters, d, omega_l)
-        y[15 + leg] = motor_load_torque(parameters.k_s, d)
-    y[18], y[19], y[20] = contact_force(parameters, px, py, pz, vx, vy, vz, x[6], x[7])
-    y[21], _ = normal_force(parameters, px, py, pz, vx, vy, vz)
+        y[12 + leg] = joint_torque(parameters, leg, d, omega_l)
+        y[15 + leg] = motor_load_torque(spring_stiffness(parameters, leg), d)
+    rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
+    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
+    y[18], y[19], y[20] = contact_force(parameters, rx, ry, rz, ux, uy, uz, x[6], x[7])
+    y[21] = normal_force_of(parameters, x, s_B, v_s_B)
     y[22], y[23] = x[6], x[7]
     return inside
 
@@ -90,11 +124,17 @@ def outputs(parameters, x, theta_m, y):
 def step(self, t, h, u, y):
     m = carray(self, 1)[0]
     theta_m = carray(u, 3)
+    s_B, v_s_B = STILL, STILL
+    if m.moving:
+        ground = carray(u, 9)
+        s_B, v_s_B = (ground[3], ground[4], ground[5]), (ground[6], ground[7], ground[8])
     # where the robot was, for the sentence of a step that leaves nothing but NaN
     m.last[:] = m.x
-    for _ in range(m.substeps):
-        integrate(m.parameters, m.x, theta_m, h / m.substeps, m.k, m.stage)
-    return 0 if outputs(m.parameters, m.x, theta_m, carray(y, 24)) else LEFT_WORKSPACE
+    substep = h / m.substeps
+    for i in range(m.substeps):
+        integrate(m.parameters, m.x, theta_m, moved(s_B, v_s_B, i * substep), v_s_B, substep, m.k, m.stage)
+    inside = outputs(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, carray(y, 24))
+    return 0 if inside else LEFT_WORKSPACE
 
 
 class Plant(NativeComponent):
@@ -105,16 +145,26 @@ class Plant(NativeComponent):
         x: initial state (8,), see `parameters.py`.
         theta_m: initial motor angles (3,), rad.
         substeps: Runge-Kutta steps per co-simulation step.
+        moving: the surface moves as the inputs `GROUND_INPUTS` say; before tick 0 it is where `parameters` has it.
     """
 
-    def __init__(self, parameters: PlantParameters, x: ArrayLike, theta_m: ArrayLike, substeps: int = 1):
+    def __init__(
+        self,
+        parameters: PlantParameters,
+        x: ArrayLike,
+        theta_m: ArrayLike,
+        substeps: int = 1,
+        moving: bool = False,
+    ):
         memory = np.zeros(1, dtype=MEMORY)
         memory["parameters"][0] = tuple(parameters)
         memory["substeps"] = substeps
+        memory["moving"] = moving
         memory["x"] = x
         initial = np.empty(width(OUTPUTS))
-        outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), initial)
-        super().__init__("plant", INPUTS, OUTPUTS, False, step, memory, initial)
+        outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial)
+        inputs = INPUTS + GROUND_INPUTS if moving else INPUTS
+        super().__init__("plant", inputs, OUTPUTS, False, step, memory, initial)
 
     def explain(self, status: int) -> str:
         x, y, z = 1e3 * self.memory["last"][0][:3]

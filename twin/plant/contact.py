@@ -1,42 +1,34 @@
-"""Contact with the electronic scale: Hunt-Crossley normal force, bristle friction, a plane that may be tilted.
+"""Contact of the platform with a surface: normal force by a contact law, bristle friction in the tangent plane.
 
-The surface passes through (0, 0, z_s) with normal n = (sin t, 0, cos t), t the tilt about y; its tangents are
-e_1 = (cos t, 0, -sin t) and e_2 = e_y. The bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return
-mapping after each step (`settled_bristle`). That is stable at any normal force, also at mu = 0, where the usual rate
-form v_t - sigma_0 |v_t| z_b / (mu F_n) divides by zero and is stiff at a light touch.
+Positions and velocities are those of the platform as seen from the surface: a surface that moves is subtracted before.
+The bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapping after each step
+(`settled_bristle`). That is stable at any normal force, also at mu = 0, where the usual rate form
+v_t - sigma_0 |v_t| z_b / (mu F_n) divides by zero and is stiff at a light touch.
+
+On a curved surface z_b is held in the tangents of `surface.surface_frame`; the turning of these about the normal is
+left out of dz_b/dt. It would move no energy, and its size is the share of the sphere swept over.
 """
 
 import math
 
 from numba import njit
 
-
-@njit(cache=True)
-def normal(parameters):
-    """(sin t, cos t): x and z component of the surface normal."""
-    return math.sin(parameters.tilt), math.cos(parameters.tilt)
+from twin.plant.contact_law import pressing_force
+from twin.plant.surface import dot, surface_frame
 
 
 @njit(cache=True)
 def normal_force(parameters, x, y, z, vx, vy, vz):
-    """Normal force (N, >= 0) and penetration (m, positive inside) at position and velocity of the platform.
-
-    Hunt and Crossley (1975) with exponent 1: F_n = max(0, K d (1 + damping d_dot)).
-    """
-    sin_t, cos_t = normal(parameters)
-    depth = -sin_t * x + cos_t * (parameters.z_s - z)
-    if depth <= 0.0:
-        return 0.0, depth
-    rate = -sin_t * vx - cos_t * vz
-    force = parameters.K * depth * (1.0 + parameters.damping * rate)
-    return max(force, 0.0), depth
+    """Normal force (N, >= 0) and depth (m, positive inside) at position and velocity of the platform."""
+    depth, _, _, n = surface_frame(parameters, x, y, z)
+    return pressing_force(parameters, depth, -dot(n, vx, vy, vz)), depth
 
 
 @njit(cache=True)
-def tangential_velocity(parameters, vx, vy, vz):
-    """Velocity along e_1 and e_2 (m/s)."""
-    sin_t, cos_t = normal(parameters)
-    return cos_t * vx - sin_t * vz, vy
+def tangential_velocity(parameters, x, y, z, vx, vy, vz):
+    """Velocity along the local tangents e_1 and e_2 (m/s)."""
+    _, e_1, e_2, _ = surface_frame(parameters, x, y, z)
+    return dot(e_1, vx, vy, vz), dot(e_2, vx, vy, vz)
 
 
 # numpy's division here and below: out of reach 0/0 has to become NaN, because an exception of compiled code that the
@@ -84,7 +76,11 @@ def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
 def contact_force(parameters, x, y, z, vx, vy, vz, z_1, z_2):
     """Force BY the robot ON the surface in B (N): (fx, fy, fz), pressing gives fz < 0."""
     F_n, _ = normal_force(parameters, x, y, z, vx, vy, vz)
-    v_1, v_2 = tangential_velocity(parameters, vx, vy, vz)
+    v_1, v_2 = tangential_velocity(parameters, x, y, z, vx, vy, vz)
     f_1, f_2 = friction(parameters, F_n, z_1, z_2, v_1, v_2)
-    sin_t, cos_t = normal(parameters)
-    return cos_t * f_1 - sin_t * F_n, f_2, -sin_t * f_1 - cos_t * F_n
+    _, e_1, e_2, n = surface_frame(parameters, x, y, z)
+    return (
+        e_1[0] * f_1 + e_2[0] * f_2 - n[0] * F_n,
+        e_1[1] * f_1 + e_2[1] * f_2 - n[1] * F_n,
+        e_1[2] * f_1 + e_2[2] * f_2 - n[2] * F_n,
+    )

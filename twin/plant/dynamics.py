@@ -19,17 +19,25 @@ from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_tor
 
 
 @njit(cache=True)
-def spring_deflection(parameters, theta_m, theta_l):
-    """Deflection that winds the spring (rad, motor side): Eq. 19 less the backlash."""
-    return dead_zone(deflection(theta_m, theta_l, parameters.N), parameters.backlash)
+def spring_deflection(parameters, leg, theta_m, theta_l):
+    """Deflection that winds the spring of `leg` (rad, motor side): Eq. 19 less the belt's slip and the backlash."""
+    d = deflection(theta_m, theta_l, parameters.N) - parameters.slip[leg]
+    return dead_zone(d, parameters.backlash + parameters.backlash_added[leg])
 
 
 @njit(cache=True)
-def joint_torque(parameters, d, omega_l):
-    """tau_l (N m) that the spring at deflection `d` puts on the joint (Eq. 20), efficiency as configured."""
+def spring_stiffness(parameters, leg):
+    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
+    return parameters.k_s * parameters.k_s_share[leg]
+
+
+@njit(cache=True)
+def joint_torque(parameters, leg, d, omega_l):
+    """tau_l (N m) that the spring of `leg` at deflection `d` puts on the joint (Eq. 20), efficiency as configured."""
+    k_s = spring_stiffness(parameters, leg)
     if parameters.eta_rate > 0.0:
-        return directed_load_torque(parameters.k_s, parameters.N, parameters.eta, d, omega_l, parameters.eta_rate)
-    return load_torque(parameters.k_s, parameters.N, parameters.eta, d)
+        return directed_load_torque(k_s, parameters.N, parameters.eta, d, omega_l, parameters.eta_rate)
+    return load_torque(k_s, parameters.N, parameters.eta, d)
 
 
 # numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
@@ -48,25 +56,29 @@ def _solve_symmetric(a, b, c, d, e, f, x, y, z):
 
 
 @njit(cache=True)
-def derivative(parameters, x, theta_m, dx):
+def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
     """dx/dt into `dx`, for the state `x` (8,) of `parameters.py` and motor angles `theta_m` (3,), all SI.
 
-    Outside the workspace the angles do not exist and `dx` becomes NaN.
+    `s_B`, `v_s_B` (3,) are displacement (m) and velocity (m/s) of the surface; it does not turn. Outside the workspace
+    the angles do not exist and `dx` becomes NaN.
     """
     px, py, pz, vx, vy, vz, z_1, z_2 = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
     inertia = leg_inertia(parameters, parameters)
     m11 = m22 = m33 = platform_mass(parameters)
     m12 = m13 = m23 = 0.0
-    contact_x, contact_y, contact_z = contact_force(parameters, px, py, pz, vx, vy, vz, z_1, z_2)
+    # the platform as the surface sees it
+    rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
+    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
+    contact_x, contact_y, contact_z = contact_force(parameters, rx, ry, rz, ux, uy, uz, z_1, z_2)
     fx, fy, fz = -contact_x, -contact_y, -contact_z - platform_weight(parameters)
     for leg in range(3):
         theta_l = leg_angle(parameters, leg, px, py, pz)
         jx, jy, jz = jacobian_row(parameters, leg, theta_l, px, py, pz)
         omega_l = jx * vx + jy * vy + jz * vz
-        tau_l = joint_torque(parameters, spring_deflection(parameters, theta_m[leg], theta_l), omega_l)
+        tau_l = joint_torque(parameters, leg, spring_deflection(parameters, leg, theta_m[leg], theta_l), omega_l)
         tau = (
             tau_l
-            - parameters.b_j * omega_l
+            - (parameters.b_j + parameters.b_j_added[leg]) * omega_l
             + arm_gravity_torque(parameters, parameters, theta_l)
             - inertia * jacobian_rate_row_times(parameters, leg, theta_l, px, py, pz, vx, vy, vz)
         )
@@ -75,6 +87,6 @@ def derivative(parameters, x, theta_m, dx):
         m22, m23, m33 = m22 + inertia * jy * jy, m23 + inertia * jy * jz, m33 + inertia * jz * jz
     dx[0], dx[1], dx[2] = vx, vy, vz
     dx[3], dx[4], dx[5] = _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz)
-    F_n, _ = normal_force(parameters, px, py, pz, vx, vy, vz)
-    v_1, v_2 = tangential_velocity(parameters, vx, vy, vz)
+    F_n, _ = normal_force(parameters, rx, ry, rz, ux, uy, uz)
+    v_1, v_2 = tangential_velocity(parameters, rx, ry, rz, ux, uy, uz)
     dx[6], dx[7] = bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2)

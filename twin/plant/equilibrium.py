@@ -15,7 +15,7 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
 
     The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
-    its backlash, an unloaded one in the middle.
+    its backlash, an unloaded one in the middle. No spring may be broken: nothing else would carry its share.
 
     Raises:
         Unreachable: `p_B` is outside the workspace.
@@ -27,8 +27,10 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     wrench = F_ee_B + np.array([0.0, 0.0, platform_weight(parameters)])
     arms = np.array([arm_gravity_torque(parameters, parameters, theta) for theta in theta_l])
     tau_l = np.linalg.solve(jacobian(geometry, p).T, wrench) - arms
-    d = tau_l / (parameters.k_s * parameters.N * parameters.eta)
-    theta_m = parameters.N * theta_l + d + np.sign(d) * parameters.backlash
+    k_s = parameters.k_s * np.array(parameters.k_s_share)
+    d = tau_l / (k_s * parameters.N * parameters.eta)
+    backlash = parameters.backlash + np.array(parameters.backlash_added)
+    theta_m = parameters.N * theta_l + d + np.sign(d) * backlash + np.array(parameters.slip)
     x = np.zeros(STATES)
     x[:3] = p
     return x, theta_m

@@ -1,8 +1,11 @@
 """Every constant of the plant, SI."""
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+
+Triple = tuple[float, float, float]
 
 
 class PlantParameters(NamedTuple):
@@ -17,8 +20,19 @@ class PlantParameters(NamedTuple):
         eta_rate: joint speed (rad/s) over which a direction-dependent efficiency turns over; 0: eta is constant (the
             paper's model).
         z_s: height of the surface on the z axis of B (m). tilt: its rotation about y (rad).
-        K, damping: contact stiffness (N/m) and Hunt-Crossley damping (s/m), F_n = K d (1 + damping d_dot).
+        K, damping: contact stiffness (N/m) and Hunt-Crossley damping (s/m), see `contact_law.py`.
         mu, sigma_0, sigma_1: friction coefficient, bristle stiffness (N/m) and damping (N s/m).
+        tilt_x: rotation of the surface about its own x axis, before `tilt` (rad).
+        shape, radius: a number of `surface.SHAPES` and the radius of curvature (m).
+        law: a number of `contact_law.LAWS`.
+        exponent, reference_depth: of Hunt and Crossley's law; K is its secant stiffness at this depth (m).
+        stiffening: exponential law, relative growth of the stiffness per depth (1/m).
+        damper, touch_depth: Kelvin-Voigt damper (N s/m) and the depth over which it fades in (m).
+        k_s_share: what is left of k_s in each joint's spring (1); 0: broken.
+        backlash_added, b_j_added: wear of each joint, on top of backlash (rad) and b_j (N m s/rad).
+        slip: how far each belt has slipped, as wind-up the spring has lost, motor side (rad).
+
+    The three-component fields are each joint's condition; their defaults are a robot as it was built.
     """
 
     a: float
@@ -42,9 +56,24 @@ class PlantParameters(NamedTuple):
     mu: float
     sigma_0: float
     sigma_1: float
+    tilt_x: float = 0.0
+    shape: float = 0.0
+    radius: float = math.inf
+    law: float = 0.0
+    exponent: float = 1.0
+    reference_depth: float = 1e-3
+    stiffening: float = 0.0
+    damper: float = 0.0
+    touch_depth: float = 1e-3
+    k_s_share: Triple = (1.0, 1.0, 1.0)
+    backlash_added: Triple = (0.0, 0.0, 0.0)
+    b_j_added: Triple = (0.0, 0.0, 0.0)
+    slip: Triple = (0.0, 0.0, 0.0)
 
 
-PARAMETERS = np.dtype([(name, "f8") for name in PlantParameters._fields], align=True)
+_SHAPES = {name: np.shape(default) for name, default in PlantParameters._field_defaults.items()}
+PARAMETERS = np.dtype([(name, "f8", _SHAPES.get(name, ())) for name in PlantParameters._fields], align=True)
+"""`PlantParameters` as a record: scalars, and arrays (3,) where the tuple holds three numbers."""
 
 STATES = 8
 """The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""

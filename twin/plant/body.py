@@ -1,0 +1,111 @@
+"""A body that moves under the robot: breathing and shifts, as displacement and velocity of its surface.
+
+With tau the time since onset:
+
+    breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, the surface swings by 2 A from where it rests. It starts
+                and ends at a rest between two breaths, so that displacement and velocity are continuous; the breath
+                that goes on at `end` is finished.
+    shift       s = D m(tau / rise), back again from `end` on; m(q) = 10 q^3 - 15 q^4 + 6 q^5 is the path of least jerk
+                (Flash and Hogan 1985, J Neurosci 5:1688) and keeps the acceleration continuous, too.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numba import carray, from_dtype, njit
+
+from twin.cosim.component import NativeComponent, Port
+from twin.cosim.native import pointer_to, step_function
+from twin.plant.parameters import Triple
+
+BREATHING, SHIFT = 0.0, 1.0
+
+OUTPUTS = (
+    Port("s_B", 3, "m", "displacement of the surface in base frame B"),
+    Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B"),
+)
+
+
+class Motion(NamedTuple):
+    """One motion of the surface, SI.
+
+    Attributes:
+        kind: BREATHING or SHIFT.
+        displacement: vector in B (m): amplitude of a breathing, whole way of a shift.
+        onset, end: when it starts, and stops or goes back (s); infinity: never.
+        rate: of a breathing (Hz), > 0.
+        rise: how long a shift takes (s), > 0.
+    """
+
+    kind: float
+    displacement: Triple
+    onset: float
+    end: float = math.inf
+    rate: float = 0.25
+    rise: float = 1.0
+
+
+MOTION = np.dtype(
+    [("kind", "f8"), ("displacement", "f8", (3,)), ("onset", "f8"), ("end", "f8"), ("rate", "f8"), ("rise", "f8")],
+    align=True,
+)
+MEMORY = np.dtype([("motions", "i8"), ("count", "i8")], align=True)
+"""Address and number of the motions."""
+_motions_at = pointer_to(from_dtype(MOTION))
+
+
+@njit(cache=True)
+def breathing(motion, t):
+    """Share of the amplitude (1) at `t` (s), and its rate of change (1/s)."""
+    last = motion.onset + np.ceil((motion.end - motion.onset) * motion.rate) / motion.rate
+    if t <= motion.onset or t >= last:
+        return 0.0, 0.0
+    omega = 2.0 * math.pi * motion.rate
+    phase = omega * (t - motion.onset)
+    return 1.0 - math.cos(phase), omega * math.sin(phase)
+
+
+@njit(cache=True)
+def least_jerk(t, rise):
+    """Share of a way of duration `rise` (s) that is done `t` seconds after its start (1), and its rate (1/s)."""
+    if t <= 0.0:
+        return 0.0, 0.0
+    if t >= rise:
+        return 1.0, 0.0
+    q = t / rise
+    return q * q * q * (10.0 + q * (6.0 * q - 15.0)), 30.0 * q * q * (1.0 - q) * (1.0 - q) / rise
+
+
+@njit(cache=True)
+def progress(motion, t):
+    """Share of its displacement that `motion` has reached at `t` (1), and its rate of change (1/s)."""
+    if motion.kind == BREATHING:
+        return breathing(motion, t)
+    there, v_there = least_jerk(t - motion.onset, motion.rise)
+    back, v_back = least_jerk(t - motion.end, motion.rise)
+    return there - back, v_there - v_back
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    motions, y = carray(_motions_at(m.motions), m.count), carray(y, 6)
+    y[:] = 0.0
+    for i in range(m.count):
+        motion = motions[i]
+        share, rate = progress(motion, t)
+        for axis in range(3):
+            y[axis] += share * motion.displacement[axis]
+            y[3 + axis] += rate * motion.displacement[axis]
+    return 0
+
+
+class Body(NativeComponent):
+    """The surface's motion: the sum of `motions`, sampled every tick."""
+
+    def __init__(self, motions: Sequence[Motion]):
+        table = np.array([tuple(motion) for motion in motions], dtype=MOTION)
+        memory = np.array([(table.ctypes.data, len(table))], dtype=MEMORY)
+        super().__init__("body", (), OUTPUTS, True, step, memory, keep=table)

@@ -1,0 +1,71 @@
+"""The shape of what the robot presses on: depth, normal and tangents at a point.
+
+The surface passes through its apex (0, 0, z_s). Its axes there are those of B, turned by tilt_x about x and then by
+tilt about y, R = R_y(tilt) R_x(tilt_x): tangents R e_x, R e_y, normal R e_z. A plane has them everywhere. A sphere or
+cylinder of radius R lies below its apex; depth is R less the distance from its centre or axis (the signed distance,
+positive inside), the normal is the gradient of that distance.
+"""
+
+import math
+
+from numba import njit
+
+PLANE, SPHERE, CYLINDER_X, CYLINDER_Y = 0.0, 1.0, 2.0, 3.0
+SHAPES = {"plane": PLANE, "sphere": SPHERE, "cylinder_x": CYLINDER_X, "cylinder_y": CYLINDER_Y}
+"""Cylinders are named after the axis they lie along."""
+
+
+@njit(cache=True)
+def dot(a, x, y, z):
+    """Scalar product of the triple `a` with (x, y, z)."""
+    return a[0] * x + a[1] * y + a[2] * z
+
+
+@njit(cache=True)
+def apex_frame(parameters):
+    """Tangents e_1, e_2 and normal n of the surface at its apex, triples in B."""
+    sin_t, cos_t = math.sin(parameters.tilt), math.cos(parameters.tilt)
+    sin_x, cos_x = math.sin(parameters.tilt_x), math.cos(parameters.tilt_x)
+    e_1 = (cos_t, 0.0, -sin_t)
+    e_2 = (sin_t * sin_x, cos_x, cos_t * sin_x)
+    n = (sin_t * cos_x, -sin_x, cos_t * cos_x)
+    return e_1, e_2, n
+
+
+# numpy's division: at a sphere's centre the normal has to become NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
+def surface_frame(parameters, x, y, z):
+    """Depth (m, positive inside) and local tangents e_1, e_2 and normal n, triples in B, at (x, y, z) of B.
+
+    On a curved surface the tangents are the apex's, carried along the great circle (the smallest turn that takes one
+    normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
+    """
+    a_1, a_2, a_3 = apex_frame(parameters)
+    if parameters.shape == PLANE:
+        return -a_3[0] * x - a_3[1] * y + a_3[2] * (parameters.z_s - z), a_1, a_2, a_3
+    R = parameters.radius
+    height = z - parameters.z_s
+    w_1, w_2, w_3 = dot(a_1, x, y, height), dot(a_2, x, y, height), dot(a_3, x, y, height)
+    if parameters.shape == CYLINDER_X:
+        w_1 = 0.0
+    if parameters.shape == CYLINDER_Y:
+        w_2 = 0.0
+    distance = math.sqrt(w_1 * w_1 + w_2 * w_2 + (w_3 + R) * (w_3 + R))
+    # R - distance without the cancellation that a large R would bring
+    depth = -(w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + 2.0 * R * w_3) / (distance + R)
+    n_1, n_2, n_3 = w_1 / distance, w_2 / distance, (w_3 + R) / distance
+    turn = 1.0 / (1.0 + n_3)
+    e_1 = _in_B(a_1, a_2, a_3, 1.0 - turn * n_1 * n_1, -turn * n_1 * n_2, -n_1)
+    e_2 = _in_B(a_1, a_2, a_3, -turn * n_1 * n_2, 1.0 - turn * n_2 * n_2, -n_2)
+    return depth, e_1, e_2, _in_B(a_1, a_2, a_3, n_1, n_2, n_3)
+
+
+@njit(cache=True)
+def _in_B(a_1, a_2, a_3, x, y, z):
+    """The vector with components x, y, z along a_1, a_2, a_3, as a triple in B."""
+    return (
+        a_1[0] * x + a_2[0] * y + a_3[0] * z,
+        a_1[1] * x + a_2[1] * y + a_3[1] * z,
+        a_1[2] * x + a_2[2] * y + a_3[2] * z,
+    )
