@@ -1,0 +1,167 @@
+"""The safety monitor as a co-simulation component between controller and drives."""
+
+import numpy as np
+from numba import carray, njit
+
+from twin.cosim.component import NativeComponent, Port
+from twin.cosim.native import step_function
+from twin.monitor.belief import BELIEF, Belief
+from twin.monitor.checks import (
+    INVALID_SAMPLE,
+    LARGEST_COUNT,
+    LARGEST_SAMPLE,
+    NO_POSE,
+    REASONS,
+    STALE,
+    TIMERS,
+    first_reached,
+    thresholds,
+    time_joints,
+    unusable,
+    value_command,
+    value_sample,
+)
+from twin.monitor.limits import LIMITS, Limits
+from twin.monitor.observation import SEEN, low_pass_share, observe_contact, observe_joints, observe_platform
+from twin.monitor.reasons import Reason, Trip
+from twin.monitor.retraction import RETRACTION, retraction_speed, supervise
+
+INPUTS = (
+    Port("count_m", 3, "1", "motor encoder counts"),
+    Port("count_l", 3, "1", "joint encoder counts"),
+    Port("sample", 1, "1", "number of the encoder message, one more with each"),
+    Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
+)
+OUTPUTS = (
+    Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
+    Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
+    Port("reason", 1, "1", "why, a code of twin.monitor.reasons; 0: not tripped", "int"),
+    Port("power", 1, "1", "whether the drives may have power", "bool"),
+    Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
+    Port("speed", 1, "m/s", "speed of the platform, low-passed"),
+    Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
+    Port("contact_time", 1, "s", "duration of the present contact"),
+    Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
+)
+MEMORY = np.dtype(
+    [
+        ("belief", BELIEF),
+        ("limits", LIMITS),
+        ("limit", "f8", (REASONS,)),
+        ("rest", "f8", (REASONS,)),
+        ("period", "i8"),
+        ("sample_interval", "i8"),
+        ("tick", "i8"),
+        ("first_tick", "i8"),
+        ("first_sample", "i8"),
+        ("sample", "i8"),
+        ("seen", SEEN),
+        ("timers", TIMERS),
+        ("values", "f8", (REASONS,)),
+        ("joints", "i8", (REASONS,)),
+        ("sent", "f8", (3,)),
+        ("reason", "i8"),
+        ("trip_tick", "i8"),
+        ("trip_value", "f8"),
+        ("trip_joint", "i8"),
+        ("retraction", RETRACTION),
+    ],
+    align=True,
+)
+
+
+@njit(cache=True, error_model="numpy")
+def observe(m, count_m, count_l, ticks, tick):
+    """Take in a new encoder message, `ticks` of `tick` (s) after the one before."""
+    dt = ticks * tick
+    share = low_pass_share(m.limits.filter, dt)
+    observe_joints(m.belief, m.seen, share, dt, count_m, count_l, m.sent)
+    posed = observe_platform(m.belief, m.seen, share, dt)
+    m.values[NO_POSE] = 0.0 if posed else 1.0
+    observe_contact(m.seen, m.limits.contact_force, ticks)
+    time_joints(m.limits, m.seen, m.timers, m.sent, ticks)
+    value_sample(m.seen, m.timers, m.values, m.joints, tick)
+    # a robot that cannot stand where its encoders say has no position to start from
+    if posed:
+        m.seen.started = 1
+
+
+@njit(cache=True, error_model="numpy")
+def receive(m, u, tick):
+    """Look at the inputs up to the command; the ticks since the message before, 0 if this one is not a new one."""
+    m.values[INVALID_SAMPLE] = unusable(u[:6], LARGEST_COUNT) + unusable(u[6:7], LARGEST_SAMPLE)
+    if m.values[INVALID_SAMPLE] > 0.0:
+        return 0
+    sample = int(u[6])
+    if not m.seen.started:
+        m.first_tick, m.first_sample, m.sample = m.tick, sample, sample - 1
+    m.values[STALE] = tick * abs((m.tick - m.first_tick) - (sample - m.first_sample) * m.sample_interval)
+    if sample <= m.sample:
+        return 0
+    ticks = (sample - m.sample) * m.sample_interval
+    m.sample = sample
+    observe(m, u[0:3], u[3:6], ticks, tick)
+    return ticks
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    u_, y_ = carray(u, 10), carray(y, 11)
+    tick = h / m.period
+    ticks = receive(m, u_, tick)
+    value_command(m.limits, m.timers, u_[7:10], m.values, m.joints, m.period, tick)
+    reason, utilisation = first_reached(m.values, m.limit, m.rest)
+    if m.reason == 0 and reason != 0:
+        m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
+    elif m.reason != 0 and ticks > 0:
+        supervise(m.limits, m.seen, m.retraction, ticks, tick, m.tick)
+    for i in range(3):
+        m.sent[i] = u_[7 + i]
+        if m.reason != 0:
+            m.sent[i] = retraction_speed(m.limits, m.retraction, (m.tick - m.trip_tick) * tick)
+        y_[i] = m.sent[i]
+    y_[3], y_[4], y_[5] = m.reason != 0, m.reason, m.retraction.power
+    y_[6], y_[7], y_[8] = -m.seen.F_ee_B[2], m.seen.speed, m.seen.depth
+    y_[9], y_[10] = m.seen.contact_ticks * tick, utilisation
+    m.tick += m.period
+    return 0
+
+
+class Monitor(NativeComponent):
+    """Sampled component between controller (or its delay) and drives.
+
+    Latched at the first limit that is reached: it retracts, then holds, see `retraction.py`; docs/safety.md argues why.
+
+    Args:
+        belief: the monitor's own model of the robot.
+        limits: what it tolerates.
+        sample_interval: ticks between two encoder messages.
+        period: in ticks.
+    """
+
+    def __init__(self, belief: Belief, limits: Limits, sample_interval: int = 1, period: int = 1):
+        memory = np.zeros(1, dtype=MEMORY)
+        memory["belief"][0], memory["limits"][0] = tuple(belief), tuple(limits)
+        memory["limit"][0], memory["rest"][0] = thresholds(limits)
+        memory["period"], memory["sample_interval"] = period, sample_interval
+        memory["retraction"]["power"] = 1
+        memory["retraction"]["power_off_tick"] = -1
+        super().__init__("monitor", INPUTS, OUTPUTS, True, step, memory, period=period)
+
+    @property
+    def trip(self) -> Trip | None:
+        """The latched trip; None while there is none."""
+        m = self.memory[0]
+        reason = Reason(int(m["reason"]))
+        if reason is Reason.NONE:
+            return None
+        return Trip(
+            int(m["trip_tick"]), reason, float(m["trip_value"]), float(m["limit"][reason]), int(m["trip_joint"])
+        )
+
+    @property
+    def power_off_tick(self) -> int | None:
+        """The tick at which the drives lost their power because they did not retract; None while they have it."""
+        tick = int(self.memory[0]["retraction"]["power_off_tick"])
+        return None if tick < 0 else tick

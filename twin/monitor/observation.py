@@ -1,0 +1,125 @@
+"""What the monitor makes of an encoder message: pose, speeds and force, by its own belief and its own low-pass."""
+
+import math
+
+import numpy as np
+from numba import njit
+
+from twin.robot.forward_kinematics import platform_position
+from twin.robot.gravity import environment_force
+from twin.robot.sea import dead_zone, deflection, load_torque
+
+SEEN = np.dtype(
+    [
+        ("started", "i8"),
+        ("theta_m", "f8", (3,)),
+        ("theta_l", "f8", (3,)),
+        ("moved_m", "i8", (3,)),
+        ("moved_l", "i8", (3,)),
+        ("wind_up", "f8", (3,)),
+        ("tau_l", "f8", (3,)),
+        ("fastest", "f8", (3,)),
+        ("omega_m", "f8", (3,)),
+        ("omega_l", "f8", (3,)),
+        ("omega_cmd", "f8", (3,)),
+        ("p_B", "f8", (3,)),
+        ("v_B", "f8", (3,)),
+        ("F_ee_B", "f8", (3,)),
+        ("speed", "f8"),
+        ("force", "f8"),
+        ("force_rate", "f8"),
+        ("touching", "i8"),
+        ("z_touch", "f8"),
+        ("depth", "f8"),
+        ("contact_ticks", "i8"),
+    ],
+    align=True,
+)
+"""The last observation: angles (rad), whether an encoder moved a count, wind-up (rad), joint torques (N m), the fastest
+change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and
+commanded speed (rad/s), velocity (m/s), speed (m/s), force (N) and the growth of its length (N/s); position (m); the
+contact: height where it began (m), depth below that (m), duration (ticks)."""
+
+
+@njit(cache=True)
+def angle(count, counts_per_turn, zero):
+    """Angle (rad) that an encoder count stands for."""
+    return count * (2.0 * np.pi / counts_per_turn) - zero
+
+
+@njit(cache=True)
+def low_pass_share(corner, dt):
+    """How much of a new sample a first-order low-pass with `corner` (Hz) takes over after `dt` (s)."""
+    return 1.0 - math.exp(-2.0 * math.pi * corner * dt)
+
+
+@njit(cache=True, error_model="numpy")
+def observe_joints(belief, seen, share, dt, count_m, count_l, sent):
+    """Angles, speeds and torques of the three joints from counts (3,) each, `dt` (s) after the sample before.
+
+    Args:
+        sent: commanded motor speeds since the sample before (3,), rad/s.
+    """
+    for i in range(3):
+        theta_m = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
+        theta_l = angle(count_l[i], belief.joint_counts, belief.joint_zero[i])
+        if seen.started:
+            rate_m = (theta_m - seen.theta_m[i]) / dt
+            rate_l = belief.N * (theta_l - seen.theta_l[i]) / dt
+            seen.moved_m[i] = theta_m != seen.theta_m[i]
+            seen.moved_l[i] = theta_l != seen.theta_l[i]
+            seen.fastest[i] = max(abs(rate_m), abs(rate_l), abs(rate_m - rate_l))
+            seen.omega_m[i] += share * (rate_m - seen.omega_m[i])
+            seen.omega_l[i] += share * (rate_l - seen.omega_l[i])
+            seen.omega_cmd[i] += share * (sent[i] - seen.omega_cmd[i])
+        seen.theta_m[i], seen.theta_l[i] = theta_m, theta_l
+        seen.wind_up[i] = deflection(theta_m, theta_l, belief.N)
+        seen.tau_l[i] = load_torque(belief.k_s, belief.N, belief.eta, dead_zone(seen.wind_up[i], belief.backlash))
+
+
+@njit(cache=True, error_model="numpy")
+def observe_platform(belief, seen, share, dt):
+    """Position, velocity and force of the platform from the joints; False, and nothing changes, if they fit no pose.
+
+    F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated.
+    """
+    x, y, z = platform_position(belief, seen.theta_l[0], seen.theta_l[1], seen.theta_l[2])
+    p = (x, y, z)
+    F = environment_force(belief, belief, seen.theta_l, p, seen.tau_l)
+    # at the edge of the workspace the Jacobian is infinite
+    if not math.isfinite(x + F[0] + F[1] + F[2]):
+        return False
+    if not seen.started:
+        for i in range(3):
+            seen.p_B[i], seen.F_ee_B[i] = p[i], F[i]
+        seen.force = math.sqrt(F[0] * F[0] + F[1] * F[1] + F[2] * F[2])
+        return True
+    v2, F2 = 0.0, 0.0
+    for i in range(3):
+        seen.v_B[i] += share * ((p[i] - seen.p_B[i]) / dt - seen.v_B[i])
+        seen.F_ee_B[i] += share * (F[i] - seen.F_ee_B[i])
+        seen.p_B[i] = p[i]
+        v2 += seen.v_B[i] * seen.v_B[i]
+        F2 += seen.F_ee_B[i] * seen.F_ee_B[i]
+    seen.speed = math.sqrt(v2)
+    seen.force_rate = (math.sqrt(F2) - seen.force) / dt
+    seen.force = math.sqrt(F2)
+    return True
+
+
+@njit(cache=True)
+def observe_contact(seen, contact_force, ticks):
+    """Where and how long the robot presses: a contact begins at `contact_force` (N) and ends at half of it."""
+    F_z = -seen.F_ee_B[2]
+    if not seen.touching and F_z >= contact_force:
+        seen.touching = 1
+        seen.z_touch = seen.p_B[2]
+        seen.contact_ticks = 0
+    elif seen.touching and F_z < 0.5 * contact_force:
+        seen.touching = 0
+    if seen.touching:
+        seen.contact_ticks += ticks
+        seen.depth = max(0.0, seen.z_touch - seen.p_B[2])
+    else:
+        seen.contact_ticks = 0
+        seen.depth = 0.0
