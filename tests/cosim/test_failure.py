@@ -81,6 +81,26 @@ def test_a_value_that_is_not_finite_stops_the_run_and_names_the_port(bad, called
     assert sentence == f"Model (culprit) returned {called} for b {when}. {INPUTS}"
 
 
+@pytest.mark.parametrize("is_sampled", [True, False])
+@pytest.mark.parametrize("bad", [math.nan, math.inf])
+def test_a_component_that_need_not_be_finite_lives_on_and_its_values_are_recorded(bad, is_sampled):
+    culprit = failing(is_sampled, bad)
+    culprit.finite = False
+    joined = system(culprit)
+    rows = Simulation(joined, 20).run()
+    # a continuous component fails in the step from that tick, so its row shows it one tick later
+    clean = FAILS_AT + (0 if is_sampled else 1)
+    np.testing.assert_array_equal(rows[clean:, joined.columns("culprit.b")], bad)
+    assert np.all(np.isfinite(rows[:clean]))
+
+
+def test_a_bad_status_ends_the_run_of_a_component_that_need_not_be_finite():
+    culprit = native("culprit", 2)
+    culprit.finite = False
+    sentence, _ = failure(culprit)
+    assert sentence.startswith("culprit returned status 2")
+
+
 @pytest.mark.parametrize(
     ("is_sampled", "when"), [(True, "at t = 0.5 s, tick 5"), (False, "in the step from t = 0.5 s, tick 5")]
 )

@@ -43,6 +43,8 @@ class Component:
         initial_outputs: outputs that are valid before tick 0.
         period: in ticks.
         label: what an error sentence calls it (an FMU's file name, say).
+        finite: whether NaN or infinity in an output is a failure that ends the run. False for what plays a broken
+            sensor, and for what must live on behind one.
         keep: whatever owns the memory behind the addresses.
     """
 
@@ -55,6 +57,7 @@ class Component:
     initial_outputs: np.ndarray
     period: int = 1
     label: str = ""
+    finite: bool = True
     keep: Any = field(default=None, repr=False)
 
     def initial(self, name: str) -> np.ndarray:

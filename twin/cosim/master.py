@@ -25,13 +25,14 @@ TABLE = np.dtype(
         ("valid", "i8"),
         ("newest", "i8"),
         ("y_size", "i8"),
+        ("finite", "i8"),
         ("cycles", "i8"),
     ],
     align=True,
 )
 """What the loop knows of a component: addresses of its step, its memory, the indices into `y` that feed it, its inputs
 and both halves of its outputs (a sampled component has only the valid one); period in ticks; number of inputs and
-outputs; processor cycles spent in it.
+outputs; whether outputs have to be finite; processor cycles spent in it.
 
 Addresses, because asking an array for its own costs an atomic reference count, in every step of every component.
 """
@@ -57,7 +58,8 @@ def _step(part, timed, y, t, dt):
         return status
     newest = carray(doubles_at(part.newest), part.y_size)
     for j in range(part.y_size):
-        if not np.isfinite(newest[j]):
+        # asked in this order, a component that may return NaN costs the others nothing
+        if not np.isfinite(newest[j]) and part.finite:
             return NOT_FINITE
     return 0
 

@@ -1,0 +1,207 @@
+"""Every kind of fault by name. `docs/faults.md` shows it as a table, with the mechanisms."""
+
+import difflib
+
+from twin.errors import InputRefused
+from twin.faults.kind import POSITIVE, SHARE, Kind
+
+_JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
+_DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
+_ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
+
+_SAME_ENCODER = "force and pose are estimated from the same encoder"
+_BELIEVED_SPRING = "force is the deflection times the believed k_s; a wrong spring looks like a right one"
+_NO_TRUE_FORCE = "no sensor measures the force itself, so the estimate has nothing to disagree with"
+_DOES_NOT_FOLLOW = "the motor's counts do not follow the command"
+_JUMP = "the deflection jumps faster than shaft and link can move"
+
+_ENCODER_KINDS = {
+    "encoder_bias": Kind(
+        "counts", _ENCODERS, "the count is off by a constant angle", "if large",
+        f"{_JUMP} at the onset; afterwards {_SAME_ENCODER}",
+        "deg", (0.1, 0.5, 2.0),
+    ),
+    "encoder_drift": Kind(
+        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", "no",
+        f"{_SAME_ENCODER}, and the force loop corrects what it believes; only limits of pose or deflection end it",
+        "deg_per_s", (0.02, 0.1, 0.5),
+    ),
+    "encoder_quantisation": Kind(
+        "counts", _ENCODERS, "steps of the count are coarser", "if large",
+        f"{_JUMP} from step to step; fine steps look like a healthy encoder of less resolution",
+        "deg", (0.2, 0.5, 2.0), POSITIVE,
+    ),
+    "encoder_dropout_hold": Kind(
+        "counts", _ENCODERS, "samples are lost at random, the last good count is repeated", "if large",
+        "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
+        "share", (0.02, 0.2, 1.0), SHARE,
+    ),
+    "encoder_dropout_zero": Kind(
+        "counts", _ENCODERS, "samples are lost at random and read 0", "yes",
+        f"{_JUMP}, unless the shaft is near 0",
+        "share", (0.001, 0.02, 1.0), SHARE,
+    ),
+    "encoder_dropout_nan": Kind(
+        "counts", _ENCODERS, "samples are lost at random and read NaN", "yes", "a count that is no number",
+        "share", (0.001, 0.02, 1.0), SHARE,
+    ),
+    "encoder_stuck": Kind(
+        "counts", _ENCODERS, "the count stays where it is", "if large",
+        "the count stands still although the command moves the shaft; at rest there is nothing to see",
+    ),
+    "encoder_glitch": Kind(
+        "counts", _ENCODERS, "a share of the samples, single ones at random, is off by an angle", "if large", _JUMP,
+        "deg", (0.5, 5.0, 90.0),
+    ),
+    "encoder_flip": Kind(
+        "counts", _ENCODERS, "the count has the other sign", "yes", f"{_JUMP}, unless the shaft is near 0",
+    ),
+    "encoder_swap": Kind(
+        "counts", _ENCODERS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", "if large",
+        f"{_JUMP} where the two angles differ; in a symmetric pose they do not",
+    ),
+}  # fmt: skip
+
+_MESSAGE_KINDS = {
+    "sample_delay": Kind(
+        "message", ("encoder",), "both encoders' messages arrive late", "if large",
+        "the counter stands still for the delay at the onset; later it runs evenly and only a common clock could tell",
+        "ms", (2.0, 10.0, 50.0), POSITIVE,
+    ),
+    "sample_jitter": Kind(
+        "message", ("encoder",), "messages arrive after a random time up to the magnitude", "if large",
+        "the counter stands still and then jumps",
+        "ms", (2.0, 10.0, 50.0), POSITIVE,
+    ),
+    "sample_loss": Kind(
+        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", "if large",
+        "the counter stands still",
+        "share", (0.02, 0.2, 1.0), SHARE,
+    ),
+    "controller_overrun": Kind(
+        "message", ("controller",), "commands leave the controller late", "no",
+        "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
+        "ms", (2.0, 10.0, 50.0), POSITIVE,
+    ),
+}  # fmt: skip
+
+_PARAMETER_KINDS = {
+    "spring_softened": Kind(
+        "parameter", _JOINTS, "the spring of the joint has this factor of its stiffness", "no", _BELIEVED_SPRING,
+        "factor", (0.9, 0.7, 0.4), POSITIVE,
+    ),
+    "spring_broken": Kind(
+        "parameter", _JOINTS, "the spring of the joint carries nothing", "yes",
+        "nothing holds the link against the motor: the deflection leaves the range of its force limit",
+    ),
+    "stiffness_change": Kind(
+        "parameter", ("contact",), "the surface has this factor of its stiffness", "no",
+        "the controller does not know the surface; force and depth stay within their limits or trip them",
+        "factor", (1.5, 3.0, 10.0), POSITIVE,
+    ),
+    "backlash_growth": Kind(
+        "parameter", _JOINTS, "the half width of the dead zone grows by this angle of the motor shaft", "no",
+        "the estimator takes the way through the dead zone for deflection",
+        "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
+    ),
+    "joint_friction": Kind(
+        "parameter", _JOINTS, "viscous friction is added to the joint", "no",
+        "it acts between spring and platform: the spring's torque is right, the force at rest too",
+        # the plant's explicit integration is stable up to 1.15 at the rim of the workspace, tick 1 ms, one substep
+        "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 1.0},
+    ),
+    "belt_slip": Kind(
+        "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", "if large",
+        f"the link moves on its own at the onset; afterwards {_SAME_ENCODER}",
+        "deg", (0.5, 2.0, 10.0),
+    ),
+    "belief_k_s": Kind(
+        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", "no", _NO_TRUE_FORCE,
+        "factor", (1.05, 1.2, 1.5), POSITIVE,
+    ),
+    "belief_eta": Kind(
+        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", "no", _NO_TRUE_FORCE,
+        "factor", (0.95, 0.85, 0.7), POSITIVE,
+    ),
+}  # fmt: skip
+
+_DRIVE_KINDS = {
+    "drive_runaway": Kind(
+        "drive", _DRIVES, "the shaft turns at this speed whatever is commanded, until the power goes", "yes",
+        f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
+        "rad_per_s", (0.5, 2.0, 8.0),
+    ),
+    "drive_freewheel": Kind(
+        "drive", _DRIVES, "the drive has no torque: the spring turns its rotor", "yes",
+        f"{_DOES_NOT_FOLLOW}, and the deflection is lost",
+    ),
+    "drive_dead": Kind(
+        "drive", _DRIVES, "the brake has fallen in: the shaft stays where it is", "if large",
+        f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
+    ),
+    "joint_jam": Kind(
+        "drive", _DRIVES, "something is caught in the gear: the shaft turns no further down, only back up", "if large",
+        f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
+    ),
+    "drive_failure": Kind(
+        "drive", _DRIVES, "the drive's step fails and ends the run", "yes", "the run ends and names the fault",
+    ),
+    "drive_saturation": Kind(
+        "command", _DRIVES, "the drive runs no faster than this", "if large",
+        f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
+    ),
+    "brown_out": Kind(
+        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left", "if large",
+        f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
+        "share", (0.5, 0.05, 0.01), SHARE,
+    ),
+}  # fmt: skip
+
+_BODY_KINDS = {
+    "surface_jump": Kind(
+        "body", ("contact",), "the surface jumps up by this much", "if large", "force and force rate jump",
+        "mm", (0.5, 2.0, 5.0),
+    ),
+    "contact_loss": Kind(
+        "body", ("contact",), "the surface drops away by this much", "if large",
+        "the platform follows below the first contact, further than a body gives way",
+        "mm", (1.0, 5.0, 20.0), POSITIVE,
+    ),
+    "breathing": Kind(
+        "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", "no",
+        "it is what a healthy body does; the force loop follows it",
+        "mm", (0.5, 2.0, 5.0), POSITIVE,
+    ),
+}  # fmt: skip
+
+CATALOGUE: dict[str, Kind] = {**_ENCODER_KINDS, **_MESSAGE_KINDS, **_PARAMETER_KINDS, **_DRIVE_KINDS, **_BODY_KINDS}
+
+
+def kind_named(number: int, name: str) -> Kind:
+    """The kind `name` of fault `number`.
+
+    Raises:
+        InputRefused: there is none.
+    """
+    if name not in CATALOGUE:
+        raise InputRefused(f'[[fault]] {number} kind = "{name}": {expected(name, tuple(CATALOGUE))}')
+    return CATALOGUE[name]
+
+
+def refuse_target(number: int, kind: str, target: str) -> None:
+    """Let pass only a target that a `kind` of the catalogue has.
+
+    Raises:
+        InputRefused: `target` is none of them.
+    """
+    targets = CATALOGUE[kind].targets
+    if target not in targets:
+        raise InputRefused(f'[[fault]] {number} target = "{target}": {kind} breaks {expected(target, targets)}')
+
+
+def expected(got: str, names: tuple[str, ...]) -> str:
+    """`expected 'a', 'b'; did you mean 'b'?`"""
+    close = difflib.get_close_matches(got, names, 1)
+    hint = f"; did you mean '{close[0]}'?" if close else ""
+    return "expected " + ", ".join(f"'{name}'" for name in names) + hint

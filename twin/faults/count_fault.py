@@ -1,0 +1,185 @@
+"""An encoder that miscounts: one element of a port of counts, replaced on its way to every reader."""
+
+from enum import IntEnum
+
+import numpy as np
+from numba import carray, njit
+
+from twin.cosim.component import NativeComponent, Port
+from twin.cosim.native import step_function
+from twin.errors import InputRefused
+from twin.faults.fault import Fault
+from twin.faults.randomness import drawn, first_state
+from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
+
+
+class Law(IntEnum):
+    """What becomes of a count."""
+
+    BIAS = 0
+    DRIFT = 1
+    QUANTISATION = 2
+    HOLD = 3
+    ZERO = 4
+    NAN = 5
+    STUCK = 6
+    GLITCH = 7
+    FLIP = 8
+    SWAP = 9
+
+
+LAWS = {
+    "encoder_bias": Law.BIAS,
+    "encoder_drift": Law.DRIFT,
+    "encoder_quantisation": Law.QUANTISATION,
+    "encoder_dropout_hold": Law.HOLD,
+    "encoder_dropout_zero": Law.ZERO,
+    "encoder_dropout_nan": Law.NAN,
+    "encoder_stuck": Law.STUCK,
+    "encoder_glitch": Law.GLITCH,
+    "encoder_flip": Law.FLIP,
+    "encoder_swap": Law.SWAP,
+}
+# plain integers: what compiled code compares with
+_BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in Law)
+
+ENCODER_CHANNELS = 3
+
+MEMORY = np.dtype(
+    [
+        ("window", WINDOW),
+        ("law", "i8"),
+        ("element", "i8"),
+        ("partner", "i8"),
+        ("counts", "f8"),
+        ("share", "f8"),
+        ("held", "f8"),
+        ("spiked", "i8"),
+        ("random", "u8"),
+    ],
+    align=True,
+)
+"""`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
+
+
+@njit(cache=True)
+def whole(count):
+    """The nearest whole count, half up, as the encoder itself rounds."""
+    return np.floor(count + 0.5)
+
+
+@njit(cache=True)
+def lost_count(m, count):
+    """What a reader gets while a random share of samples is lost."""
+    if drawn(m) >= m.share:
+        m.held = count
+        return count
+    if m.law == _HOLD:
+        return m.held
+    return 0.0 if m.law == _ZERO else np.nan
+
+
+@njit(cache=True)
+def spiked_count(m, count):
+    """`count` with spikes of one sample: never two in a row, and in the long run the stated share of all samples.
+
+    A spike follows a good sample with probability q, a spike never: of all samples the share p = q (1 - p) are spikes,
+    so q = p / (1 - p).
+    """
+    spike = drawn(m) < m.share / (1.0 - m.share) and m.spiked == 0
+    m.spiked = 1 if spike else 0
+    return count + whole(m.counts) if spike else count
+
+
+@njit(cache=True)
+def faulty_count(m, counts, k):
+    """What the encoder `m.element` delivers at tick `k` instead of its own of the clean `counts`."""
+    count = counts[m.element]
+    if m.law == _BIAS:
+        return count + whole(m.counts)
+    if m.law == _DRIFT:
+        return count + whole(m.counts * (k - m.window.onset))
+    if m.law == _QUANTISATION:
+        return m.counts * whole(count / m.counts)
+    if m.law == _STUCK:
+        return m.held
+    if m.law == _GLITCH:
+        return spiked_count(m, count)
+    if m.law == _FLIP:
+        return -count
+    if m.law == _SWAP:
+        return counts[m.partner]
+    return lost_count(m, count)
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    counts, delivered = carray(u, 3), carray(y, 4)
+    for j in range(3):
+        delivered[j] = counts[j]
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    if k == 0 or not active:
+        m.held = counts[m.element]
+    if active:
+        delivered[m.element] = faulty_count(m, counts, k)
+        if m.law == _SWAP:
+            delivered[m.partner] = counts[m.element]
+    delivered[3] = active
+    return 0
+
+
+class CountFault(NativeComponent):
+    """Sampled component: three counts in, three counts out, one of them (two if swapped) wrong while active.
+
+    Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.
+
+    Args:
+        name: of the component. number: of the fault in its file, from 1.
+        fault: its magnitude is an angle of the encoder's own shaft (rad), of a drift a speed (rad/s), of a dropout a
+            share of samples.
+        port: the encoder's port of counts (3). element: which of the three.
+        counts_per_rad: of this encoder. tick: (s). period: of the encoder, in ticks.
+
+    Raises:
+        InputRefused: the magnitude is too small to change a count.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        number: int,
+        fault: Fault,
+        port: Port,
+        element: int,
+        counts_per_rad: float,
+        tick: float,
+        period: int,
+    ):
+        law = LAWS[fault.kind]
+        counts = fault.magnitude * counts_per_rad
+        if law == Law.DRIFT:
+            counts *= tick
+        if law == Law.QUANTISATION:
+            counts = np.floor(counts + 0.5)
+        _refuse_unnoticeable(number, fault, law, counts, counts_per_rad)
+        memory = np.zeros(1, dtype=MEMORY)
+        m = memory[0]
+        memory["window"][0] = window(fault, period)
+        m["law"], m["element"], m["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
+        m["counts"], m["random"] = counts, first_state(fault.seed, number)
+        m["share"] = fault.share if law == Law.GLITCH else fault.magnitude
+        out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
+        super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
+        self.finite = law != Law.NAN
+
+
+def _refuse_unnoticeable(number: int, fault: Fault, law: Law, counts: float, counts_per_rad: float) -> None:
+    least = {Law.BIAS: 0.5, Law.GLITCH: 0.5, Law.QUANTISATION: 2.0}.get(law, 0.0)
+    if abs(counts) < least:
+        enough = np.degrees(least / counts_per_rad)
+        raise InputRefused(
+            f"[[fault]] {number}: {fault.kind} of {np.degrees(fault.magnitude):g} deg changes no count of "
+            f"{fault.target}; expected at least {least:g} counts, which are {enough:.3g} deg"
+        )

@@ -1,0 +1,146 @@
+"""A drive that does not do what it should: a shaft of its own between the drive and everyone who sees the shaft."""
+
+from enum import IntEnum
+
+import numpy as np
+from numba import carray, njit
+
+from twin.cosim.component import NativeComponent, Port
+from twin.cosim.native import step_function
+from twin.faults.fault import Fault
+from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
+
+
+class Law(IntEnum):
+    """How the shaft moves while the fault is active."""
+
+    RUNAWAY = 0
+    FREEWHEEL = 1
+    DEAD = 2
+    JAM = 3
+    FAILURE = 4
+
+
+LAWS = {
+    "drive_runaway": Law.RUNAWAY,
+    "drive_freewheel": Law.FREEWHEEL,
+    "drive_dead": Law.DEAD,
+    "joint_jam": Law.JAM,
+    "drive_failure": Law.FAILURE,
+}
+# plain integers: what compiled code compares with
+_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in Law)
+
+INERTIA = 1e-4
+"""Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
+FRICTION = 1e-4
+"""Of the bearings of a shaft without current (N m s/rad), as python_servo has."""
+
+DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
+TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
+POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
+
+FAILED = 2
+
+MEMORY = np.dtype(
+    [
+        ("window", WINDOW),
+        ("law", "i8"),
+        ("monitored", "i8"),
+        ("omega", "f8"),
+        ("stop", "f8"),
+        ("drive", "f8"),
+        ("offset", "f8"),
+        ("theta_m", "f8"),
+        ("omega_m", "f8"),
+    ],
+    align=True,
+)
+"""`monitored`: whether somebody may take the power away. `omega`: speed of a runaway (rad/s). `stop`: angle beyond which
+a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
+`theta_m`, `omega_m`: the real shaft."""
+
+
+@njit(cache=True)
+def free_shaft(theta_m, omega_m, tau_load, h):
+    """(theta_m, omega_m) after `h` seconds of a shaft that nothing drives.
+
+    J d omega_m/dt = -b omega_m - tau_load, with friction implicit and the angle moved by the new speed (symplectic
+    Euler): `tau_load` is the spring's torque at the old angle, and so stepped an oscillator of k_s on J is stable for
+    h < 2 sqrt(J/k_s), 20 ms here; the exact solution with the torque held would gain energy in every turn (Hairer,
+    Lubich, Wanner, Geometric Numerical Integration, section I.1.2).
+    """
+    omega_m = (omega_m - h * tau_load / INERTIA) / (1.0 + h * FRICTION / INERTIA)
+    return theta_m + h * omega_m, omega_m
+
+
+@njit(cache=True)
+def move(m, drive, tau_load, power, h):
+    """Turn the shaft of `m` over a step in which the fault is active; `drive` is where the drive's own has gone."""
+    before = m.theta_m
+    if m.law == _FREEWHEEL:
+        m.theta_m, m.omega_m = free_shaft(m.theta_m, m.omega_m, tau_load, h)
+        return
+    if m.law == _RUNAWAY and power != 0.0:
+        m.theta_m += h * m.omega
+    if m.law == _JAM:
+        m.theta_m = min(m.theta_m + drive - m.drive, m.stop)
+    m.omega_m = (m.theta_m - before) / h
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    told, shaft = carray(u, 2 + m.monitored), carray(y, 3)
+    drive, tau_load = told[0], told[1]
+    power = told[2] if m.monitored else 1.0
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    if active and m.law == _FAILURE:
+        return FAILED
+    if active:
+        if k == m.window.onset:
+            m.stop = m.theta_m
+        move(m, drive, tau_load, power, h)
+        m.offset = m.theta_m - drive
+    else:
+        m.omega_m = (drive + m.offset - m.theta_m) / h
+        m.theta_m = drive + m.offset
+    m.drive = drive
+    shaft[0], shaft[1], shaft[2] = m.theta_m, m.omega_m, active
+    return 0
+
+
+class DriveFault(NativeComponent):
+    """Continuous component right behind a drive: the drive's shaft in, the shaft that the joint really has out.
+
+    The step that begins at tick k is faulty for onset <= k < end. Afterwards the drive's motion is followed again from
+    where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
+
+    Args:
+        name: of the component. number: of the fault in its file, from 1.
+        fault: its magnitude is the speed of a runaway (rad/s).
+        theta_m: angle of the drive's shaft before tick 0 (rad).
+        monitored: whether there is an input `power`; without it the power is always on.
+        period: of the drive, in ticks.
+    """
+
+    def __init__(self, name: str, number: int, fault: Fault, theta_m: float, monitored: bool, period: int):
+        memory = np.zeros(1, dtype=MEMORY)
+        memory["window"][0] = window(fault, period)
+        m = memory[0]
+        m["law"], m["omega"], m["monitored"] = LAWS[fault.kind], fault.magnitude, monitored
+        m["drive"] = m["theta_m"] = theta_m
+        inputs = (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
+        outputs = (
+            Port("theta_m", 1, "rad", "motor angle as it really is"),
+            Port("omega_m", 1, "rad/s", "motor speed as it really is"),
+            ACTIVE,
+        )
+        initial = np.array([theta_m, 0.0, 0.0])
+        super().__init__(name, inputs, outputs, False, step, memory, initial, period)
+        self.label = f"[[fault]] {number}"
+        self.target = fault.target
+
+    def explain(self, status: int) -> str:
+        return f"made {self.target} fail (drive_failure)"

@@ -1,0 +1,136 @@
+"""Messages that come late, at random times or never; the reader keeps the last one that came.
+
+A message is whatever its sender puts out in one period. One that is overtaken by a later one is dropped, so what a
+reader gets never goes back in time.
+"""
+
+import numpy as np
+from numba import carray, njit, types
+
+from twin.cosim.component import NativeComponent, Port, width
+from twin.cosim.native import doubles_at, pointer_to, step_function
+from twin.errors import InputRefused
+from twin.faults.fault import NEVER, Fault
+from twin.faults.randomness import drawn, first_state
+from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
+
+KINDS = ("sample_delay", "sample_jitter", "sample_loss", "controller_overrun")
+
+MEMORY = np.dtype(
+    [
+        ("window", WINDOW),
+        ("size", "i8"),
+        ("sender_period", "i8"),
+        ("least", "i8"),
+        ("most", "i8"),
+        ("share", "f8"),
+        ("sent", "i8"),
+        ("delivered", "i8"),
+        ("capacity", "i8"),
+        ("messages", "i8"),
+        ("arrivals", "i8"),
+        ("present", "i8"),
+        ("random", "u8"),
+    ],
+    align=True,
+)
+"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset,
+`delivered`: the newest of them that arrived, both counted from 1; message n lies at n modulo `capacity` in the rings
+`messages` and `arrivals` (ticks). `present`: what the reader has."""
+_ticks_at = pointer_to(types.int64)
+
+
+@njit(cache=True)
+def arrival(m, k):
+    """The tick at which a message sent at tick `k` arrives."""
+    if m.share > 0.0 and drawn(m) < m.share:
+        return NEVER
+    under_way = m.least
+    if m.most > m.least:
+        under_way += int(drawn(m) * (m.most - m.least + 1))
+    return k + under_way
+
+
+@njit(cache=True)
+def post(m, message, messages, arrivals, k):
+    """Put `message` of tick `k` under way."""
+    m.sent += 1
+    slot = m.sent % m.capacity
+    messages[slot] = message
+    arrivals[slot] = arrival(m, k)
+
+
+@njit(cache=True)
+def receive(m, present, messages, arrivals, k):
+    """Make the newest message that has arrived the `present` one, in place."""
+    for n in range(m.sent, max(m.delivered, m.sent - m.capacity), -1):
+        if arrivals[n % m.capacity] <= k:
+            present[:] = messages[n % m.capacity]
+            m.delivered = n
+            return
+
+
+@step_function(MEMORY)
+def step(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    message, read, present = carray(u, m.size), carray(y, m.size + 1), carray(doubles_at(m.present), m.size)
+    messages = carray(doubles_at(m.messages), (m.capacity, m.size))
+    arrivals = carray(_ticks_at(m.arrivals), m.capacity)
+    k = tick_now(m.window)
+    active = within(m.window, k)
+    if k == 0 or not active:
+        present[:] = message
+        m.sent = m.delivered = 0
+    if active:
+        if k % m.sender_period == 0:
+            post(m, message, messages, arrivals, k)
+        receive(m, present, messages, arrivals, k)
+    for j in range(m.size):
+        read[j] = present[j]
+    read[m.size] = active
+    return 0
+
+
+class MessageFault(NativeComponent):
+    """Sampled component, every tick: the ports of a sender in, the same ports out, late or held while active.
+
+    Once the fault is over the reader has the sender's own message again at once; what is still under way is dropped.
+
+    Args:
+        name: of the component. number: of the fault in its file, from 1.
+        fault: its magnitude is a delay (s), the longest of random delays (s), or the share of messages lost.
+        ports: the sender's ports that make one message.
+        sender_period: in ticks. tick: (s).
+
+    Raises:
+        InputRefused: a delay that is not at least one whole tick.
+    """
+
+    def __init__(self, name: str, number: int, fault: Fault, ports: tuple[Port, ...], sender_period: int, tick: float):
+        least = most = 0
+        if fault.kind != "sample_loss":
+            most = _whole_ticks(number, fault, tick)
+            least = 0 if fault.kind == "sample_jitter" else most
+        size, capacity = width(ports), most // sender_period + 2
+        messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
+        memory = np.zeros(1, dtype=MEMORY)
+        memory["window"][0] = window(fault, 1)
+        m = memory[0]
+        m["size"], m["sender_period"], m["least"], m["most"] = size, sender_period, least, most
+        m["share"] = fault.magnitude if fault.kind == "sample_loss" else 0.0
+        m["capacity"], m["random"] = capacity, first_state(fault.seed, number)
+        m["messages"], m["arrivals"] = messages.ctypes.data, arrivals.ctypes.data
+        m["present"] = present.ctypes.data
+        kept = (messages, arrivals, present)
+        super().__init__(name, ports, (*ports, ACTIVE), True, step, memory, keep=kept)
+
+
+def _whole_ticks(number: int, fault: Fault, tick: float) -> int:
+    ticks = round(fault.magnitude / tick)
+    # a delay in ms over a tick in ms is whole up to rounding of the two
+    if ticks < 1 or abs(ticks * tick - fault.magnitude) > 1e-9 * fault.magnitude:
+        raise InputRefused(
+            f"[[fault]] {number}: {fault.kind} of {1e3 * fault.magnitude:g} ms; "
+            f"expected a whole number of ticks of {1e3 * tick:g} ms, at least one; change magnitude_ms"
+        )
+    return ticks
