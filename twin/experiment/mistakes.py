@@ -66,7 +66,8 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
     if kind == "literal_error":
         return f"{shown}: expected {detail['ctx']['expected']}"
     if kind == "value_error":
-        return f"{shown}: {detail['ctx']['error']}"
+        # a mistake between keys has no key of its own
+        return f"{shown}: {detail['ctx']['error']}" if key else f"{where} {detail['ctx']['error']}"
     return f"{shown}: expected {_EXPECTED.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
 
 

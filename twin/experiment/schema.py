@@ -37,6 +37,8 @@ class Robot(Model):
     b_j: float = quantity("b_j_Nm_s_per_rad", ge=0)
     backlash: float = quantity("backlash_deg", ge=0)
     eta_rate: float = quantity("eta_rate_rad_per_s", ge=0)
+    motor_noise: float = quantity("motor_noise_deg", 0.0, ge=0)
+    joint_noise: float = quantity("joint_noise_deg", 0.0, ge=0)
 
 
 class Plant(Robot):
@@ -132,7 +134,7 @@ class PositionLoop(Section):
 class ForceLoop(Section):
     """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
 
-    reference: float = quantity("reference_N", gt=0)
+    reference: float | None = quantity("reference_N", None, gt=0)
     trigger: float | None = quantity("trigger_N", None, ge=0)
     trigger_time: float | None = quantity("trigger_time_s", None, ge=0)
     kp: float = quantity("kp_mm_per_N", ge=0)
@@ -143,16 +145,35 @@ class ForceLoop(Section):
     filter: float = quantity("filter_Hz", ge=0)
 
 
+class Touch(Section):
+    """[controller.touch]: how the controller feels contact in a task."""
+
+    contact: float = quantity("contact_N", gt=0)
+    patience: float = quantity("patience_ms", gt=0)
+    turn: float = quantity("turn_ms", ge=0, le=100)
+    learning: float = Field(ge=0, le=1)
+
+
+class FeedForward(Section):
+    """[controller.feed_forward]: what the controller believes of the drives' lag and the friction under the head."""
+
+    lag: float = quantity("lag_ms", ge=0)
+    friction: float = Field(ge=0)
+
+
 class Controller(Section):
-    """[controller]: the robot's computer."""
+    """[controller]: the robot's computer. `touch` and `feed_forward` belong to tasks."""
 
     mode: Literal["force_position", "position"]
     period: float = quantity("period_ms", gt=0)
     delay_ticks: int = Field(0, ge=0, le=1000)
     speed_limit: float = quantity("speed_limit_rad_per_s", gt=0)
     gravity_compensation: bool
+    dead_zone: float = quantity("dead_zone_deg", 0.0, ge=0)
     position: PositionLoop
     force: ForceLoop
+    touch: Touch | None = None
+    feed_forward: FeedForward | None = None
     model: Model
 
 

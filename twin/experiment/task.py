@@ -1,9 +1,11 @@
-"""[[task]], [approach], [controller.touch], [controller.feed_forward]: massage tasks in TOML (Sec. III.B)."""
+"""[approach] and [[task]]: massage tasks in TOML (Sec. III.B)."""
 
 from typing import Literal
 
 from pydantic import Field, model_validator
 
+from twin.controller import program as programs
+from twin.controller.phase import Phase
 from twin.experiment.quantity import Section, quantity
 
 Pair = tuple[float, float]
@@ -24,21 +26,6 @@ class Approach(Section):
         if self.floor >= self.height:
             raise ValueError(f"floor_mm = {1e3 * self.floor:g} is not below height_mm = {1e3 * self.height:g}")
         return self
-
-
-class Touch(Section):
-    """[controller.touch]: how the controller feels contact."""
-
-    contact: float = quantity("contact_N", gt=0)
-    patience: float = quantity("patience_ms", gt=0)
-    turn: float = quantity("turn_ms", ge=0, le=100)
-    learning: float = Field(ge=0, le=1)
-
-
-class FeedForward(Section):
-    """[controller.feed_forward]: what the controller believes of friction under the head."""
-
-    friction: float = Field(ge=0)
 
 
 class TaskOnPoint(Section):
@@ -93,3 +80,22 @@ class Push(TaskOnPoint):
 
 Task = Press | Tap | Roll | Push
 KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
+
+
+def program_of(approach: Approach, contact_force: float, tasks: tuple[Task, ...]) -> list[Phase]:
+    """The phases of `tasks`; `contact_force` (N) counts as touching."""
+    manner = programs.Approach(contact_force=contact_force, **dict(approach))
+    return programs.program(manner, [_in_program(task) for task in tasks])
+
+
+def _in_program(task: Task) -> programs.Task:
+    fields = {name: value for name, value in task if name != "kind"}
+    match task:
+        case Press():
+            return programs.Press(**fields)
+        case Tap():
+            return programs.Tap(**fields)
+        case Roll():
+            return programs.Roll(**fields)
+        case Push():
+            return programs.Push(**fields)
