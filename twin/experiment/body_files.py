@@ -28,9 +28,10 @@ def fill_from_body(source: Source, folder: Path) -> None:
         return
     path = _file(contact["body"], folder)
     body = read_source(path)
-    if body.values.keys() != {"contact"} or "body" in body.values["contact"]:
+    filling = body.values.get("contact")
+    if body.values.keys() != {"contact"} or not isinstance(filling, dict) or "body" in filling:
         raise InputRefused(f"{path}: expected one table [contact], without 'body'")
-    source.values["contact"] = _filled(contact, body.values["contact"])
+    source.values["contact"] = _filled(contact, filling)
     source.origins = {**body.origins, **source.origins}
 
 
