@@ -25,7 +25,7 @@ def at(body, t):
 
 @st.composite
 def motions(draw: st.DrawFn) -> Motion:
-    vector = tuple(0.01 * draw(share) for _ in range(3))
+    vector = (0.01 * draw(share), 0.01 * draw(share), 0.01 * draw(share))
     onset, lasting = draw(st.floats(0.0, 3.0)), draw(st.floats(0.0, 6.0))
     rate, rise = draw(st.floats(0.1, 2.0)), draw(st.floats(0.1, 2.0))
     return Motion(draw(st.sampled_from([BREATHING, SHIFT])), vector, onset, onset + lasting, rate, rise)
@@ -107,6 +107,8 @@ def test_a_body_that_does_not_move_changes_no_bit():
     x, theta_m = resting(PARAMETERS, (0.0, 0.01, -0.103))
     x[3:6] = [0.02, -0.05, -0.1]
     moving, fixed = Sampled(Plant(PARAMETERS, x, theta_m, moving=True)), Sampled(Plant(PARAMETERS, x, theta_m))
+    assert [port.name for port in moving.component.inputs] == ["theta_m", "s_B", "v_s_B"]
+    assert [port.name for port in fixed.component.inputs] == ["theta_m"]
     for _ in range(200):
         still = fixed(theta_m, 0.0, 1e-3)
         np.testing.assert_array_equal(moving(np.concatenate([theta_m, np.zeros(6)]), 0.0, 1e-3), still)
@@ -147,6 +149,18 @@ def test_moving_together_is_resting_together():
     y = Sampled(moving).named(np.concatenate([theta_m, np.zeros(3), v]), 0.0, 0.0)
     x[3:6] = 0.0
     np.testing.assert_array_equal(y["F_ee_B"], Plant(PARAMETERS, x, theta_m).initial("F_ee_B"))
+
+
+def test_within_a_step_the_surface_moves_on_at_constant_velocity():
+    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.104))
+    v = np.array([0.02, -0.01, 0.05])
+    whole = Sampled(Plant(PARAMETERS, x, theta_m, substeps=10, moving=True))
+    parts = Sampled(Plant(PARAMETERS, x, theta_m, moving=True))
+    for k in range(10):
+        y = parts(np.concatenate([theta_m, k * 1e-3 * v, v]), 0.0, 1e-3)
+    # rounding of forces of 5 N
+    np.testing.assert_allclose(whole(np.concatenate([theta_m, np.zeros(3), v]), 0.0, 1e-2), y, rtol=0, atol=1e-12)
+    assert y[21] > 4.0
 
 
 def test_breathing_under_the_robot_is_resolved_by_a_tick_of_a_millisecond():

@@ -11,12 +11,18 @@ from tests.plant.test_energy import energies
 from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection
 from twin.plant.equilibrium import resting
+from twin.plant.parameters import Triple
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 AIR = (0.0, 0.01, -0.090)
 fractions = st.tuples(share, share, share).map(lambda values: tuple(abs(value) for value in values))
+
+
+def scaled(factor, values) -> Triple:
+    one, two, three = (float(factor * value) for value in values)
+    return one, two, three
 
 
 def acceleration(parameters, x, theta_m):
@@ -55,21 +61,20 @@ def test_a_broken_spring_drops_the_platform_on_that_side():
 @given(positions(), st.tuples(share, share, share))
 def test_a_slipped_belt_shifts_its_joint_by_the_slip_over_the_belt_ratio(p_B, shares):
     """The motor has to go on by the slip to hold the joint where it was; held still, it leaves it slip / N behind."""
-    slip = 0.2 * np.array(shares)
+    slip = scaled(0.2, shares)
     theta_m = resting(PARAMETERS, p_B)[1]
     # rounding of angles near 1 rad
-    np.testing.assert_allclose(resting(PARAMETERS._replace(slip=tuple(slip)), p_B)[1], theta_m + slip, atol=1e-15)
+    np.testing.assert_allclose(resting(PARAMETERS._replace(slip=slip), p_B)[1], theta_m + slip, rtol=0, atol=1e-15)
     for leg in range(3):
         same = spring_deflection(PARAMETERS, leg, 1.0, 0.5)
-        behind = spring_deflection(PARAMETERS._replace(slip=tuple(slip)), leg, 1.0, 0.5 - slip[leg] / PARAMETERS.N)
+        behind = spring_deflection(PARAMETERS._replace(slip=slip), leg, 1.0, 0.5 - slip[leg] / PARAMETERS.N)
         assert behind == pytest.approx(same, abs=1e-15)
 
 
 @given(st.integers(0, 2), share)
 def test_added_backlash_widens_the_dead_zone_of_its_joint_alone(leg, deflection):
-    added = [0.0, 0.0, 0.0]
-    added[leg] = 0.3
-    worn = PARAMETERS._replace(backlash_added=tuple(added))
+    added = scaled(0.3, np.eye(3)[leg])
+    worn = PARAMETERS._replace(backlash_added=added)
     for other in range(3):
         half = PARAMETERS.backlash + added[other]
         expected = np.sign(deflection) * max(abs(deflection) - half, 0.0)
@@ -101,9 +106,9 @@ def mobility(parameters, x, theta_m, force):
 def test_energy_never_grows_in_worn_joints(state, springs, wear, slip):
     worn = PARAMETERS._replace(
         k_s_share=springs,
-        backlash_added=tuple(0.1 * value for value in wear),
-        b_j_added=tuple(0.02 * value for value in wear),
-        slip=tuple(0.1 * value for value in slip),
+        backlash_added=scaled(0.1, wear),
+        b_j_added=scaled(0.02, wear),
+        slip=scaled(0.1, slip),
     )
     # as in test_energy.py: a Runge-Kutta step across a touch-down
     assert np.diff(energies(worn, *state)).max() <= 1e-7

@@ -83,7 +83,7 @@ class Contact(Section):
     shift: Shift | None = None
 
     @property
-    def law_constants(self) -> dict[str, float]:
+    def law_constants(self) -> dict[str, Any]:
         """What is said of the law, by the names of `PlantParameters`."""
         return {name: getattr(self, name) for name in LAW_KEYS[self.law] if getattr(self, name) is not None}
 
