@@ -5,16 +5,16 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from tests.laws.runs import PARAMETERS
-from tests.plant.states import share
+from tests.plant.states import SURFACES, share
 from twin.plant.contact import (
     bristle_rate,
     contact_force,
     friction,
-    normal,
     normal_force,
     settled_bristle,
     tangential_velocity,
 )
+from twin.plant.surface import CYLINDER_X, SPHERE, surface_frame
 
 depths = st.floats(1e-6, 0.01)
 speeds = st.tuples(share, share, share).map(np.array)
@@ -105,11 +105,31 @@ def test_contact_takes_more_power_than_it_stores(depth, v, z_b, tilt):
     """F . v >= d/dt (K depth^2/2 + sigma_0 z_b^2/2): what it does not store it turns into heat."""
     parameters = PARAMETERS._replace(tilt=tilt)
     p_B = touching(depth, tilt)
-    sin_t, cos_t = normal(parameters)
-    depth_rate = -sin_t * v[0] - cos_t * v[2]
+    _, _, _, n = surface_frame(parameters, *p_B)
+    depth_rate = -np.dot(n, v)
     F_n, found = normal_force(parameters, *p_B, *v)
-    z_rate = np.array(bristle_rate(parameters, F_n, *z_b, *tangential_velocity(parameters, *v)))
+    z_rate = np.array(bristle_rate(parameters, F_n, *z_b, *tangential_velocity(parameters, *p_B, *v)))
     stored = parameters.K * found * depth_rate + parameters.sigma_0 * (z_b @ z_rate)
     taken = np.array(contact_force(parameters, *p_B, *v, *z_b)) @ v
     # rounding of powers up to 100 W
     assert taken - stored >= -1e-13
+
+
+@given(
+    st.sampled_from(sorted(SURFACES)),
+    st.sampled_from([{}, {"shape": SPHERE, "radius": 0.06}, {"shape": CYLINDER_X, "radius": 0.04}]),
+    tilts,
+    tilts,
+    st.tuples(share, share, share),
+    speeds,
+    bristles,
+)
+def test_on_every_surface_the_force_is_normal_and_tangential_within_the_cone(law, shape, tilt, tilt_x, place, v, z_b):
+    parameters = SURFACES[law]._replace(tilt=tilt, tilt_x=tilt_x, **shape)
+    p_B = np.array([0.0, 0.0, PARAMETERS.z_s]) + 0.02 * np.array(place)
+    _, e_1, e_2, n = surface_frame(parameters, *p_B)
+    F_n, _ = normal_force(parameters, *p_B, *v)
+    force = np.array(contact_force(parameters, *p_B, *v, *z_b))
+    # rounding of forces up to 1 kN
+    assert force @ n == pytest.approx(-F_n, abs=1e-11)
+    assert np.hypot(force @ e_1, force @ e_2) <= parameters.mu * F_n + 1e-11

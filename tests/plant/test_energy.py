@@ -5,10 +5,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS
-from tests.plant.states import moving
+from tests.plant.states import SURFACES, moving
 from twin.plant.component import STILL, integrate
 from twin.plant.contact import normal_force
+from twin.plant.contact_law import EXPONENTIAL
 from twin.plant.dynamics import spring_deflection
+from twin.plant.surface import CYLINDER_X, CYLINDER_Y, PLANE, SPHERE
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import G_ACCELERATION, leg_inertia, platform_mass
 from twin.robot.inverse_kinematics import joint_angles
@@ -16,6 +18,15 @@ from twin.robot.jacobian import jacobian
 
 STEP = 1e-4
 LOSSLESS = PARAMETERS._replace(b_j=0.0, damping=0.0, mu=0.0, backlash=0.0)
+
+
+def stored(parameters, d):
+    """Potential (J) of the surface's elastic force at depth `d`: its integral."""
+    if parameters.law == EXPONENTIAL:
+        beta = parameters.stiffening
+        return parameters.K / beta**2 * (np.expm1(beta * d) - beta * d)
+    n = parameters.exponent
+    return parameters.K * parameters.reference_depth ** (1.0 - n) * d ** (n + 1.0) / (n + 1.0)
 
 
 def energy(parameters, x, theta_m):
@@ -30,7 +41,7 @@ def energy(parameters, x, theta_m):
         + leg_inertia(parameters, parameters) * (omega_l @ omega_l) / 2.0
         - arm_moment * G_ACCELERATION * np.sin(theta_l).sum()
         + parameters.k_s * (parameters.k_s_share @ d**2) / 2.0
-        + parameters.K * max(depth, 0.0) ** 2 / 2.0
+        + stored(parameters, max(depth, 0.0))
         + parameters.sigma_0 * (x[6:8] @ x[6:8]) / 2.0
     )
 
@@ -54,6 +65,19 @@ def test_energy_never_grows_while_the_drives_are_locked(state, tilt):
     E = energies(parameters, *state)
     # 1e-7 J: a Runge-Kutta step across a touch-down, of the order of K (v h)^2, in motions with 10 mJ
     assert np.diff(E).max() <= 1e-7
+
+
+@settings(max_examples=40)
+@given(
+    moving(),
+    st.sampled_from(sorted(SURFACES)),
+    st.sampled_from([(PLANE, 1.0), (SPHERE, 0.05), (CYLINDER_X, 0.04), (CYLINDER_Y, 0.06)]),
+    st.sampled_from([0.0, 0.3]),
+)
+def test_energy_never_grows_on_any_surface(state, law, shape, tilt_x):
+    parameters = SURFACES[law]._replace(shape=shape[0], radius=shape[1], tilt_x=tilt_x, tilt=0.2)
+    # as above
+    assert np.diff(energies(parameters, *state)).max() <= 1e-7
 
 
 @settings(max_examples=15)

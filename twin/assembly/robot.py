@@ -1,5 +1,6 @@
 """From an experiment to components and wires: the only place where the parts meet."""
 
+import math
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -17,10 +18,12 @@ from twin.cosim.system import System
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
+from twin.plant.contact_law import LAWS
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
 from twin.plant.scale import Scale
+from twin.plant.surface import SHAPES
 from twin.robot.gravity import G_ACCELERATION
 
 
@@ -69,7 +72,7 @@ def assemble(
         _refuse_second_instances(plans)
     parameters = plant_parameters(experiment)
     x, theta_m = resting(parameters, experiment.reference.p[0])
-    plant = Plant(parameters, x, theta_m, experiment.plant.substeps)
+    plant = Plant(parameters, x, theta_m, experiment.plant.substeps, bool(experiment.contact.motions))
     tau_load = plant.initial("tau_load")
     period = experiment.controller_ticks
     components: list[Component] = [
@@ -121,7 +124,9 @@ def plant_parameters(experiment: Experiment) -> PlantParameters:
     return PlantParameters(
         a=p.a, b=p.b, l_a=p.l_a, l_b=p.l_b, m_a=p.m_a, m_b=p.m_b, m_p=p.m_p, I_r=p.I_r, b_j=p.b_j,
         k_s=p.k_s, N=p.N, eta=p.eta, backlash=p.backlash, eta_rate=p.eta_rate,
-        z_s=c.height, tilt=c.tilt, K=c.stiffness, damping=c.damping,
+        z_s=c.height, tilt=c.tilt, tilt_x=c.tilt_x,
+        shape=SHAPES[c.shape], radius=math.inf if c.radius is None else c.radius,
+        law=LAWS[c.law], K=c.stiffness, **{"damping": 0.0, **c.law_constants},
         mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
     )  # fmt: skip
 

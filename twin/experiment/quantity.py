@@ -6,7 +6,13 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-_SCALES = {"mm": Fraction(1, 1000), "ms": Fraction(1, 1000), "g": Fraction(1, 1000), "deg": Fraction(1)}
+_SCALES = {
+    "mm": Fraction(1, 1000),
+    "ms": Fraction(1, 1000),
+    "g": Fraction(1, 1000),
+    "min": Fraction(60),
+    "deg": Fraction(1),
+}
 
 
 def quantity(key: str, default: Any = ..., **constraints: Any) -> Any:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from twin.experiment.contact import Contact as Contact
 from twin.experiment.quantity import Section, quantity
 
 Triple = tuple[float, float, float]
@@ -45,19 +46,6 @@ class Plant(Robot):
     """[plant]: [robot], where the real one differs from it; and how finely it is integrated."""
 
     substeps: int = Field(ge=1, le=1000)
-
-
-class Contact(Section):
-    """[contact]: what the robot presses on."""
-
-    kind: Literal["scale"]
-    height: float = quantity("height_mm")
-    tilt: float = quantity("tilt_deg", gt=-45, lt=45)
-    stiffness: float = quantity("stiffness_N_per_m", ge=0)
-    damping: float = quantity("damping_s_per_m", ge=0)
-    friction: float = Field(ge=0)
-    bristle: float = quantity("bristle_N_per_m", gt=0)
-    bristle_damping: float = quantity("bristle_damping_N_s_per_m", ge=0)
 
 
 class Scale(Section):

@@ -2,9 +2,9 @@
 
 With tau the time since onset:
 
-    breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, the surface swings by 2 A from where it rests. It starts
-                and ends at a rest between two breaths, so that displacement and velocity are continuous; the breath
-                that goes on at `end` is finished.
+    breathing   s = A (1 - cos(2 pi f tau)): A is the amplitude, so a breath lifts the surface by 2 A. It starts and
+                ends between two breaths, where displacement and velocity are 0; the breath that goes on at `end` is
+                finished.
     shift       s = D m(tau / rise), back again from `end` on; m(q) = 10 q^3 - 15 q^4 + 6 q^5 is the path of least jerk
                 (Flash and Hogan 1985, J Neurosci 5:1688) and keeps the acceleration continuous, too.
 """

@@ -1,0 +1,74 @@
+"""From [contact] body = "back" to a complete [contact]: the body's file fills in what the experiment does not say."""
+
+import copy
+import difflib
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.experiment.source import Source, located, read_source
+
+FOLDERS = ("bodies", "experiments/bodies")
+CHANGED_ON_THE_COMMAND_LINE = "set on the command line"
+
+
+def fill_from_body(source: Source, folder: Path) -> None:
+    """Complete the [contact] of `source` from the body file that it names, values and origins, in place.
+
+    What [contact] says itself stays. Without `body` nothing is done.
+
+    Args:
+        folder: the experiment's, from which bodies are looked up like `extends` and fmus/.
+
+    Raises:
+        InputRefused: no such body, or its file is not a [contact] table.
+    """
+    contact = source.values.get("contact")
+    if not isinstance(contact, dict) or "body" not in contact:
+        return
+    path = _file(contact["body"], folder)
+    body = read_source(path)
+    filling = body.values.get("contact")
+    if body.values.keys() != {"contact"} or not isinstance(filling, dict) or "body" in filling:
+        raise InputRefused(f"{path}: expected one table [contact], without 'body'")
+    source.values["contact"] = _filled(contact, filling)
+    source.origins = {**body.origins, **source.origins}
+
+
+def replace_body(source: Source, name: str) -> None:
+    """Make body `name` what the robot presses on; of the [contact] before only the height stays."""
+    before = source.values.get("contact")
+    height = {"height_mm": before["height_mm"]} if isinstance(before, dict) and "height_mm" in before else {}
+    forget_contact(source, keep=("contact.height_mm",))
+    source.values["contact"] = {"body": name, **height}
+    source.origins["contact.body"] = CHANGED_ON_THE_COMMAND_LINE
+
+
+def forget_contact(source: Source, keep: tuple[str, ...] = ()) -> None:
+    """Take out all that is said of the contact, but the origins of `keep`."""
+    source.values.pop("contact", None)
+    source.origins = {k: v for k, v in source.origins.items() if not k.startswith("contact.") or k in keep}
+
+
+def _file(name: Any, folder: Path) -> Path:
+    if not isinstance(name, str):
+        raise InputRefused(f"[contact] body = {name!r}: expected the name of a body in quotes")
+    if name.endswith(".toml"):
+        return located(name, folder)
+    shelves = [located(shelf, folder) for shelf in FOLDERS]
+    known = sorted({path.stem for shelf in shelves for path in shelf.glob("*.toml")})
+    for shelf in shelves:
+        if (shelf / f"{name}.toml").is_file():
+            return shelf / f"{name}.toml"
+    close = difflib.get_close_matches(name, known, 1, cutoff=0.5)
+    hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+    raise InputRefused(f'[contact] body = "{name}": no such body; {hint}')
+
+
+def _filled(table: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
+    """`table`, with what it does not say from `base`, tables key by key."""
+    filled = copy.deepcopy(base)
+    for key, value in table.items():
+        both = isinstance(value, dict) and isinstance(filled.get(key), dict)
+        filled[key] = _filled(value, filled[key]) if both else value
+    return filled

@@ -1,0 +1,141 @@
+"""[contact]: what the robot presses on. Keys carry units, attributes are SI (see `quantity.py`)."""
+
+import math
+from typing import Any, Literal
+
+from pydantic import Field, ValidationInfo, field_validator
+
+from twin.experiment.quantity import Section, quantity
+from twin.plant.body import BREATHING, SHIFT, Motion
+
+LAW_KEYS = {
+    "hunt_crossley": ("damping", "exponent", "reference_depth"),
+    "kelvin_voigt": ("damper", "touch_depth"),
+    "exponential": ("damping", "stiffening"),
+}
+"""The keys that each law knows besides the stiffness."""
+
+NEEDED = {
+    "hunt_crossley": ("damping",),
+    "kelvin_voigt": ("damper", "touch_depth"),
+    "exponential": LAW_KEYS["exponential"],
+}
+
+
+class Breathing(Section):
+    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
+
+    amplitude: float = quantity("amplitude_mm", ge=0)
+    rate: float = quantity("rate_per_min", gt=0)
+    start: float = quantity("start_s", 0.0, ge=0)
+    end: float | None = quantity("end_s", None, ge=0)
+
+    @property
+    def motion(self) -> Motion:
+        end = math.inf if self.end is None else self.end
+        return Motion(BREATHING, (0.0, 0.0, self.amplitude), self.start, end, rate=self.rate)
+
+
+class Shift(Section):
+    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
+
+    by: tuple[float, float, float] = quantity("by_mm")
+    start: float = quantity("start_s", ge=0)
+    rise: float = quantity("rise_s", gt=0)
+    end: float | None = quantity("end_s", None, ge=0)
+
+    @property
+    def motion(self) -> Motion:
+        end = math.inf if self.end is None else self.end
+        return Motion(SHIFT, self.by, self.start, end, rise=self.rise)
+
+
+class Contact(Section):
+    """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
+
+    Which law the stiffness and the keys of `LAW_KEYS` belong to: see `twin/plant/contact_law.py`.
+
+    Attributes:
+        body: the file in bodies/ that filled this table in.
+        kind: for people; a law or shape is not tied to it.
+    """
+
+    body: str | None = None
+    kind: Literal["scale", "skin"]
+    height: float = quantity("height_mm")
+    tilt: float = quantity("tilt_deg", gt=-45, lt=45)
+    tilt_x: float = quantity("tilt_x_deg", 0.0, gt=-45, lt=45)
+    radius: float | None = quantity("radius_mm", None, gt=0)
+    shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = "plane"
+    stiffness: float = quantity("stiffness_N_per_m", ge=0)
+    damping: float | None = quantity("damping_s_per_m", None, ge=0)
+    exponent: float | None = Field(None, ge=1, le=5)
+    reference_depth: float | None = quantity("reference_depth_mm", None, gt=0)
+    damper: float | None = quantity("damper_N_s_per_m", None, ge=0)
+    touch_depth: float | None = quantity("touch_depth_mm", None, gt=0)
+    stiffening: float | None = quantity("stiffening_per_mm", None, gt=0)
+    # law and shape stand after the keys they decide on: a field's check sees the fields before it
+    law: Literal["hunt_crossley", "kelvin_voigt", "exponential"] = "hunt_crossley"
+    friction: float = Field(ge=0)
+    bristle: float = quantity("bristle_N_per_m", gt=0)
+    bristle_damping: float = quantity("bristle_damping_N_s_per_m", ge=0)
+    breathing: Breathing | None = None
+    shift: Shift | None = None
+
+    @property
+    def law_constants(self) -> dict[str, Any]:
+        """What is said of the law, by the names of `PlantParameters`."""
+        return {name: getattr(self, name) for name in LAW_KEYS[self.law] if getattr(self, name) is not None}
+
+    @property
+    def motions(self) -> tuple[Motion, ...]:
+        """How the surface moves; empty: it does not."""
+        return tuple(table.motion for table in (self.breathing, self.shift) if table is not None)
+
+    @field_validator("shape")
+    @classmethod
+    def _radius_where_it_belongs(cls, shape: str, info: ValidationInfo) -> str:
+        flat, has_radius = shape == "plane", info.data.get("radius") is not None
+        if flat and has_radius:
+            raise ValueError("has no radius; remove radius_mm or name the shape it belongs to")
+        if not flat and not has_radius and "radius" in info.data:
+            raise ValueError("missing key 'radius_mm'")
+        return shape
+
+    @field_validator("stiffness")
+    @classmethod
+    def _skin_resists(cls, stiffness: float, info: ValidationInfo) -> float:
+        if stiffness == 0.0 and info.data.get("kind") == "skin":
+            raise ValueError("a skin that does not resist is not there; expected a number > 0")
+        return stiffness
+
+    @field_validator("law")
+    @classmethod
+    def _keys_of_one_law(cls, law: str, info: ValidationInfo) -> str:
+        missing = [name for name in NEEDED[law] if _is_missing(name, info.data)]
+        curved = law == "hunt_crossley" and (info.data.get("exponent") or 1.0) != 1.0
+        if curved and _is_missing("reference_depth", info.data):
+            missing.append("reference_depth")
+        if missing:
+            raise ValueError(f"needs {', '.join(_key(name) for name in missing)}")
+        others = {name for keys in LAW_KEYS.values() for name in keys} - set(LAW_KEYS[law])
+        foreign = sorted(_key(name) for name in others if info.data.get(name) is not None)
+        if foreign:
+            raise ValueError(f"does not know {', '.join(foreign)}; remove it or name the law it belongs to")
+        return law
+
+    @field_validator("breathing", "shift")
+    @classmethod
+    def _ends_after_it_starts(cls, table: Breathing | Shift | None) -> Breathing | Shift | None:
+        if table is not None and table.end is not None and table.end <= table.start:
+            raise ValueError(f"ends at {table.end:g} s, before it starts at {table.start:g} s")
+        return table
+
+
+def _is_missing(name: str, checked: dict[str, Any]) -> bool:
+    """Whether nothing was said of `name`; a value that was refused is told as a mistake of its own."""
+    return name in checked and checked[name] is None
+
+
+def _key(name: str) -> str:
+    return Contact.model_fields[name].alias or name
