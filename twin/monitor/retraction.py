@@ -63,10 +63,10 @@ class Retreat(NamedTuple):
 
 
 def retreat(geometry: Geometry, N: float, p_B: ArrayLike, retract: float) -> Retreat:
-    """Where a retraction by `retract` (rad, each motor) takes an unloaded robot that stands at `p_B` (3,), m.
+    """Where a retraction by `retract` (rad, each motor) takes a robot in free air that stands at `p_B` (3,), m.
 
-    Forward kinematics (Eq. 13-17) along the path on which theta_l = theta_m / N falls equally on all legs. A loaded
-    robot rises by its springs' relaxation besides.
+    Forward kinematics (Eq. 13-17) along the path on which theta_l = theta_m / N falls equally on all legs. A robot that
+    presses rises less, by what its springs unwind: the force over their stiffness J^T k_s N^2 eta J.
 
     Raises:
         Unreachable: the path leaves the workspace.
