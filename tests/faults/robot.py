@@ -68,7 +68,7 @@ def plant() -> Component:
         Port("b_j_added", 3), Port("slip", 3), Port("K"),
     )  # fmt: skip
     initial = np.zeros(width(outputs))
-    initial[3:6] = K_S * np.array(START)
+    initial[:3], initial[3:6] = START, K_S * np.array(START)
     return NativeComponent("plant", (Port("theta_m", 3, "rad"),), outputs, False, plant_step, memory, initial)
 
 
@@ -90,7 +90,7 @@ def counts(t: float, h: float, u: np.ndarray) -> np.ndarray:
 
 def command(t: float, h: float, u: np.ndarray) -> np.ndarray:
     """omega_ref of the controller, and another port that no fault may touch."""
-    return np.array([np.sin(9.0 * t), 1.0 + 20.0 * t, -2.0, t])
+    return np.array([np.sin(9.0 * t), 1.0 + 20.0 * t, -2.0 * np.cos(40.0 * t), t])
 
 
 def driven(start: Sequence[float]) -> Any:
