@@ -42,12 +42,14 @@ def test_a_jam_lets_the_shaft_turn_up_but_not_further_down_than_it_was():
     down, up = shaft("joint_jam", 1), run()["plant.seen"][:, 0]
     np.testing.assert_array_equal(down[ONSET : END + 1], down[ONSET])
     assert up[END] > up[ONSET]
-    # drive 3 goes up until 39 ms, then down, past where it was: jammed at 20 ms it stops on its way back
-    jammed = run(Fault("joint_jam", "drive_3", 20))["plant.seen"][:, 2]
-    free = run()["plant.seen"][:, 2]
+    # drive 3 goes up until 39 ms, then down until 118 ms: jammed at 20 ms it stops where it was then
+    jammed, free = run(Fault("joint_jam", "drive_3", 20))["plant.seen"][:, 2], run()["plant.seen"][:, 2]
+    expected = np.where(np.arange(119) < 20, free[:119], np.minimum(free[:119], free[20]))
     # sums of increments of about 1e-3 rad
-    np.testing.assert_allclose(jammed, np.where(np.arange(LAST + 1) < 20, free, np.minimum(free, free[20])), atol=1e-14)
-    assert free[-1] > free[20]
+    np.testing.assert_allclose(jammed[:119], expected, rtol=0.0, atol=1e-14)
+    assert jammed[118] == pytest.approx(free[20], abs=1e-14) and free[118] > free[20]
+    # and turns back with the drive at once
+    np.testing.assert_allclose(np.diff(jammed[118:]), np.diff(free[118:]), rtol=0.0, atol=1e-14)
 
 
 @BOTH

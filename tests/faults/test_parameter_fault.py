@@ -74,7 +74,9 @@ windows = st.tuples(st.integers(0, 30), st.integers(1, 30)).map(lambda w: (w[0],
 
 @given(windows, windows)
 def test_two_faults_on_one_parameter_multiply_while_both_are_active(one, two):
-    faults = [Fault("spring_softened", "joint_1", *window, magnitude) for window, magnitude in ((one, 0.5), (two, 0.25))]
+    faults = [
+        Fault("spring_softened", "joint_1", *window, magnitude) for window, magnitude in ((one, 0.5), (two, 0.25))
+    ]
     value = run(*faults, last_tick=70)["fault_2.value"][:, 0]
     k = np.arange(71)
     expected = np.where((k >= one[0]) & (k < one[1]), 0.5, 1.0) * np.where((k >= two[0]) & (k < two[1]), 0.25, 1.0)
