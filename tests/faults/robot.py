@@ -56,7 +56,7 @@ def estimator_step(self, t, h, u, y):
     return 0
 
 
-def plant() -> Component:
+def plant() -> NativeComponent:
     """Springs at three motor shafts, with every parameter a fault may change; it tells what it sees and has."""
     memory = np.zeros(1, dtype=PLANT)
     memory["parameters"]["k_s_share"] = (1.0, 0.7, 1.1)

@@ -10,10 +10,9 @@ ONSET, END = 40, 80
 @pytest.mark.parametrize("three_axes", [False, True])
 def test_saturation_limits_the_speed_of_one_drive(three_axes):
     robot = Robot(three_axes)
+    fault = Fault("drive_saturation", "drive_3", ONSET, END, 0.5)
     clean = np.diff(run(robot=robot)["plant.seen"], axis=0) / TICK
-    faulty = (
-        np.diff(run(Fault("drive_saturation", "drive_3", ONSET, END, 0.5), robot=robot)["plant.seen"], axis=0) / TICK
-    )
+    faulty = np.diff(run(fault, robot=robot)["plant.seen"], axis=0) / TICK
     expected = clean.copy()
     expected[ONSET:END, 2] = np.clip(clean[ONSET:END, 2], -0.5, 0.5)
     # differences of angles of about 1 rad over a tick

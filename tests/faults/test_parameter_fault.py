@@ -55,8 +55,7 @@ def test_the_owner_has_the_value_in_the_very_tick_in_which_the_fault_tells_it(ki
 
 
 def test_after_the_run_of_a_passing_fault_the_memory_is_what_it_was():
-    parts, wires = Robot().parts()
-    before = parts[-1].memory.tobytes()  # type: ignore[attr-defined]
+    before = plant().memory.tobytes()
     done = run(Fault("spring_softened", "joint_2", ONSET, END, 1.0 / 3.0))
     assert done.system.component("plant").memory.tobytes() == before  # type: ignore[attr-defined]
 
@@ -74,10 +73,9 @@ windows = st.tuples(st.integers(0, 30), st.integers(1, 30)).map(lambda w: (w[0],
 
 @given(windows, windows)
 def test_two_faults_on_one_parameter_multiply_while_both_are_active(one, two):
-    faults = [
-        Fault("spring_softened", "joint_1", *window, magnitude) for window, magnitude in ((one, 0.5), (two, 0.25))
-    ]
-    value = run(*faults, last_tick=70)["fault_2.value"][:, 0]
+    half = Fault("spring_softened", "joint_1", one[0], one[1], 0.5)
+    quarter = Fault("spring_softened", "joint_1", two[0], two[1], 0.25)
+    value = run(half, quarter, last_tick=70)["fault_2.value"][:, 0]
     k = np.arange(71)
     expected = np.where((k >= one[0]) & (k < one[1]), 0.5, 1.0) * np.where((k >= two[0]) & (k < two[1]), 0.25, 1.0)
     # powers of two
