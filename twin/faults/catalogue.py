@@ -51,7 +51,7 @@ _ENCODER_KINDS = {
     ),
     "encoder_glitch": Kind(
         "counts", _ENCODERS, "a share of the samples, single ones at random, is off by an angle", "if large", _JUMP,
-        "deg", (0.5, 5.0, 90.0),
+        "deg", (0.5, 5.0, 90.0), has_share=True,
     ),
     "encoder_flip": Kind(
         "counts", _ENCODERS, "the count has the other sign", "yes", f"{_JUMP}, unless the shaft is near 0",
@@ -197,7 +197,7 @@ def refuse_target(number: int, kind: str, target: str) -> None:
     """
     targets = CATALOGUE[kind].targets
     if target not in targets:
-        raise InputRefused(f'[[fault]] {number} target = "{target}": {kind} breaks {expected(target, targets)}')
+        raise InputRefused(f'[[fault]] {number} target = "{target}" of {kind}: {expected(target, targets)}')
 
 
 def expected(got: str, names: tuple[str, ...]) -> str:

@@ -56,8 +56,8 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-"""`monitored`: whether somebody may take the power away. `omega`: speed of a runaway (rad/s). `stop`: angle beyond which
-a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
+"""`monitored`: whether somebody may take the power away. `omega`: speed of a runaway (rad/s). `stop`: angle beyond
+which a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
 `theta_m`, `omega_m`: the real shaft."""
 
 

@@ -25,9 +25,10 @@ class Kind:
         detection: whether the safety monitor, which has the encoders' counts, the counter of their messages and the
             controller's command, can see it.
         reason: by what it sees it, or why it cannot.
-        unit: of the magnitude as a TOML key writes it, with what it means, if the kind has a magnitude.
+        unit: of the magnitude as its TOML key writes it ("share" and "factor": pure numbers), if there is a magnitude.
         magnitudes: small, medium and large, in that unit, for matrices of faults.
         bounds: of the magnitude, in that unit, as pydantic names them.
+        has_share: whether a second number, `share`, says how many samples it hits.
     """
 
     mechanism: Mechanism
@@ -38,6 +39,7 @@ class Kind:
     unit: str | None = None
     magnitudes: tuple[float, float, float] | None = None
     bounds: Mapping[str, float] = field(default_factory=dict)
+    has_share: bool = False
 
     @property
     def magnitude_key(self) -> str | None:

@@ -1,0 +1,105 @@
+"""[[fault]]: what breaks during the experiment. Each kind has a magnitude of its own, with its unit in the key."""
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field, ValidationError, create_model
+
+from twin.errors import InputRefused
+from twin.experiment.mistakes import sentences
+from twin.experiment.quantity import Section, quantity
+from twin.faults.catalogue import kind_named, refuse_target
+from twin.faults.fault import NEVER, Fault
+from twin.faults.kind import Kind
+
+
+class FaultTable(Section):
+    """The keys that every kind has; without `duration_s` the fault stays, without `target` it hits the kind's first."""
+
+    kind: str
+    target: str | None = None
+    onset: float = quantity("onset_s", ge=0)
+    duration: float | None = quantity("duration_s", None, gt=0)
+    seed: int = Field(0, ge=0, lt=2**63)
+
+
+def table_of(known: Kind) -> type[FaultTable]:
+    """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
+    own: dict[str, Any] = {}
+    if known.magnitude_key:
+        own["magnitude"] = (float, quantity(known.magnitude_key, **known.bounds))
+    if known.has_share:
+        # more than every second sample could not be single ones
+        own["share"] = (float, Field(gt=0, le=0.5))
+    if known.mechanism == "parameter":
+        own["ramp"] = (float | None, quantity("ramp_s", None, gt=0))
+    return create_model("FaultTable", __base__=FaultTable, **own)
+
+
+def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault, ...]:
+    """The faults of the array of tables [[fault]], in whole ticks and SI.
+
+    Args:
+        tables: what the file says; () if nothing. tick: (s).
+        mistakes: gets a sentence for each mistake, with the number of its fault, counted from 1.
+
+    Returns:
+        Those that are right.
+    """
+    if not isinstance(tables, tuple):
+        mistakes.append("[fault]: a single table; faults are an array of tables, write [[fault]]")
+        return ()
+    faults = []
+    for number, table in enumerate(tables, start=1):
+        found: list[str] = []
+        fault = _checked(number, table, tick, found)
+        mistakes += found
+        if fault is not None and not found:
+            faults.append(fault)
+    return tuple(faults)
+
+
+def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault | None:
+    if not isinstance(table, dict):
+        mistakes.append(f"[[fault]] {number} = {table!r}: expected a table")
+        return None
+    name = table.get("kind")
+    try:
+        known = kind_named(number, name if isinstance(name, str) else str(name))
+        refuse_target(number, str(name), str(table.get("target", known.targets[0])))
+    except InputRefused as problem:
+        mistakes.append(str(problem))
+        if str(problem).startswith(f"[[fault]] {number} kind"):
+            return None
+    model = table_of(known)
+    wrong = [key for key in table if key.startswith("magnitude") and key != known.magnitude_key]
+    mistakes += [f"[[fault]] {number} {key}: {name} takes {known.magnitude_key or 'no magnitude'}" for key in wrong]
+    try:
+        values = model.model_validate({key: value for key, value in table.items() if key not in wrong})
+    except ValidationError as error:
+        told = [text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in sentences(error, model, "[fault]")]
+        instead = f"missing key '{known.magnitude_key}'"
+        mistakes += [text for text in told if not (wrong and text.endswith(instead))]
+        return None
+    return _in_ticks(number, known, values.model_dump(), tick, mistakes)
+
+
+def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, mistakes: list[str]) -> Fault:
+    lengths = {"onset_s": values["onset"], "duration_s": values["duration"], "ramp_s": values.get("ramp")}
+    if known.unit == "ms":
+        lengths["magnitude_ms"] = values["magnitude"]
+    ticks = {key: round((length or 0.0) / tick) for key, length in lengths.items()}
+    for key, length in lengths.items():
+        # a length in ms over a tick in ms is whole up to rounding of the two
+        if length is not None and abs(ticks[key] * tick - length) > 1e-9 * length:
+            mistakes.append(f"[[fault]] {number} {key}: {length:g} s is not a whole number of ticks of {tick:g} s")
+    return Fault(
+        kind=values["kind"],
+        target=values["target"] or known.targets[0],
+        onset=ticks["onset_s"],
+        end=NEVER if values["duration"] is None else ticks["onset_s"] + ticks["duration_s"],
+        magnitude=values.get("magnitude", 0.0),
+        share=values.get("share", 0.0),
+        ramp=ticks["ramp_s"],
+        seed=values["seed"],
+    )
