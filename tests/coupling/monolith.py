@@ -16,10 +16,11 @@ from scipy.integrate import solve_ivp
 
 from tests.laws.runs import Sampled
 from twin.analysis.plant_system import plant_system, signal_labels
-from twin.assembly import belief, controller, plant_parameters
+from twin.assembly import belief, controller
 from twin.controller.estimator import Estimator
 from twin.cosim.component import width
 from twin.experiment.experiment import Experiment
+from twin.experiment.true_parameters import plant_parameters
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
 from twin.plant.dynamics import derivative
 from twin.plant.encoder import Encoder
@@ -64,7 +65,7 @@ def velocity_servos(T_m: float, droop: NDArray[np.float64]) -> control.StateSpac
 def coupled_system(experiment: Experiment) -> control.InterconnectedSystem:
     """Three drives and the plant, inputs omega_ref_1 .. 3, outputs those of the plant and theta_m_1 .. 3."""
     drives = velocity_servos(T_M, drive_droop(experiment))
-    plant = plant_system(plant_parameters(experiment))
+    plant = plant_system(plant_parameters(experiment.plant, experiment.contact))
     return control.interconnect(
         [drives, plant],
         inputs=[f"omega_ref_{leg}" for leg in LEGS],
@@ -91,7 +92,7 @@ def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray
     Returns:
         By label, one value per controller tick from 0 to `duration` (s): the outputs of the plant.
     """
-    parameters, p = plant_parameters(experiment), experiment.plant
+    parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
     x_plant, theta_m = resting(parameters, experiment.reference.p[0])
     x = np.concatenate([theta_m, np.zeros(3), x_plant])
     encoder = Sampled(Encoder(p.motor_counts_per_turn, p.joint_counts_per_turn, p.motor_zero, p.joint_zero))

@@ -1,17 +1,16 @@
 """The body files: what they say holds together, follows from its sources, and fills in a [contact]."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, Sampled, shipped
-from twin.assembly import plant_parameters
 from twin.errors import InputRefused
 from twin.experiment.body_files import fill_from_body, replace_body
 from twin.experiment.contact import Contact
 from twin.experiment.source import Source, override, read_source
+from twin.experiment.true_parameters import plant_parameters
 from twin.plant.component import Plant
 from twin.plant.contact_law import elastic_force
 from twin.plant.equilibrium import resting
@@ -95,7 +94,7 @@ def test_stiffness_follows_from_the_modulus_and_the_thickness_of_the_tissue(name
 def test_a_massage_stays_far_below_the_stiffness_of_a_collision(name):
     contact = contact_of(name)
     assert 300.0 <= contact.stiffness <= 3000.0
-    parameters = plant_parameters(replace(shipped(), contact=contact))
+    parameters = plant_parameters(shipped().plant, contact)
     # up to 10 mm and twice the force of Fig. 4, the secant
     depths = np.linspace(1e-3, 10e-3, 10)
     forces = np.array([elastic_force(parameters, d) for d in depths])
@@ -111,7 +110,7 @@ def test_regions_follow_different_laws():
 
 @over_every_body
 def test_every_body_takes_an_impact_at_100_millimetres_per_second_at_a_tick_of_one(name):
-    parameters = plant_parameters(replace(shipped(), contact=contact_of(name)))
+    parameters = plant_parameters(shipped().plant, contact_of(name))
     x, theta_m = resting(parameters, (0.003, -0.004, -0.102))
     x[3:6] = [0.02, -0.03, -0.1]
 

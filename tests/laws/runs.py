@@ -7,11 +7,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.assembly import assemble, plant_parameters
+from twin.assembly import assemble
 from twin.cosim.component import Component, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.true_parameters import plant_parameters
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
 FORCE, POSITION = "fig4_force_position", "fig4_position"
@@ -34,7 +35,7 @@ def shipped(name: str = FORCE, *overrides: str) -> Experiment:
     return load_experiment(EXPERIMENTS / f"{name}.toml", overrides)
 
 
-PARAMETERS = plant_parameters(shipped())
+PARAMETERS = plant_parameters(shipped().plant, shipped().contact)
 """The plant of the shipped experiment."""
 
 

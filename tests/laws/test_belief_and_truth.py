@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, Sampled, co_simulated, shipped
-from twin.assembly import belief, controller, plant_parameters
+from twin.assembly import belief, controller
 from twin.controller.estimator import Estimator
+from twin.experiment.true_parameters import plant_parameters
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian
@@ -23,7 +24,7 @@ WRONG = {
 
 def predicted_force_error(experiment, rows, tick):
     """F_ee_B estimated less true (3,), N, of a robot at rest: the statics of belief less those of truth."""
-    true, believed = plant_parameters(experiment), belief(experiment)
+    true, believed = plant_parameters(experiment.plant, experiment.contact), belief(experiment)
     theta_l, tau_l = rows["plant.theta_l"][tick], rows["plant.tau_l"][tick]
     J = jacobian(Geometry(*true[:4]), rows["plant.p_B"][tick])
     # the backlash hides in the wind-up that the encoders see

@@ -1,30 +1,32 @@
 """From an experiment to components and wires: the only place where the parts meet."""
 
-import math
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
+from twin.assembly.computer import computation_delay, controller, estimator, safety_monitor
 from twin.assembly.drives import DrivePlan, Start, drive, planned
-from twin.controller.belief import Belief
-from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
-from twin.controller.estimator import Estimator
-from twin.controller.pid import Gains
 from twin.cosim.component import Component
-from twin.cosim.delay import delay
 from twin.cosim.system import System
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.experiment.true_parameters import plant_parameters
+from twin.faults.fault import NEVER, Fault
+from twin.faults.inject import inject
+from twin.plant.body import BREATHING, SHIFT, Body, Motion
 from twin.plant.component import Plant
-from twin.plant.contact_law import LAWS
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
-from twin.plant.parameters import PlantParameters
 from twin.plant.scale import Scale
-from twin.plant.surface import SHAPES
 from twin.robot.gravity import G_ACCELERATION
+
+SUDDEN = 0.02
+"""Time (s) in which a surface jumps or drops away as a fault."""
+BREATHING_RATE = 0.25
+"""Of breathing as a fault (Hz): 15 per minute."""
 
 
 @dataclass
@@ -70,39 +72,75 @@ def assemble(
     plans = _planned_drives(experiment)
     if drive_maker is drive:
         _refuse_second_instances(plans)
-    parameters = plant_parameters(experiment)
-    x, theta_m = resting(parameters, experiment.reference.p[0])
-    plant = Plant(parameters, x, theta_m, experiment.plant.substeps, bool(experiment.contact.motions))
+    parameters = plant_parameters(experiment.plant, experiment.contact)
+    x, theta_m = resting(parameters, experiment.start)
+    motions = [*experiment.contact.motions, *_faulty_motions(experiment)]
+    plant = Plant(parameters, x, theta_m, experiment.plant.substeps, bool(motions))
     tau_load = plant.initial("tau_load")
-    period = experiment.controller_ticks
+    body: list[Component] = [Body(motions)] if motions else []
+    scale: list[Component] = []
+    if experiment.scale is not None:
+        scale = [Scale(experiment.scale.resolution * G_ACCELERATION, experiment.scale_ticks)]
+    delayed, watched = computation_delay(experiment), safety_monitor(experiment)
     components: list[Component] = [
-        Encoder(
-            experiment.plant.motor_counts_per_turn,
-            experiment.plant.joint_counts_per_turn,
-            experiment.plant.motor_zero,
-            experiment.plant.joint_zero,
-            period,
-        ),
-        Estimator(belief(experiment), experiment.controller.gravity_compensation, period),
+        *body,
+        _encoder(experiment),
+        estimator(experiment),
         controller(experiment),
-        *_delayed(experiment),
-        Scale(experiment.scale.resolution * G_ACCELERATION, experiment.scale_ticks),
+        *delayed,
+        *watched,
+        *scale,
     ]
-    commander = "delay" if experiment.controller.delay_ticks else "controller"
+    chain = ["controller", *(c.name for c in (*delayed, *watched))]
     with ExitStack() as made:
         if plans[0].axes == 3:
             components.append(drive_maker("drive", plans[0], experiment.cosim.tick, theta_m, tau_load))
             made.callback(components[-1].close)
-            wires = _wires(commander) + _common_drive_wires(commander)
+            wires = _common_drive_wires(chain[-1])
         else:
             for i, plan in enumerate(plans):
                 components.append(drive_maker(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
                 made.callback(components[-1].close)
-            wires = _wires(commander) + _joint_drive_wires(commander)
+            wires = _joint_drive_wires(chain[-1])
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
+        wires += _wires(chain, bool(body), bool(scale), bool(watched))
+        components, wires = inject(
+            components,
+            wires,
+            experiment.faults,
+            experiment.cosim.tick,
+            (experiment.plant.motor_counts_per_turn, experiment.plant.joint_counts_per_turn),
+            experiment.controller.speed_limit,
+        )
         system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
         made.pop_all()
     return Assembly(system, plans)
+
+
+def _encoder(experiment: Experiment) -> Encoder:
+    p = experiment.plant
+    return Encoder(
+        p.motor_counts_per_turn, p.joint_counts_per_turn, p.motor_zero, p.joint_zero, experiment.controller_ticks,
+        p.motor_noise, p.joint_noise, experiment.seed,
+    )  # fmt: skip
+
+
+def _faulty_motions(experiment: Experiment) -> list[Motion]:
+    """What the surface does besides its own motions because of a fault."""
+    return [motion for fault in experiment.faults for motion in _motion(fault, experiment.cosim.tick)]
+
+
+def _motion(fault: Fault, tick: float) -> list[Motion]:
+    onset, end = fault.onset * tick, np.inf if fault.end == NEVER else fault.end * tick
+    up = (0.0, 0.0, fault.magnitude)
+    match fault.kind:
+        case "surface_jump":
+            return [Motion(SHIFT, up, onset, end, rise=SUDDEN)]
+        case "contact_loss":
+            return [Motion(SHIFT, (0.0, 0.0, -fault.magnitude), onset, end, rise=SUDDEN)]
+        case "breathing":
+            return [Motion(BREATHING, up, onset, end, rate=BREATHING_RATE)]
+    return []
 
 
 def _refuse_second_instances(plans: tuple[DrivePlan, ...]) -> None:
@@ -118,47 +156,6 @@ def _refuse_second_instances(plans: tuple[DrivePlan, ...]) -> None:
             )
 
 
-def plant_parameters(experiment: Experiment) -> PlantParameters:
-    """What is true, as the plant's constants."""
-    p, c = experiment.plant, experiment.contact
-    return PlantParameters(
-        a=p.a, b=p.b, l_a=p.l_a, l_b=p.l_b, m_a=p.m_a, m_b=p.m_b, m_p=p.m_p, I_r=p.I_r, b_j=p.b_j,
-        k_s=p.k_s, N=p.N, eta=p.eta, backlash=p.backlash, eta_rate=p.eta_rate,
-        z_s=c.height, tilt=c.tilt, tilt_x=c.tilt_x,
-        shape=SHAPES[c.shape], radius=math.inf if c.radius is None else c.radius,
-        law=LAWS[c.law], K=c.stiffness, **{"damping": 0.0, **c.law_constants},
-        mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
-    )  # fmt: skip
-
-
-def belief(experiment: Experiment) -> Belief:
-    """What the controller believes."""
-    m = experiment.controller.model
-    return Belief(
-        a=m.a, b=m.b, l_a=m.l_a, l_b=m.l_b, m_a=m.m_a, m_b=m.m_b, m_p=m.m_p, k_s=m.k_s, N=m.N, eta=m.eta,
-        motor_counts=m.motor_counts_per_turn, joint_counts=m.joint_counts_per_turn,
-        motor_zero=m.motor_zero, joint_zero=m.joint_zero,
-    )  # fmt: skip
-
-
-def controller(experiment: Experiment) -> Controller:
-    """The force-position law with the experiment's gains and reference; in position mode nothing ever triggers it."""
-    c = experiment.controller
-    force_on = c.mode == "force_position"
-    law = Law(
-        N=c.model.N,
-        omega_max=c.speed_limit,
-        F_z_ref=c.force.reference,
-        trigger_force=c.force.trigger if force_on and c.force.trigger is not None else NEVER,
-        trigger_time=c.force.trigger_time if force_on and c.force.trigger_time is not None else NEVER,
-        dp_z_max=c.force.limit,
-        corner=c.force.filter,
-    )
-    position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
-    force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
-    return Controller(law, position, force, experiment.reference.t, experiment.reference.p, experiment.controller_ticks)
-
-
 def _planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     """The joints' drives; equal ones are read once."""
     plans: list[DrivePlan] = []
@@ -170,13 +167,8 @@ def _planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     return tuple(plans)
 
 
-def _delayed(experiment: Experiment) -> list[Component]:
-    """The computation delay between controller and drives, if one is set."""
-    ticks = experiment.controller.delay_ticks
-    return [delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))] if ticks else []
-
-
-def _wires(commander: str) -> list[tuple[str, str]]:
+def _wires(chain: list[str], body: bool, scale: bool, watched: bool) -> list[tuple[str, str]]:
+    """All wires but the drives'; `chain` is where the command goes through, from the controller on."""
     wires = [
         ("plant.theta_l", "encoder.theta_l"),
         ("encoder.count_m", "estimator.count_m"),
@@ -184,10 +176,14 @@ def _wires(commander: str) -> list[tuple[str, str]]:
         ("estimator.p_B", "controller.p_B"),
         ("estimator.J", "controller.J"),
         ("estimator.F_ee_B", "controller.F_ee_B"),
-        ("plant.F_ee_B", "scale.F_ee_B"),
     ]
-    if commander != "controller":
-        wires.append(("controller.omega_ref", f"{commander}.omega_ref"))
+    wires += [(f"{source}.omega_ref", f"{target}.omega_ref") for source, target in pairwise(chain)]
+    if watched:
+        wires += [(f"encoder.{name}", f"monitor.{name}") for name in ("count_m", "count_l", "sample")]
+    if scale:
+        wires.append(("plant.F_ee_B", "scale.F_ee_B"))
+    if body:
+        wires += [("body.s_B", "plant.s_B"), ("body.v_s_B", "plant.v_s_B")]
     return wires
 
 

@@ -5,20 +5,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 from pydantic import Field, ValidationError
 
-from twin.errors import InputRefused, Unreachable
-from twin.experiment import schema
+from twin.errors import InputRefused
+from twin.experiment import schema, task
+from twin.experiment.agreement import disagreements
+from twin.experiment.body_files import fill_from_body, replace_body
+from twin.experiment.contact import Contact
 from twin.experiment.drive_files import joint_tables, shelved
+from twin.experiment.fault import checked_faults
 from twin.experiment.mistakes import keys, sentences, unknown
+from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.source import override, read_source, replace_drive
-from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
-
-WAY_POINT_SPACING = 1e-3
-"""How densely (m) the straight lines between way points are checked for reach."""
+from twin.faults.fault import Fault
 
 
 class Head(Section):
@@ -26,17 +26,26 @@ class Head(Section):
 
     title: str = Field(min_length=1)
     duration: float = quantity("duration_s", gt=0)
+    seed: int = Field(0, ge=0, lt=2**63)
 
 
 TABLES: dict[str, type[Section]] = {
     "robot": schema.Robot,
     "plant": schema.Plant,
-    "contact": schema.Contact,
-    "scale": schema.Scale,
+    "contact": Contact,
     "cosim": schema.Cosim,
     "controller": schema.Controller,
-    "reference": schema.Reference,
 }
+OPTIONAL_TABLES: dict[str, type[Section]] = {
+    "scale": schema.Scale,
+    "reference": schema.Reference,
+    "approach": task.Approach,
+    "monitor": Monitor,
+}
+ARRAYS = ("task", "fault")
+"""Arrays of tables."""
+OTHERS = ("drive", *ARRAYS)
+"""What is checked elsewhere than `TABLES`."""
 
 
 @dataclass(frozen=True)
@@ -44,64 +53,106 @@ class Experiment:
     """Everything a run needs, checked, SI.
 
     Attributes:
-        name: the file's stem. title: for people.
-        duration_ticks, controller_ticks, scale_ticks: durations and periods in ticks.
+        name: the file's stem. title: for people. seed: of the encoders' noise.
+        duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
+        reference: way points; None: `tasks` lead the robot, and `approach` says how they come and go.
+        scale: the display; None: what the robot presses on has none.
+        monitor: None: nobody watches.
+        faults: what breaks, in ticks.
         drives: one per joint, complete, FMUs as absolute paths.
         values: the merged file as it was checked, keys with units. origins: where each value comes from.
-    The tables are those of `schema.py`.
+    The tables are those of `schema.py`, `contact.py`, `task.py` and `monitor.py`.
     """
 
     name: str
     title: str
+    seed: int
     duration_ticks: int
     controller_ticks: int
     scale_ticks: int
+    monitor_ticks: int
+    robot: schema.Robot
     plant: schema.Plant
-    contact: schema.Contact
-    scale: schema.Scale
+    contact: Contact
+    scale: schema.Scale | None
     cosim: schema.Cosim
     controller: schema.Controller
-    reference: schema.Reference
+    reference: schema.Reference | None
+    approach: task.Approach | None
+    tasks: tuple[task.Task, ...]
+    monitor: Monitor | None
+    faults: tuple[Fault, ...]
     drives: tuple[schema.Drive, schema.Drive, schema.Drive]
     values: dict[str, Any]
     origins: dict[str, str]
 
+    @property
+    def start(self) -> schema.Triple:
+        """Where the platform rests at the beginning (m)."""
+        if self.reference is not None:
+            return self.reference.p[0]
+        assert self.approach is not None
+        return (*self.tasks[0].point, self.approach.height)
 
-def load_experiment(path: Path, overrides: Iterable[str] = (), drive: str | None = None) -> Experiment:
+
+def load_experiment(
+    path: Path, overrides: Iterable[str] = (), drive: str | None = None, body: str | None = None
+) -> Experiment:
     """Read, merge and check the experiment at `path`.
 
     Args:
         path: a TOML file.
-        overrides: "table.key=value" texts laid over it.
+        overrides: "table.key=value" texts laid over it; of an array of tables "task.1.force_N=4".
         drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
+        body: a file of bodies/ that replaces all of [contact] but its height.
 
     Raises:
         InputRefused: with every mistake, one sentence each.
     """
+    folder = path.resolve().parent
     source = read_source(path)
     if drive is not None:
-        replace_drive(source, shelved(drive, path.resolve().parent))
+        replace_drive(source, shelved(drive, folder))
+    if body is not None:
+        replace_body(source, body)
     override(source, overrides)
     _fill_from_robot(source.values)
-    checked, mistakes = _checked(source.values)
-    drives = _joint_drives(source.values.get("drive"), path.resolve().parent, mistakes)
+    mistakes: list[str] = []
+    try:
+        fill_from_body(source, folder)
+    except InputRefused as problem:
+        mistakes.append(str(problem))
+    checked = _checked(source.values, mistakes)
+    tasks = task.checked_tasks(source.values.get("task", ()), mistakes)
+    drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(checked, mistakes)
-    _refuse_unreachable(checked, mistakes)
+    # without a tick there are no ticks to count a fault's onset in
+    tick = checked["cosim"].tick if "cosim" in checked else 1e-9
+    faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
+    mistakes += disagreements(checked, tasks, "task" in source.values)
     if mistakes:
         raise InputRefused(_told(path, mistakes))
     head, (one, two, three) = checked["head"], drives
+    monitor = checked.get("monitor")
     return Experiment(
         name=path.stem,
         title=head.title,
+        seed=head.seed,
         duration_ticks=ticks["duration"],
         controller_ticks=ticks["controller"],
-        scale_ticks=ticks["scale"],
+        scale_ticks=ticks.get("scale", 1),
+        monitor_ticks=ticks.get("monitor", 1),
+        robot=checked["robot"],
         plant=checked["plant"],
         contact=checked["contact"],
-        scale=checked["scale"],
+        scale=checked.get("scale"),
         cosim=checked["cosim"],
         controller=checked["controller"],
-        reference=checked["reference"],
+        reference=checked.get("reference"),
+        approach=checked.get("approach"),
+        tasks=tasks,
+        monitor=monitor if monitor is not None and monitor.enabled else None,
+        faults=faults,
         drives=(one, two, three),
         values=source.values,
         origins=source.origins,
@@ -123,20 +174,21 @@ def _fill_from_robot(values: dict[str, Any]) -> None:
             controller["model"] = {**{k: v for k, v in robot.items() if k in known}, **model}
 
 
-def _checked(values: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
-    """The tables that are right, and the mistakes of the others."""
+def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
+    """The tables that are right, by name; what is wrong with the others goes to `mistakes`."""
     checked: dict[str, Any] = {}
-    mistakes: list[str] = []
-    head = {key: value for key, value in values.items() if key not in TABLES and key != "drive"}
+    known = {**TABLES, **OPTIONAL_TABLES}
+    head = {key: value for key, value in values.items() if key not in known and key not in OTHERS}
     for key in list(head):
         if key not in keys(Head):
-            mistakes.append(unknown(key, [*keys(Head), *TABLES, "drive"]))
+            mistakes.append(unknown(key, [*keys(Head), *known, *OTHERS]))
             del head[key]
-    models: dict[str, type[Section]] = {"head": Head, **TABLES}
+    models: dict[str, type[Section]] = {"head": Head, **known}
     for name, model in models.items():
         table = head if name == "head" else values.get(name)
         if table is None:
-            mistakes.append(f"missing table [{name}]")
+            if name in TABLES:
+                mistakes.append(f"missing table [{name}]")
             continue
         try:
             checked[name] = model.model_validate(table)
@@ -145,7 +197,7 @@ def _checked(values: dict[str, Any]) -> tuple[dict[str, Any], list[str]]:
             # a mistake in [robot] is told once, not again for each table that is filled from it
             told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
             mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
-    return checked, mistakes
+    return checked
 
 
 def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
@@ -154,6 +206,7 @@ def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
         "duration": ("head", "duration", "duration_s"),
         "controller": ("controller", "period", "[controller] period_ms"),
         "scale": ("scale", "period", "[scale] period_ms"),
+        "monitor": ("monitor", "period", "[monitor] period_ms"),
     }
     if "cosim" not in checked:
         return {}
@@ -166,48 +219,6 @@ def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
             if ticks[name] < 1 or abs(ticks[name] * tick - length) > 1e-9 * length:
                 mistakes.append(f"{key}: {length:g} s is not a whole number of ticks of {tick:g} s")
     return ticks
-
-
-def _refuse_unreachable(checked: dict[str, Any], mistakes: list[str]) -> None:
-    """The whole reference has to be within reach of the robot as it is and as its controller believes it."""
-    if "reference" not in checked:
-        return
-    reference = checked["reference"]
-    if len(reference.t) != len(reference.p):
-        mistakes.append(f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each")
-        return
-    models = [checked["plant"]] if "plant" in checked else []
-    models += [checked["controller"].model] if "controller" in checked else []
-    for model in models:
-        geometry = Geometry(model.a, model.b, model.l_a, model.l_b)
-        for number, point in enumerate(reference.p, start=1):
-            if problem := _out_of_reach(geometry, np.array(point)):
-                mistakes.append(f"[reference] way point {number}: {problem}")
-                return
-        for number, line in enumerate(_lines(reference.p), start=1):
-            if problem := _out_of_reach(geometry, line):
-                # the pose alone once more: its sentence names no index into the line
-                at = _out_of_reach(geometry, np.array(problem.pose))
-                mistakes.append(f"[reference] between way points {number} and {number + 1}: {at}")
-                return
-
-
-def _out_of_reach(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
-    try:
-        joint_angles(geometry, p_B)
-    except Unreachable as problem:
-        return problem
-    return None
-
-
-def _lines(points: tuple[schema.Triple, ...]) -> list[np.ndarray]:
-    """Each way point, with points on the line towards the next."""
-    lines = []
-    for start, end in zip(points, (*points[1:], points[-1]), strict=True):
-        a, b = np.array(start), np.array(end)
-        count = 1 + int(np.linalg.norm(b - a) / WAY_POINT_SPACING)
-        lines.append(a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a))
-    return lines
 
 
 def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.Drive]:

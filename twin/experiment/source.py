@@ -29,13 +29,28 @@ class Source:
             if isinstance(value, dict) and "value" in value and value.keys() <= {"value", "source"}:
                 target[key] = _frozen(value["value"])
                 self.origins[dotted] = str(value.get("source", origin))
+            elif isinstance(value, dict) and isinstance(target.get(key), tuple):
+                self._put_items(value, origin, dotted, target[key])
             elif isinstance(value, dict):
                 inner = target.get(key)
                 target[key] = inner if isinstance(inner, dict) else {}
                 self.put(value, origin, f"{dotted}.", target[key])
+            elif isinstance(value, list) and value and all(isinstance(item, dict) for item in value):
+                # an array of tables is laid over as a whole: its items have no names by which to tell them apart
+                self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{dotted}.")}
+                target[key] = tuple({} for _ in value)
+                numbered = {str(number): item for number, item in enumerate(value, start=1)}
+                self._put_items(numbered, origin, dotted, target[key])
             else:
                 target[key] = _frozen(value)
                 self.origins[dotted] = origin
+
+    def _put_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
+        """Lay the tables `items` over those of an array, by their number from 1."""
+        for number, item in items.items():
+            if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
+                raise InputRefused(f"{origin}: {dotted}.{number}: there are tables {dotted}.1 to {dotted}.{len(into)}")
+            self.put(item, origin, f"{dotted}.{number}.", into[int(number) - 1])
 
 
 def read_source(path: Path) -> Source:

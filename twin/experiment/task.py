@@ -1,11 +1,12 @@
 """[approach] and [[task]]: massage tasks in TOML (Sec. III.B)."""
 
-from typing import Literal
+from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import Field, ValidationError, model_validator
 
 from twin.controller import program as programs
 from twin.controller.phase import Phase
+from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section, quantity
 
 Pair = tuple[float, float]
@@ -80,6 +81,29 @@ class Push(TaskOnPoint):
 
 Task = Press | Tap | Roll | Push
 KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
+
+
+def checked_tasks(tables: Any, mistakes: list[str]) -> tuple[Task, ...]:
+    """The tasks of the array of tables [[task]] that are right.
+
+    Args:
+        tables: what the file says; () if nothing.
+        mistakes: gets a sentence for each mistake, with the number of its task, counted from 1.
+    """
+    if not isinstance(tables, tuple):
+        mistakes.append("[task]: a single table; tasks are an array of tables, write [[task]]")
+        return ()
+    tasks = []
+    for number, table in enumerate(tables, start=1):
+        kind = table.get("kind") if isinstance(table, dict) else None
+        if kind not in KINDS:
+            mistakes.append(f"[task {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
+            continue
+        try:
+            tasks.append(KINDS[kind].model_validate(table))
+        except ValidationError as error:
+            mistakes += sentences(error, KINDS[kind], f"task {number}")
+    return tuple(tasks)
 
 
 def program_of(approach: Approach, contact_force: float, tasks: tuple[Task, ...]) -> list[Phase]:

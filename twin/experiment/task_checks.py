@@ -3,20 +3,20 @@
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import brentq
 
-from twin.errors import Unreachable
 from twin.experiment.monitor import Monitor
+from twin.experiment.reach import unreachable
 from twin.experiment.schema import Controller
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import surface_frame
 from twin.robot.geometry import Geometry
-from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 
 SPACING = 1e-3
@@ -41,9 +41,25 @@ class Situation:
     monitor: Monitor | None
 
 
-def task_mistakes(situation: Situation, tasks: tuple[Task, ...]) -> list[str]:
-    """Every reason why one of `tasks` cannot or should not be carried out, one sentence each."""
-    return [f"[task {n}] {told}" for n, task in enumerate(tasks, 1) for told in _mistakes(situation, task)]
+def task_mistakes(situation: Situation, tasks: tuple[Task, ...], duration: float) -> list[str]:
+    """Every reason why `tasks` cannot or should not be carried out within `duration` (s), one sentence each."""
+    told = [f"[task {n}] {text}" for n, task in enumerate(tasks, 1) for text in _mistakes(situation, task)]
+    seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks)
+    seconds += sum(math.dist(_end(a), b.point) / situation.approach.speed for a, b in pairwise(tasks))
+    if not told and seconds > duration:
+        told.append(f"duration_s = {duration:g}: the tasks take about {seconds:.1f} s")
+    return told
+
+
+def _end(task: Task) -> tuple[float, float]:
+    return task.to if isinstance(task, Push) else task.point
+
+
+def _time(approach: Approach, task: Task, surface: float) -> float:
+    """How long a task takes (s), about: down, work, up."""
+    way = approach.height - surface
+    work = task.times * task.period + task.lift / approach.speed if isinstance(task, Tap) else _contact_time(task)
+    return way / approach.descent + work + approach.release + way / approach.speed + 3.0 * approach.ramp
 
 
 def _mistakes(s: Situation, task: Task) -> Iterator[str]:
@@ -113,6 +129,8 @@ def _against_approach(
             f"lift_mm = {1e3 * task.lift:g} goes above [approach] height_mm = {1e3 * s.approach.height:g}, "
             f"{1e3 * (s.approach.height - surface.min()):.1f} mm over the surface"
         )
+    if isinstance(task, Tap) and (seconds := 2.0 * task.lift / task.speed + s.approach.ramp) > task.period:
+        yield f"period_s = {task.period:g}: lift_mm = {1e3 * task.lift:g} down and up again takes {seconds:.2f} s"
     for (x, y), z in zip(path, surface, strict=True):
         slope = _slope(s.plant, x, y, z)
         if math.isfinite(z) and slope > s.plant.mu:
@@ -134,16 +152,8 @@ def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:
     """Straight down from the travelling height to the floor, everywhere on the path."""
     heights = np.arange(s.approach.floor, s.approach.height + SPACING, SPACING)
     columns = np.array([[x, y, z] for x, y in path for z in heights])
-    for geometry in s.geometries:
-        try:
-            joint_angles(geometry, columns)
-        except Unreachable as problem:
-            at = np.array(problem.pose)
-            try:
-                joint_angles(geometry, at)
-            except Unreachable as alone:
-                return str(alone)
-    return None
+    problems = (unreachable(geometry, columns) for geometry in s.geometries)
+    return next((str(problem) for problem in problems if problem), None)
 
 
 def _too_fast(s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]) -> Iterator[str]:
@@ -188,13 +198,10 @@ def _against_monitor(
             f"[monitor] workspace_radius_mm = {1e3 * monitor.workspace_radius:g} would trip"
         )
     if lowest <= monitor.z_min:
-        yield (
-            f"presses down to z = {1e3 * lowest:.1f} mm; [monitor] z_min_mm = {1e3 * monitor.z_min:g} would trip"
-        )
+        yield (f"presses down to z = {1e3 * lowest:.1f} mm; [monitor] z_min_mm = {1e3 * monitor.z_min:g} would trip")
     if approach.height >= monitor.z_max:
         yield (
-            f"[approach] height_mm = {1e3 * approach.height:g}: "
-            f"[monitor] z_max_mm = {1e3 * monitor.z_max:g} would trip"
+            f"[approach] height_mm = {1e3 * approach.height:g}: [monitor] z_max_mm = {1e3 * monitor.z_max:g} would trip"
         )
     if depth >= monitor.penetration_limit:
         yield (

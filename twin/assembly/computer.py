@@ -1,0 +1,79 @@
+"""The robot's computer: estimator, controller and safety monitor, each with what it believes."""
+
+import numpy as np
+
+from twin.controller.belief import Belief
+from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
+from twin.controller.estimator import Estimator
+from twin.controller.pid import Gains
+from twin.controller.task_controller import FeedForward, TaskController, Touch
+from twin.cosim.component import Component
+from twin.cosim.delay import delay
+from twin.experiment.agreement import monitor_belief
+from twin.experiment.experiment import Experiment
+from twin.experiment.monitor import limits
+from twin.experiment.task import program_of
+from twin.monitor.component import Monitor
+
+
+def belief(experiment: Experiment) -> Belief:
+    """What the controller believes."""
+    m = experiment.controller.model
+    return Belief(
+        a=m.a, b=m.b, l_a=m.l_a, l_b=m.l_b, m_a=m.m_a, m_b=m.m_b, m_p=m.m_p, k_s=m.k_s, N=m.N, eta=m.eta,
+        motor_counts=m.motor_counts_per_turn, joint_counts=m.joint_counts_per_turn,
+        motor_zero=m.motor_zero, joint_zero=m.joint_zero, backlash=experiment.controller.dead_zone,
+    )  # fmt: skip
+
+
+def estimator(experiment: Experiment) -> Estimator:
+    """Encoder counts to position and force."""
+    return Estimator(belief(experiment), experiment.controller.gravity_compensation, experiment.controller_ticks)
+
+
+def controller(experiment: Experiment) -> Controller | TaskController:
+    """The force-position law with the experiment's gains, led by way points or by tasks.
+
+    In position mode nothing ever triggers the force loop.
+    """
+    c = experiment.controller
+    force_on = c.mode == "force_position"
+    law = Law(
+        N=c.model.N,
+        omega_max=c.speed_limit,
+        F_z_ref=c.force.reference or 0.0,
+        trigger_force=c.force.trigger if force_on and c.force.trigger is not None else NEVER,
+        trigger_time=c.force.trigger_time if force_on and c.force.trigger_time is not None else NEVER,
+        dp_z_max=c.force.limit,
+        corner=c.force.filter,
+    )
+    position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
+    force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
+    ticks = experiment.controller_ticks
+    if experiment.reference is not None:
+        return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks)
+    assert experiment.approach is not None and c.touch is not None and c.feed_forward is not None
+    return TaskController(
+        law,
+        position,
+        force,
+        FeedForward(c.model.k_s, c.model.eta, c.feed_forward.friction, c.feed_forward.lag),
+        Touch(c.touch.contact, c.touch.patience, c.touch.turn, c.touch.learning),
+        program_of(experiment.approach, c.touch.contact, experiment.tasks),
+        experiment.start,
+        ticks,
+    )
+
+
+def computation_delay(experiment: Experiment) -> list[Component]:
+    """The delay between controller and drives, if one is set."""
+    ticks = experiment.controller.delay_ticks
+    return [delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))] if ticks else []
+
+
+def safety_monitor(experiment: Experiment) -> list[Component]:
+    """Who watches, if anybody does."""
+    if experiment.monitor is None:
+        return []
+    bounds = limits(experiment.monitor, experiment.controller.speed_limit)
+    return [Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)]

@@ -1,0 +1,52 @@
+"""Whether the robot gets wherever the reference leads it."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from twin.errors import Unreachable
+from twin.experiment.schema import Model, Reference, Triple
+from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
+
+WAY_POINT_SPACING = 1e-3
+"""How densely (m) straight lines are checked for reach."""
+
+
+def geometry_of(model: Model) -> Geometry:
+    """Fig. 2 as `model` has it."""
+    return Geometry(model.a, model.b, model.l_a, model.l_b)
+
+
+def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
+    """Why the robot cannot be at one of `p_B` (..., 3) in m, told of that pose alone; None if it can."""
+    try:
+        joint_angles(geometry, p_B)
+    except Unreachable as problem:
+        # of many poses the sentence would name the index; of the pose alone it does not
+        return problem if p_B.ndim == 1 else unreachable(geometry, np.array(problem.pose))
+    return None
+
+
+def reference_mistakes(reference: Reference, geometries: Iterable[Geometry]) -> list[str]:
+    """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`."""
+    if len(reference.t) != len(reference.p):
+        return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
+    for geometry in geometries:
+        for number, point in enumerate(reference.p, start=1):
+            if problem := unreachable(geometry, np.array(point)):
+                return [f"[reference] way point {number}: {problem}"]
+        for number, line in enumerate(_lines(reference.p), start=1):
+            if problem := unreachable(geometry, line):
+                return [f"[reference] between way points {number} and {number + 1}: {problem}"]
+    return []
+
+
+def _lines(points: tuple[Triple, ...]) -> list[np.ndarray]:
+    """Each way point, with points on the line towards the next."""
+    lines = []
+    for start, end in zip(points, (*points[1:], points[-1]), strict=True):
+        a, b = np.array(start), np.array(end)
+        count = 1 + int(np.linalg.norm(b - a) / WAY_POINT_SPACING)
+        lines.append(a + np.linspace(0.0, 1.0, count, endpoint=False)[:, None] * (b - a))
+    return lines
