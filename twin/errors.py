@@ -19,6 +19,12 @@ class ComponentFailed(TwinError):
     exit_code = 3
 
 
+class SafetyTrip(TwinError):
+    """The safety monitor tripped in a run in which nothing was to go wrong."""
+
+    exit_code = 4
+
+
 class Unreachable(InputRefused, ValueError):
     """No pose or no joint angles exist for what was asked.
 

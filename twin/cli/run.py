@@ -32,6 +32,9 @@ def run(
     drive: Annotated[
         str | None, typer.Option(metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.")
     ] = None,
+    body: Annotated[
+        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/, such as back.")
+    ] = None,
     settings: Annotated[
         list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
     ] = None,
@@ -56,7 +59,8 @@ def run(
     """Run experiments and record them.
 
     Exit code: 0 done, 3 a component failed while running (error, crash, hang),
-    2 input refused (also an FMU that crashes before the first step), 130 interrupted.
+    2 input refused (also an FMU that crashes before the first step), 4 the safety
+    monitor tripped although the experiment has no faults, 130 interrupted.
     """
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
@@ -66,6 +70,7 @@ def run(
         "experiments": [str(path) for path in experiments],
         "settings": settings or [],
         "drive": drive,
+        "body": body,
         "out": str(out) if out else None,
         "isolate_drives": isolate == Isolation.DRIVE,
         "limit_step": limit_step,
@@ -146,7 +151,9 @@ class Display:
 
 def _sentence(run: dict[str, Any]) -> str:
     lines = [f"{run['experiment']}  {run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"]
-    lines += [f"  {text} at t = {t:.3f} s" for t, text in run["events"]]
+    for t, level, text in run["events"]:
+        if level != "DEBUG":
+            lines += textwrap.wrap(f"{t:8.3f} s  {text}", 80, subsequent_indent=" " * 12)
     for drive in dict.fromkeys(run["drives"]):
         head, *rest = drive.splitlines()
         lines += [
@@ -165,5 +172,6 @@ def _facts(run: dict[str, Any]) -> dict[str, object]:
         "recording_s": run["writing"],
         "real_time_factor": run["real_time_factor"],
         "drives": list(run["drives"]),
-        "events": [{"t_s": t, "text": text} for t, text in run["events"]],
+        "trip": run["trip"],
+        "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
     }

@@ -70,6 +70,13 @@ class Component:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
         return f"returned status {status}"
 
+    def keep_time(self, clock: np.ndarray) -> None:
+        """Take note of the clock of the simulation it is part of: `clock[0]` is the tick being stepped."""
+
+    def said(self) -> list[tuple[int, str]]:
+        """(tick, text): what it had to say since it was last asked, for people."""
+        return []
+
     def close(self) -> None:
         """Release what the component holds outside Python's memory."""
 

@@ -67,6 +67,8 @@ class Simulation:
             memory = _witness[0](system, last_tick)
         memory = memory or SimulationMemory(np.array([0, NOBODY]), np.zeros(system.inputs_width))
         self._mark, self._u = memory.mark, memory.u
+        for component in system.components:
+            component.keep_time(self._mark)
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])
         self._y = np.concatenate([valid, valid])
         self._rows = np.empty((slice_ticks, system.outputs_width))

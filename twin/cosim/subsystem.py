@@ -143,6 +143,13 @@ class Subsystem(Component):
         inside = failed_phrase(self.system, self._u, self._y, culprit, int(m["status"]), tick)
         return f"failed inside: {inside};"
 
+    def keep_time(self, clock: np.ndarray) -> None:
+        for component in self.system.components:
+            component.keep_time(clock)
+
+    def said(self) -> list[tuple[int, str]]:
+        return [told for component in self.system.components for told in component.said()]
+
     def close(self) -> None:
         for component in self.system.components:
             component.close()

@@ -97,6 +97,12 @@ class FmuComponent(Component):
         code = STATUSES.get(status % 16, f" status {status % 16}")
         return f"{prefix}{called} returned {prefix}{code}{said}"
 
+    def keep_time(self, clock: np.ndarray) -> None:
+        self.instance.clock = clock
+
+    def said(self) -> list[tuple[int, str]]:
+        return self.instance.unheard()
+
     def close(self) -> None:
         self.instance.close()
 

@@ -19,6 +19,9 @@ from twin.errors import ComponentFailed, InputRefused
 Setting = tuple[Variable, float | np.ndarray]
 """A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
 
+MOST_UNHEARD = 100
+"""An FMU that complains in every step is believed after so many."""
+
 
 class Instance:
     """An FMU instance in step mode.
@@ -32,6 +35,7 @@ class Instance:
     Attributes:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
+        clock: its first element is the tick at which it is stepped.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -48,6 +52,8 @@ class Instance:
         self.description = description
         self.name = name
         self.messages: list[str] = []
+        self.clock = np.zeros(1, dtype=np.int64)
+        self._unheard: list[tuple[int, str]] = []
         self._settings, self._inputs = settings, inputs
         self._fmu = self._loaded(name, folder)
         self._instantiate()
@@ -106,6 +112,11 @@ class Instance:
         """
         self._called("SetFMUstate", lambda: self._fmu.setFMUState(state))
         self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(state))
+
+    def unheard(self) -> list[tuple[int, str]]:
+        """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
+        told, self._unheard = self._unheard, []
+        return told
 
     def close(self) -> None:
         """Free it; safe to call twice."""
@@ -219,5 +230,8 @@ class Instance:
 
     def _keep(self, status: int, message: bytes | None) -> None:
         if status > 0 and message:
+            text = message.decode(errors="replace").strip()
             del self.messages[:-2]
-            self.messages.append(message.decode(errors="replace").strip())
+            self.messages.append(text)
+            if len(self._unheard) < MOST_UNHEARD:
+                self._unheard.append((int(self.clock[0]), text))

@@ -4,7 +4,7 @@ from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 
-from twin.errors import ComponentFailed
+from twin.errors import ComponentFailed, SafetyTrip
 from twin.execution import Run, execute
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.guard.guard import JobDied
@@ -19,6 +19,7 @@ def recorded_runs(
     experiments: list[str],
     settings: list[str],
     drive: str | None,
+    body: str | None,
     out: str | None,
     isolate_drives: bool = False,
     limit_step: float = Limits.step,
@@ -28,15 +29,17 @@ def recorded_runs(
     Notes: {"experiment", "folder"} before a run, {"run": the fields of `twin.execution.Run`} after it.
 
     Args:
-        experiments: files. settings, drive: see `load_experiment`, for all of them.
+        experiments: files. settings, drive, body: see `load_experiment`, for all of them.
         out: the folder of the only run; None: results/<experiment>/<time>.
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
 
     Raises:
         InputRefused: a mistake in any of the experiments; none has been run.
         ComponentFailed, RecordingFailed: as `execute`.
+        SafetyTrip: the monitor tripped in one without faults; all have been run.
     """
-    loaded = [load_experiment(Path(path), settings, drive) for path in experiments]
+    loaded = [load_experiment(Path(path), settings, drive, body) for path in experiments]
+    unexpected: list[str] = []
     for experiment in loaded:
         voice.loading()
         folder = (
@@ -51,6 +54,10 @@ def recorded_runs(
             run = execute(experiment, folder, voice.progress)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         voice.note(run=facts)
+        if run.trip and not experiment.faults:
+            unexpected.append(f"{experiment.name}: {run.trip}")
+    if unexpected:
+        raise SafetyTrip("\n".join(unexpected))
 
 
 def _with_isolated_drives(voice: Voice, experiment: Experiment, folder: Path, limit_step: float) -> Run:

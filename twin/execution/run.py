@@ -1,15 +1,10 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
 import json
-import platform
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
-from importlib.metadata import version
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from twin.assembly.drives import DrivePlan, drive
 from twin.assembly.robot import Assembly, DriveMaker, assemble
@@ -17,6 +12,8 @@ from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
+from twin.execution.provenance import provenance
+from twin.execution.watch import Event, Watch
 from twin.experiment.experiment import Experiment
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
@@ -24,7 +21,6 @@ from twin.recording.writer import Writer
 
 SLICE_TICKS = 100
 SUMMARY = "summary.json"
-PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
 
 Progress = Callable[[int, int], None]
 
@@ -36,7 +32,8 @@ class Run:
     Attributes:
         recording: the MCAP file.
         simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
-        events: (time in s, text).
+        events: (time in s, level, text).
+        trip: why the safety monitor tripped; "" if it did not.
         drives: what stood behind each joint: file, FMI version, hash, mapping, warnings.
         microseconds: wall time per tick of each component, if it was measured.
     """
@@ -45,7 +42,8 @@ class Run:
     simulated: float
     stepping: float
     writing: float
-    events: tuple[tuple[float, str], ...]
+    events: tuple[tuple[float, str, str], ...]
+    trip: str
     drives: tuple[str, ...]
     microseconds: dict[str, float]
 
@@ -90,8 +88,8 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
     simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed)
     topics = [_topic(component) for component in system.components]
     spans = [_span(system, position) for position in range(len(topics))]
-    watch = TriggerWatch(system)
-    events: list[tuple[float, str]] = []
+    watch = Watch(assembly, experiment)
+    events: list[Event] = []
     stepping = writing = 0.0
     with Writer(path, topics, system.tick, provenance(experiment, assembly)) as writer:
         while not simulation.finished:
@@ -102,9 +100,9 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
             for topic, span in zip(topics, spans, strict=True):
                 start = -first % topic.period
                 writer.write(topic.name, first + start, rows[start :: topic.period, span])
-            for tick, text in watch.events(first, rows):
-                writer.write_event(tick, "INFO", text, "controller")
-                events.append((tick * system.tick, text))
+            for event in watch.events(first, rows):
+                writer.write_event(event.tick, event.level, event.text, event.source)
+                events.append(event)
             # a component may take this process with it in the next slice
             writer.end_slice()
             stepping += stepped - began
@@ -122,62 +120,11 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
         simulated=experiment.duration_ticks * system.tick,
         stepping=stepping,
         writing=writing,
-        events=tuple(events),
+        events=tuple((event.tick * system.tick, event.level, event.text) for event in events),
+        trip=watch.trip,
         drives=tuple(_told(plan) for plan in assembly.drives),
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
     )
-
-
-class TriggerWatch:
-    """Sees the force loop being triggered."""
-
-    def __init__(self, system: System):
-        self._triggered = system.columns("controller.triggered").start
-        self._F_z = system.columns("controller.F_z").start
-        self._before = 0.0
-
-    def events(self, first: int, rows: np.ndarray) -> list[tuple[int, str]]:
-        """(tick, text) of what happened in `rows`, the first of which is tick `first`."""
-        if len(rows) == 0:
-            return []
-        flags = np.concatenate([[self._before], rows[:, self._triggered]])
-        self._before = flags[-1]
-        rises = np.flatnonzero(np.diff(flags) > 0)
-        return [(first + int(k), f"force control triggered at F_z = {rows[k, self._F_z]:.3f} N") for k in rises]
-
-
-def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
-    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
-    fmus = {
-        f"drive_{i + 1}{'.' * bool(part)}{part}": json.dumps(
-            {
-                "file": fmu.path.name,
-                "sha256": fmu.sha256,
-                "model": fmu.model.modelName,
-                "fmi": fmu.model.fmiVersion,
-                "generation_tool": fmu.model.generationTool,
-                "set": {variable.name: value for variable, value in plan.settings[part]},
-                "mapped": [str(binding) for binding in plan.bindings],
-            }
-        )
-        for i, plan in enumerate(assembly.drives)
-        for part, fmu in plan.parts.items()
-    }
-    values = _named_fmus(experiment.values)
-    return {
-        "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
-        "origins": dict(experiment.origins),
-        "fmu": fmus,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
-    }
-
-
-def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with FMUs by file name only: where they lie on this machine is nobody's business."""
-    return {
-        key: _named_fmus(value) if isinstance(value, dict) else Path(value).name if key == "fmu" else value
-        for key, value in values.items()
-    }
 
 
 def _told(plan: DrivePlan) -> str:

@@ -1,0 +1,48 @@
+"""Where a recording comes from."""
+
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from twin.assembly.robot import Assembly
+from twin.controller.phase import PhaseKind
+from twin.experiment.experiment import Experiment
+
+PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
+
+
+def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
+    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    fmus = {
+        f"drive_{i + 1}{'.' * bool(part)}{part}": json.dumps(
+            {
+                "file": fmu.path.name,
+                "sha256": fmu.sha256,
+                "model": fmu.model.modelName,
+                "fmi": fmu.model.fmiVersion,
+                "generation_tool": fmu.model.generationTool,
+                "set": {variable.name: value for variable, value in plan.settings[part]},
+                "mapped": [str(binding) for binding in plan.bindings],
+            }
+        )
+        for i, plan in enumerate(assembly.drives)
+        for part, fmu in plan.parts.items()
+    }
+    values = _named_fmus(experiment.values)
+    return {
+        "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
+        "origins": dict(experiment.origins),
+        "fmu": fmus,
+        **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    }
+
+
+def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with FMUs by file name only: where they lie on this machine is nobody's business."""
+    return {
+        key: _named_fmus(value) if isinstance(value, dict) else Path(value).name if key == "fmu" else value
+        for key, value in values.items()
+    }
