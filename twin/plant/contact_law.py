@@ -1,8 +1,8 @@
 """What a surface answers to being pressed in: its normal force from depth d and rate d_dot.
 
     Hunt-Crossley  F = K d (d / d_ref)^(n - 1) (1 + c d_dot)             Hunt and Crossley (1975), J Appl Mech 42:440
-    Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Sec. 2.11
-    exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Sec. 7.5
+    Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Ch. 2
+    exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Ch. 7
 
 F is clamped at 0: a surface does not pull. Each is an elastic force with a potential, plus a part of the sign of d_dot;
 what is clamped away would have given energy back. So no closed cycle gains energy.
