@@ -6,7 +6,7 @@ The bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapp
 v_t - sigma_0 |v_t| z_b / (mu F_n) divides by zero and is stiff at a light touch.
 
 On a curved surface z_b is held in the tangents of `surface.surface_frame`; the turning of these about the normal is
-left out of dz_b/dt. It would move no energy, and its size is the share of the sphere swept over.
+left out of dz_b/dt. It would move no energy, and on a closed path it is the solid angle that n goes round.
 """
 
 import math

@@ -22,7 +22,9 @@ HUNT_CROSSLEY, KELVIN_VOIGT, EXPONENTIAL = 0.0, 1.0, 2.0
 LAWS = {"hunt_crossley": HUNT_CROSSLEY, "kelvin_voigt": KELVIN_VOIGT, "exponential": EXPONENTIAL}
 
 
-@njit(cache=True)
+# numpy's division: a constant that a fault has set to 0 has to give NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
 def elastic_force(parameters, d):
     """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
     if parameters.law == EXPONENTIAL:
@@ -32,7 +34,7 @@ def elastic_force(parameters, d):
     return parameters.K * d
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pressing_force(parameters, d, rate):
     """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
     if d <= 0.0:
