@@ -91,6 +91,14 @@ def test_stiffness_is_the_secant_at_the_reference_depth_whatever_the_exponent(ex
     assert force == pytest.approx(parameters.K * reference_depth, rel=1e-14)
 
 
+@given(st.floats(1.0, 3.0), depths)
+def test_at_twice_the_depth_the_force_is_two_to_the_exponent_times_as_large(exponent, depth):
+    parameters = PARAMETERS._replace(exponent=exponent, reference_depth=0.005)
+    ratio = pressing_force(parameters, 2.0 * depth, 0.0) / pressing_force(parameters, depth, 0.0)
+    # rounding
+    assert ratio == pytest.approx(2.0**exponent, rel=1e-12)
+
+
 @given(st.integers(0, 10_000).map(lambda micrometres: 1e-6 * micrometres))
 def test_without_stiffening_to_speak_of_the_exponential_law_is_linear(depth):
     soft = PARAMETERS._replace(law=EXPONENTIAL, stiffening=1e-6)

@@ -56,7 +56,9 @@ MEMORY = np.dtype([("motions", "i8"), ("count", "i8")], align=True)
 _motions_at = pointer_to(from_dtype(MOTION))
 
 
-@njit(cache=True)
+# numpy's division: a rate or rise of 0 has to give NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
 def breathing(motion, t):
     """Share of the amplitude (1) at `t` (s), and its rate of change (1/s)."""
     last = motion.onset + np.ceil((motion.end - motion.onset) * motion.rate) / motion.rate
@@ -67,7 +69,7 @@ def breathing(motion, t):
     return 1.0 - math.cos(phase), omega * math.sin(phase)
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def least_jerk(t, rise):
     """Share of a way of duration `rise` (s) that is done `t` seconds after its start (1), and its rate (1/s)."""
     if t <= 0.0:

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from twin.cosim.component import NativeComponent, Port, width
 from twin.cosim.native import step_function
-from twin.plant.contact import contact_force, normal_force, settled_bristle
+from twin.plant.contact import normal_force, settled_bristle, touch
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection, spring_stiffness
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.robot.inverse_kinematics import leg_angle
@@ -62,18 +62,12 @@ def moved(s_B, v_s_B, t):
 
 
 @njit(cache=True)
-def normal_force_of(parameters, x, s_B, v_s_B):
-    """Normal force (N) in the state `x` on a surface displaced by `s_B` that moves at `v_s_B`."""
+def settle(parameters, x, s_B, v_s_B):
+    """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
     F_n, _ = normal_force(
         parameters, x[0] - s_B[0], x[1] - s_B[1], x[2] - s_B[2], x[3] - v_s_B[0], x[4] - v_s_B[1], x[5] - v_s_B[2]
     )
-    return F_n
-
-
-@njit(cache=True)
-def settle(parameters, x, s_B, v_s_B):
-    """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
-    x[6], x[7] = settled_bristle(parameters, normal_force_of(parameters, x, s_B, v_s_B), x[6], x[7])
+    x[6], x[7] = settled_bristle(parameters, F_n, x[6], x[7])
 
 
 @njit(cache=True)
@@ -114,8 +108,7 @@ def outputs(parameters, x, theta_m, s_B, v_s_B, y):
         y[15 + leg] = motor_load_torque(spring_stiffness(parameters, leg), d)
     rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
-    y[18], y[19], y[20] = contact_force(parameters, rx, ry, rz, ux, uy, uz, x[6], x[7])
-    y[21] = normal_force_of(parameters, x, s_B, v_s_B)
+    y[18], y[19], y[20], y[21], _, _ = touch(parameters, rx, ry, rz, ux, uy, uz, x[6], x[7])
     y[22], y[23] = x[6], x[7]
     return inside
 

@@ -6,7 +6,7 @@ The bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapp
 v_t - sigma_0 |v_t| z_b / (mu F_n) divides by zero and is stiff at a light touch.
 
 On a curved surface z_b is held in the tangents of `surface.surface_frame`; the turning of these about the normal is
-left out of dz_b/dt. It would move no energy, and its size is the share of the sphere swept over.
+left out of dz_b/dt. It would move no energy, and on a closed path it is the solid angle that n goes round.
 """
 
 import math
@@ -22,13 +22,6 @@ def normal_force(parameters, x, y, z, vx, vy, vz):
     """Normal force (N, >= 0) and depth (m, positive inside) at position and velocity of the platform."""
     depth, _, _, n = surface_frame(parameters, x, y, z)
     return pressing_force(parameters, depth, -dot(n, vx, vy, vz)), depth
-
-
-@njit(cache=True)
-def tangential_velocity(parameters, x, y, z, vx, vy, vz):
-    """Velocity along the local tangents e_1 and e_2 (m/s)."""
-    _, e_1, e_2, _ = surface_frame(parameters, x, y, z)
-    return dot(e_1, vx, vy, vz), dot(e_2, vx, vy, vz)
 
 
 # numpy's division here and below: out of reach 0/0 has to become NaN, because an exception of compiled code that the
@@ -73,14 +66,28 @@ def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
 
 
 @njit(cache=True)
-def contact_force(parameters, x, y, z, vx, vy, vz, z_1, z_2):
-    """Force BY the robot ON the surface in B (N): (fx, fy, fz), pressing gives fz < 0."""
-    F_n, _ = normal_force(parameters, x, y, z, vx, vy, vz)
-    v_1, v_2 = tangential_velocity(parameters, x, y, z, vx, vy, vz)
+def touch(parameters, x, y, z, vx, vy, vz, z_1, z_2):
+    """All that a contact does at once: (fx, fy, fz, F_n, dz_1, dz_2).
+
+    Force BY the robot ON the surface in B (N; pressing gives fz < 0), normal force (N, >= 0), bristle rate (m/s).
+    """
+    depth, e_1, e_2, n = surface_frame(parameters, x, y, z)
+    F_n = pressing_force(parameters, depth, -dot(n, vx, vy, vz))
+    v_1, v_2 = dot(e_1, vx, vy, vz), dot(e_2, vx, vy, vz)
     f_1, f_2 = friction(parameters, F_n, z_1, z_2, v_1, v_2)
-    _, e_1, e_2, n = surface_frame(parameters, x, y, z)
+    dz_1, dz_2 = bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2)
     return (
         e_1[0] * f_1 + e_2[0] * f_2 - n[0] * F_n,
         e_1[1] * f_1 + e_2[1] * f_2 - n[1] * F_n,
         e_1[2] * f_1 + e_2[2] * f_2 - n[2] * F_n,
+        F_n,
+        dz_1,
+        dz_2,
     )
+
+
+@njit(cache=True)
+def contact_force(parameters, x, y, z, vx, vy, vz, z_1, z_2):
+    """Force BY the robot ON the surface in B (N): (fx, fy, fz), pressing gives fz < 0."""
+    fx, fy, fz, _, _, _ = touch(parameters, x, y, z, vx, vy, vz, z_1, z_2)
+    return fx, fy, fz

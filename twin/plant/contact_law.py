@@ -1,8 +1,8 @@
 """What a surface answers to being pressed in: its normal force from depth d and rate d_dot.
 
     Hunt-Crossley  F = K d (d / d_ref)^(n - 1) (1 + c d_dot)             Hunt and Crossley (1975), J Appl Mech 42:440
-    Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Sec. 2.11
-    exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Sec. 7.5
+    Kelvin-Voigt   F = K d + C w(d / d_touch) d_dot                      Fung (1993), Biomechanics, Ch. 2
+    exponential    F = K / beta (exp(beta d) - 1) (1 + c d_dot)          Fung (1993), Ch. 7
 
 F is clamped at 0: a surface does not pull. Each is an elastic force with a potential, plus a part of the sign of d_dot;
 what is clamped away would have given energy back. So no closed cycle gains energy.
@@ -22,7 +22,9 @@ HUNT_CROSSLEY, KELVIN_VOIGT, EXPONENTIAL = 0.0, 1.0, 2.0
 LAWS = {"hunt_crossley": HUNT_CROSSLEY, "kelvin_voigt": KELVIN_VOIGT, "exponential": EXPONENTIAL}
 
 
-@njit(cache=True)
+# numpy's division: a constant that a fault has set to 0 has to give NaN, because an exception of compiled code that the
+# master calls by address is lost
+@njit(cache=True, error_model="numpy")
 def elastic_force(parameters, d):
     """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
     if parameters.law == EXPONENTIAL:
@@ -32,7 +34,7 @@ def elastic_force(parameters, d):
     return parameters.K * d
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def pressing_force(parameters, d, rate):
     """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
     if d <= 0.0:

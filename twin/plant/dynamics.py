@@ -11,7 +11,7 @@ component and the python-control system both integrate it.
 
 from numba import njit
 
-from twin.plant.contact import bristle_rate, contact_force, normal_force, tangential_velocity
+from twin.plant.contact import touch
 from twin.robot.gravity import arm_gravity_torque, leg_inertia, platform_mass, platform_weight
 from twin.robot.inverse_kinematics import leg_angle
 from twin.robot.jacobian import jacobian_rate_row_times, jacobian_row
@@ -69,7 +69,7 @@ def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
     # the platform as the surface sees it
     rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
-    contact_x, contact_y, contact_z = contact_force(parameters, rx, ry, rz, ux, uy, uz, z_1, z_2)
+    contact_x, contact_y, contact_z, _, dx[6], dx[7] = touch(parameters, rx, ry, rz, ux, uy, uz, z_1, z_2)
     fx, fy, fz = -contact_x, -contact_y, -contact_z - platform_weight(parameters)
     for leg in range(3):
         theta_l = leg_angle(parameters, leg, px, py, pz)
@@ -87,6 +87,3 @@ def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
         m22, m23, m33 = m22 + inertia * jy * jy, m23 + inertia * jy * jz, m33 + inertia * jz * jz
     dx[0], dx[1], dx[2] = vx, vy, vz
     dx[3], dx[4], dx[5] = _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz)
-    F_n, _ = normal_force(parameters, rx, ry, rz, ux, uy, uz)
-    v_1, v_2 = tangential_velocity(parameters, rx, ry, rz, ux, uy, uz)
-    dx[6], dx[7] = bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2)
