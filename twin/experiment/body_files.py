@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.experiment.source import Source, located, read_source
+from twin.experiment.source import Source, forget_contact, located, read_source
 
 FOLDERS = ("bodies", "experiments/bodies")
 CHANGED_ON_THE_COMMAND_LINE = "set on the command line"
@@ -42,12 +42,6 @@ def replace_body(source: Source, name: str) -> None:
     forget_contact(source, keep=("contact.height_mm",))
     source.values["contact"] = {"body": name, **height}
     source.origins["contact.body"] = CHANGED_ON_THE_COMMAND_LINE
-
-
-def forget_contact(source: Source, keep: tuple[str, ...] = ()) -> None:
-    """Take out all that is said of the contact, but the origins of `keep`."""
-    source.values.pop("contact", None)
-    source.origins = {k: v for k, v in source.origins.items() if not k.startswith("contact.") or k in keep}
 
 
 def _file(name: Any, folder: Path) -> Path:

@@ -5,7 +5,6 @@ from typing import Literal
 
 from pydantic import Field, field_validator, model_validator
 
-from twin.experiment.contact import Contact as Contact
 from twin.experiment.quantity import Section, quantity
 
 Triple = tuple[float, float, float]

@@ -54,7 +54,9 @@ class Source:
 
 
 def read_source(path: Path) -> Source:
-    """The file at `path` laid over the files it `extends`; a [drive] that names another drive replaces the whole table.
+    """The file at `path` laid over the files it `extends`.
+
+    A [drive] that names another drive, and a [contact] that names a body, replace the whole table of the files below.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
@@ -67,6 +69,10 @@ def read_source(path: Path) -> Source:
         if isinstance(drive, dict) and drive.keys() & {"fmu", "parts"}:
             # another drive has other parameters: nothing of the one before can stay
             forget_drive(source)
+        contact = table.get("contact")
+        if isinstance(contact, dict) and "body" in contact:
+            # likewise another body
+            forget_contact(source)
         source.put(table, f"set in {file.name}")
     return source
 
@@ -93,8 +99,17 @@ def replace_drive(source: Source, fmu: str) -> None:
 
 def forget_drive(source: Source) -> None:
     """Take out all that is said of the drive."""
-    source.values.pop("drive", None)
-    source.origins = {key: origin for key, origin in source.origins.items() if not key.startswith("drive.")}
+    _forget(source, "drive")
+
+
+def forget_contact(source: Source, keep: tuple[str, ...] = ()) -> None:
+    """Take out all that is said of the contact, but the origins of `keep`."""
+    _forget(source, "contact", keep)
+
+
+def _forget(source: Source, table: str, keep: tuple[str, ...] = ()) -> None:
+    source.values.pop(table, None)
+    source.origins = {k: v for k, v in source.origins.items() if not k.startswith(f"{table}.") or k in keep}
 
 
 def located(name: str, start: Path) -> Path:
