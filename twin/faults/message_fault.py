@@ -35,9 +35,9 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; number n,
-counted from 1, lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for
-all that are under way. `present`: what the reader has."""
+"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
+n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
+that are under way. `present`: what the reader has."""
 _ticks_at = pointer_to(types.int64)
 
 
