@@ -57,6 +57,14 @@ def test_parameters_come_first_and_everything_else_right_behind_what_feeds_it():
     ]  # fmt: skip
 
 
+@pytest.mark.parametrize("kind", ["encoder_dropout_nan", "sample_delay"])
+def test_counts_that_may_be_no_numbers_are_recorded_as_doubles(kind):
+    target = "encoder" if kind == "sample_delay" else "joint_encoder_1"
+    components, _ = injected([Fault(kind, target, 0, magnitude=TICK)])
+    fault = next(component for component in components if component.name == "fault_1")
+    assert {port.name: port.kind for port in fault.outputs}["count_l"] == "double"
+
+
 def test_every_reader_gets_the_faulty_signal_also_one_that_reads_a_single_element():
     components, wires = Robot().parts()
     wires = [wire for wire in wires if wire[1] != "estimator.count_l"]

@@ -91,8 +91,9 @@ _PARAMETER_KINDS = {
         "factor", (0.9, 0.7, 0.4), POSITIVE,
     ),
     "spring_broken": Kind(
-        "parameter", _JOINTS, "the spring of the joint carries nothing", "yes",
-        "nothing holds the link against the motor: the deflection leaves the range of its force limit",
+        "parameter", _JOINTS, "the spring of the joint carries nothing", "if large",
+        "in free air the link runs away from the motor at once and the deflection leaves the range of the force limit; "
+        "in contact friction may hold the platform for seconds while the true force grows",
     ),
     "stiffness_change": Kind(
         "parameter", ("contact",), "the surface has this factor of its stiffness", "no",

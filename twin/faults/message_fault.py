@@ -4,6 +4,8 @@ A message is whatever its sender puts out in one period. One that is overtaken b
 reader gets never goes back in time.
 """
 
+from dataclasses import replace
+
 import numpy as np
 from numba import carray, njit, types
 
@@ -25,7 +27,6 @@ MEMORY = np.dtype(
         ("most", "i8"),
         ("share", "f8"),
         ("sent", "i8"),
-        ("delivered", "i8"),
         ("capacity", "i8"),
         ("messages", "i8"),
         ("arrivals", "i8"),
@@ -34,9 +35,9 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset,
-`delivered`: the newest of them that arrived, both counted from 1; message n lies at n modulo `capacity` in the rings
-`messages` and `arrivals` (ticks). `present`: what the reader has."""
+"""A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
+n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
+that are under way. `present`: what the reader has."""
 _ticks_at = pointer_to(types.int64)
 
 
@@ -63,10 +64,9 @@ def post(m, message, messages, arrivals, k):
 @njit(cache=True)
 def receive(m, present, messages, arrivals, k):
     """Make the newest message that has arrived the `present` one, in place."""
-    for n in range(m.sent, max(m.delivered, m.sent - m.capacity), -1):
+    for n in range(m.sent, max(0, m.sent - m.capacity), -1):
         if arrivals[n % m.capacity] <= k:
             present[:] = messages[n % m.capacity]
-            m.delivered = n
             return
 
 
@@ -80,7 +80,7 @@ def step(self, t, h, u, y):
     active = within(m.window, k)
     if k == 0 or not active:
         present[:] = message
-        m.sent = m.delivered = 0
+        m.sent = 0
     if active:
         if k % m.sender_period == 0:
             post(m, message, messages, arrivals, k)
@@ -122,7 +122,9 @@ class MessageFault(NativeComponent):
         m["messages"], m["arrivals"] = messages.ctypes.data, arrivals.ctypes.data
         m["present"] = present.ctypes.data
         kept = (messages, arrivals, present)
-        super().__init__(name, ports, (*ports, ACTIVE), True, step, memory, keep=kept)
+        # a count that came through a fault before may be NaN
+        read = (replace(port, kind="double") for port in ports)
+        super().__init__(name, ports, (*read, ACTIVE), True, step, memory, keep=kept)
 
 
 def _whole_ticks(number: int, fault: Fault, tick: float) -> int:
