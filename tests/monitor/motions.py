@@ -21,7 +21,7 @@ from twin.robot.jacobian import jacobian
 BELIEF = Belief(**belief(shipped())._asdict(), backlash=shipped().plant.backlash)
 GEOMETRY = geometry(BELIEF)
 MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
-LIMITS: Limits = limits(Section())
+LIMITS: Limits = limits(Section(), speed_limit=8.0)
 DT = 2e-3
 """Between two encoder messages, each of which the monitor looks at (s)."""
 

@@ -16,7 +16,10 @@ DISTINCT = 3.0
 
 
 class Monitor(Section):
-    """[monitor]: a table without keys is complete. The defaults suit a massage at 3 to 8 N."""
+    """[monitor]: a table without keys is complete. The defaults suit a massage at 3 to 8 N.
+
+    A command counts as saturated at `command_limit`, by default the controller's own limit.
+    """
 
     enabled: bool = True
     period: float = quantity("period_ms", 2.0, gt=0)
@@ -35,7 +38,7 @@ class Monitor(Section):
     frozen_demand: float = quantity("frozen_demand_rad_per_s", 0.5, gt=0)
     frozen_time: float = quantity("frozen_time_ms", 100.0, gt=0)
     frozen_travel: float = quantity("frozen_travel_deg", 8.0, gt=0)
-    command_limit: float = quantity("command_limit_rad_per_s", 8.0, gt=0)
+    command_limit: float | None = quantity("command_limit_rad_per_s", None, gt=0)
     saturation_time: float = quantity("saturation_time_ms", 500.0, gt=0)
     follow_limit: float = quantity("follow_limit_rad_per_s", 1.5, gt=0)
     follow_time: float = quantity("follow_time_ms", 100.0, gt=0)
@@ -44,19 +47,22 @@ class Monitor(Section):
     retract_speed: float = quantity("retract_speed_rad_per_s", 2.0, gt=0)
 
 
-def limits(monitor: Monitor) -> Limits:
-    """The limits of [monitor] as the component takes them."""
-    return Limits(**{name: getattr(monitor, name) for name in Limits._fields})
+def limits(monitor: Monitor, speed_limit: float) -> Limits:
+    """The limits of [monitor] as the component takes them; `speed_limit`: of the controller's commands (rad/s)."""
+    given = {name: getattr(monitor, name) for name in Limits._fields}
+    return Limits(**{**given, "command_limit": monitor.command_limit or speed_limit})
 
 
 def contradictions(monitor: Monitor, belief: Belief, sample_period: float, speed_limit: float) -> list[str]:
-    """Every way in which the limits of [monitor] cannot all mean something, one sentence each.
+    """Every way in which the limits of [monitor] cannot all mean something, one sentence each; none if not enabled.
 
     Args:
         belief: the monitor's model of the robot.
-        sample_period: between two encoder messages (s).
+        sample_period: between two encoder messages, and between two commands (s).
         speed_limit: of the controller's commands (rad/s).
     """
+    if not monitor.enabled:
+        return []
     if monitor.z_min >= monitor.z_max:
         # no middle of the workspace to look at the others from
         return [
@@ -85,7 +91,12 @@ def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> 
             f"[monitor] contact_force_N = {monitor.contact_force:g} is not below force_limit_N = "
             f"{monitor.force_limit:g}; lower it, or no contact is ever seen"
         )
-    if monitor.command_limit > speed_limit:
+    if monitor.period > sample_period:
+        told.append(
+            f"[monitor] period_ms = {1e3 * monitor.period:g} holds back the controller's commands, which come every "
+            f"{1e3 * sample_period:g} ms; expected at most that"
+        )
+    if monitor.command_limit is not None and monitor.command_limit > speed_limit:
         told.append(
             f"[monitor] command_limit_rad_per_s = {monitor.command_limit:g} is never reached: the controller commands "
             f"at most {speed_limit:g} rad/s; expected at most that"
