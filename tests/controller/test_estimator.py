@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -6,6 +7,11 @@ from tests.laws.runs import Sampled, shipped
 from tests.plant.states import positions
 from twin.assembly import belief
 from twin.controller.estimator import Estimator
+from twin.cosim.component import Port
+from twin.cosim.python_component import PythonComponent
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
+from twin.errors import ComponentFailed
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import Masses, environment_force
@@ -66,10 +72,30 @@ def test_position_is_known_to_a_joint_count(p_B):
     assert np.abs(found["p_B"] - p_B).max() < 0.1 * np.sqrt(3.0) * np.pi / BELIEF.joint_counts
 
 
-def test_counts_that_no_pose_explains_give_no_number():
+def test_estimate_is_held_while_counts_explain_no_pose_or_are_no_numbers():
     calibrated = BELIEF._replace(motor_zero=(0.0, 0.0, 0.0), joint_zero=(0.0, 0.0, 0.0))
+    estimator = Sampled(Estimator(calibrated))
+    good = np.array([900.0, 900.0, 900.0, 900.0, 900.0, 900.0])
+    before = estimator.named(good)
     # leg 1 folded inwards, the others outwards: the sphere centres lie on one line
-    half_turn = BELIEF.joint_counts / 2.0
-    found = Sampled(Estimator(calibrated)).named(np.array([0.0, 0.0, 0.0, half_turn, 0.0, 0.0]))
-    assert np.isnan(found["p_B"]).all()
-    assert np.isnan(found["F_ee_B"]).all()
+    folded = np.array([0.0, 0.0, 0.0, BELIEF.joint_counts / 2.0, 0.0, 0.0])
+    for counts in (folded, np.full(6, np.nan), [*good[:5], np.inf]):
+        held = estimator.named(np.asarray(counts))
+        assert held.pop("valid") == 0.0
+        for name, value in held.items():
+            np.testing.assert_array_equal(value, before[name])
+    assert estimator.named(good)["valid"] == 1.0
+
+
+def test_first_counts_that_explain_no_pose_end_the_run():
+    class Folded:
+        inputs, sampled = (), True
+        outputs = (Port("count_m", 3), Port("count_l", 3))
+
+        def step(self, t, h, u, y):
+            y[:] = [0.0, 0.0, 0.0, BELIEF.joint_counts / 2.0, 0.0, 0.0]
+
+    wires = [(f"encoder.{name}", f"estimator.{name}") for name in ("count_m", "count_l")]
+    system = System([PythonComponent("encoder", Folded()), Estimator(BELIEF)], wires, 1e-3)
+    with pytest.raises(ComponentFailed, match="estimator found no pose that fits the first encoder counts at t = 0 s"):
+        Simulation(system, 3).run()

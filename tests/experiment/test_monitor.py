@@ -17,9 +17,18 @@ def test_an_empty_table_is_complete_and_without_contradiction():
 
 
 def test_limits_are_si():
-    assert limits(Monitor()) == LIMITS
+    assert limits(Monitor(), 8.0) == LIMITS
     assert (LIMITS.penetration_limit, LIMITS.speed_limit, LIMITS.z_min) == (0.025, 0.25, -0.135)
     assert LIMITS.retract == pytest.approx(0.5236, abs=1e-4)
+
+
+def test_a_command_is_saturated_at_the_controllers_limit_unless_another_is_given():
+    assert limits(Monitor(), 6.0).command_limit == 6.0
+    assert limits(Monitor.model_validate({"command_limit_rad_per_s": 5.0}), 6.0).command_limit == 5.0
+
+
+def test_a_monitor_that_is_not_enabled_contradicts_nothing():
+    assert told(enabled=False, z_min_mm=-75.0, z_max_mm=-80.0) == []
 
 
 def test_every_limit_has_a_key_with_its_unit():
@@ -51,6 +60,7 @@ def test_what_is_no_limit_is_refused(key, value):
         ({"force_rate_limit_N_per_s": 50.0}, "force_rate_limit_N_per_s = 50 is within"),
         ({"follow_limit_rad_per_s": 0.4}, "follow_limit_rad_per_s = 0.4 is within"),
         ({"stale_time_ms": 2.0}, "stale_time_ms = 2 is no longer than one sample of 2 ms"),
+        ({"period_ms": 4.0}, "period_ms = 4 holds back the controller's commands, which come every 2 ms"),
         ({"period_ms": 100.0}, "follow_time_ms = 100 is no longer than one sample of 100 ms"),
         ({"command_limit_rad_per_s": 9.0}, "never reached: the controller commands at most 8 rad/s"),
         ({"retract_speed_rad_per_s": 1.0}, "retract_speed_rad_per_s = 1 is not above follow_limit_rad_per_s = 1.5"),

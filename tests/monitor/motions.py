@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.assembly import belief
+from twin.experiment.agreement import monitor_belief
 from twin.experiment.monitor import Monitor as Section
 from twin.experiment.monitor import limits
 from twin.monitor.belief import Belief
@@ -18,7 +18,7 @@ from twin.robot.gravity import Masses, environment_force
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 
-BELIEF = Belief(**belief(shipped())._asdict(), backlash=shipped().plant.backlash)
+BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)
 MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
 LIMITS: Limits = limits(Section(), speed_limit=8.0)

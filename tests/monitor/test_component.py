@@ -83,6 +83,17 @@ def test_it_says_what_is_true_of_a_robot_that_presses():
     np.testing.assert_array_equal(out["power"], 1.0)
 
 
+@pytest.mark.parametrize(("lowest", "ends"), [(0.75, False), (0.2, True)])
+def test_a_contact_ends_at_half_the_force_at_which_it_began(lowest, ends):
+    # down to `lowest` and up again to 1.5 N, in a second
+    F_z = 1.5 - (1.5 - lowest) * np.sin(np.linspace(0.0, np.pi, 500)) ** 2
+    p_B = np.tile((0.0, 0.0, -0.1), (500, 1))
+    p_B[:, 2] -= F_z / 2000.0
+    out = watched(inputs(p_B, np.stack([0.0 * F_z, 0.0 * F_z, -F_z], axis=1))).outputs
+    # half a count is worth 0.12 N, less than what is left to 0.5 N
+    assert (out["contact_time"].min() == 0.0) == ends
+
+
 def test_speed_is_that_of_the_platform():
     out = watched(inputs(ramp(500, (-0.01, -0.02, -0.09), (0.01, 0.02, -0.11)))).outputs
     # 49 mm/s; a count on each joint per sample is worth 35 mm/s, a fifth of it behind the low-pass, and seldom falls

@@ -100,4 +100,3 @@ class Watch:
         for component in self._system.components:
             for tick, text in component.said():
                 yield Event(tick, "WARNING", text, component.name)
-

@@ -48,7 +48,7 @@ class Monitor(Section):
 
 
 def limits(monitor: Monitor, speed_limit: float) -> Limits:
-    """The limits of [monitor] as the component takes them; `speed_limit` is that of the controller's commands (rad/s)."""
+    """The limits of [monitor] as the component takes them; `speed_limit`: of the controller's commands (rad/s)."""
     given = {name: getattr(monitor, name) for name in Limits._fields}
     return Limits(**{**given, "command_limit": monitor.command_limit or speed_limit})
 
