@@ -75,7 +75,7 @@ def test_same_encoder_counts_give_the_same_bits_whatever_the_plant_is(override):
         return np.array(outputs)
 
     believed_true, believed_wrong = replayed(shipped()), replayed(shipped(FORCE, override))
-    assert believed_true[-1, 24 + 10] == 1.0, "the replay reaches the force loop"
+    assert believed_true[-1, 25 + 10] == 1.0, "the replay reaches the force loop"
     assert believed_true.tobytes() == believed_wrong.tobytes()
 
 

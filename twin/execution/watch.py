@@ -51,7 +51,7 @@ class Watch:
         """What happened in `rows`, the first of which is tick `first`, in order."""
         if len(rows) == 0:
             return []
-        found = [*self._progress(first, rows), *self._trips(), *self._faults(first, len(rows)), *self._messages()]
+        found = [*self._faults(first, len(rows)), *self._progress(first, rows), *self._trips(), *self._messages()]
         return sorted(found, key=lambda event: event.tick)
 
     def _progress(self, first: int, rows: np.ndarray) -> Iterator[Event]:
