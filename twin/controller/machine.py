@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from twin.controller.motion import motion, motion_time, smooth
+from twin.controller.phase import PhaseKind, Until
 
 MACHINE = np.dtype(
     [
@@ -40,10 +41,6 @@ tapped: when the last tap began. z_turn: platform height at which the pre-define
 this tap. t_turn: how long before it a tap has to turn round; learning: share of the error that the next one corrects.
 """
 
-TRAVEL, DESCEND, BUILD_UP, HOLD, CIRCLE, PUSH, RELEASE, RETRACT, PROBE, TAP, RISE, WAIT, DONE = range(1, 14)
-ELAPSED, FELT, TURN = range(3)
-"""The values of `PhaseKind` and `Until`, which compiled code reads as numbers."""
-
 LONGEST_TURN = 0.1
 """Bound of t_turn (s): five times what the slowest drive takes to reverse."""
 
@@ -77,7 +74,7 @@ def enter(m, phases, index, t, F_z, dp_z):
     m.total = max(motion_time(phase, m.length), phase.duration)
     if phase.period > 0.0:
         m.total = max(0.0, m.tapped + phase.period - t)
-    if phase.kind == TAP:
+    if phase.kind == PhaseKind.TAP:
         m.tapped, m.z_lowest = t, np.inf
 
 
@@ -85,16 +82,16 @@ def enter(m, phases, index, t, F_z, dp_z):
 def _following(m, phase, t, h, z, v_z, F_z, F_rate):
     """Index of the phase that is due now; the present one if it goes on."""
     over = t - m.entered > m.total - 0.5 * h
-    if phase.until == FELT:
+    if phase.until == Until.FELT:
         if F_z >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
-    if phase.until == TURN:
+    if phase.until == Until.TURN:
         # between this call and the next, of which `walk` makes the right moment
         if z + v_z * (m.t_turn + h) <= m.z_turn or F_z + F_rate * m.t_turn >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
-    if phase.force_on and phase.kind != RELEASE:
+    if phase.force_on and phase.kind != PhaseKind.RELEASE:
         m.lost = m.lost + h if F_z < 0.5 * m.contact_force else 0.0
         if m.lost > m.patience:
             return phase.otherwise
@@ -106,6 +103,14 @@ def _following(m, phase, t, h, z, v_z, F_z, F_rate):
             return phase.again
         m.passes = 0
     return phase.next
+
+
+@njit(cache=True)
+def _time_to_turn(m, phase, z, h):
+    """How long (s, at most `h`) a tap that is to turn round before the next call may still go on; 0: none does."""
+    if phase.until != Until.TURN or m.v[2] >= 0.0:
+        return 0.0
+    return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)
 
 
 @njit(cache=True)
@@ -139,12 +144,12 @@ def walk(m, phases, t, h, z, F_z, F_rate, F_delay, dp_z):
     m.z_lowest = min(m.z_lowest, z)
     following = _following(m, phase, t, h, z, m.v[2], F_z, F_rate)
     if following != m.index:
-        if phase.kind == PROBE:
+        if phase.kind == PhaseKind.PROBE:
             m.z_turn = z - m.v[2] * F_delay
-        if phase.kind == RISE:
+        if phase.kind == PhaseKind.RISE:
             late = (m.z_turn - m.z_lowest) / phase.speed
             m.t_turn = min(max(m.t_turn + m.learning * late, 0.0), LONGEST_TURN)
-        rest = min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h) if phase.until == TURN and m.v[2] < 0.0 else 0.0
+        rest = _time_to_turn(m, phase, z, h)
         enter(m, phases, following, t, F_z, dp_z)
         if rest > 0.0:
             _turn_within(m, phases[m.index], t, h, rest)

@@ -62,7 +62,7 @@ def circle_time(phase):
 
 @njit(cache=True)
 def circle_offset(phase, t):
-    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest in the centre at both ends."""
+    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest there at both ends."""
     total = circle_time(phase)
     if t <= 0.0 or t >= total:
         return 0.0, 0.0, 0.0, 0.0

@@ -77,7 +77,7 @@ _phases_at = pointer_to(from_dtype(PHASE))
 
 @njit(cache=True)
 def fed_forward(m, phase, J, t, h):
-    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, `lag` ahead of `t` (s)."""
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`."""
     machine, forward = m.machine, m.forward
     elapsed = t - machine.entered
     if elapsed >= 0.0:
