@@ -108,7 +108,7 @@ def step(self, t, h, u, y):
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
     # a first-order low-pass lags a ramp by its time constant
     lag = h * (1.0 - share) / share
-    walk(machine, phases, t, h, u_[2], m.F_z, m.F_rate, lag, m.dp_z)
+    walk(machine, phases, t, h, u_[2], -u_[14], m.F_z, m.F_rate, lag, m.dp_z)
     phase = phases[machine.index]
     if phase.force_on:
         m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)

@@ -65,6 +65,10 @@ def _time(approach: Approach, task: Task, surface: float) -> float:
 def _mistakes(s: Situation, task: Task) -> Iterator[str]:
     path = _path(task)
     surface = np.array([_surface_height(s.plant, *point) for point in path])
+    if not np.isfinite(surface).all():
+        x, y = path[surface.argmin()]
+        yield f"({1e3 * x:.1f}, {1e3 * y:.1f}) mm is beside the body: its surface ends before"
+        return
     yield from _against_approach(s, task, path, surface)
     if problem := _out_of_reach(s, path):
         yield problem
@@ -100,13 +104,14 @@ def _path(task: Task) -> NDArray[np.float64]:
 
 
 def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
-    """z of the surface (m) over (x, y); far below where a curved one ends."""
+    """z of the surface (m) over (x, y), coming from above; minus infinity where a curved one does not reach."""
 
     def depth(z: float) -> float:
         return float(surface_frame(plant, x, y, z)[0])
 
-    low, high = plant.z_s - DEEPEST, plant.z_s + DEEPEST
-    return float(brentq(depth, low, high)) if depth(low) * depth(high) < 0.0 else -math.inf
+    heights = plant.z_s + np.arange(DEEPEST, -DEEPEST, -SPACING)
+    below = next((z for z in heights if depth(z) > 0.0), None)
+    return -math.inf if below is None else float(brentq(depth, below, below + SPACING))
 
 
 def _depth(plant: PlantParameters, force: float) -> float | None:
@@ -133,7 +138,7 @@ def _against_approach(
         yield f"period_s = {task.period:g}: lift_mm = {1e3 * task.lift:g} down and up again takes {seconds:.2f} s"
     for (x, y), z in zip(path, surface, strict=True):
         slope = _slope(s.plant, x, y, z)
-        if math.isfinite(z) and slope > s.plant.mu:
+        if slope > s.plant.mu:
             yield (
                 f"friction cannot hold at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm: the surface slopes "
                 f"{math.degrees(math.atan(slope)):.1f} deg, friction {s.plant.mu:g} holds up to "
