@@ -64,7 +64,7 @@ def _of_modes(checked: dict[str, Any], has_tasks: bool) -> list[str]:
         missing = computer.mode == "force_position" and computer.force.reference is None
         return ["[controller.force] missing key 'reference_N'"] if missing else []
     told = [] if "approach" in checked else ["missing table [approach], which tasks need"]
-    for name in ("touch", "feed_forward"):
+    for name in ("touch", "feed_forward", "damping"):
         if getattr(computer, name) is None:
             told.append(f"missing table [controller.{name}], which tasks need")
     if computer.mode != "force_position":
