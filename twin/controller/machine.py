@@ -43,9 +43,12 @@ MACHINE = np.dtype(
 index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
 length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
 contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
-tapped: when the last tap began. touching, z_before, F_before, z_felt: whether contact has been felt since the way down
-began, height and force of the last call, and the height at which it was felt. depth: from there to the lowest
-point, calibrated: whether the first tap has told it. z_turn: height at which a tap is to be lowest; z_lowest: reached in it. t_turn: how long before it a tap has to turn round; learning: share of the error that the next one corrects.
+tapped: when the last tap began.
+touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
+last call, and the height at which it was felt.
+depth, calibrated: from there to the lowest point, and whether the first tap has told it.
+z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
+t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
 """
 
 LONGEST_TURN = 0.1
@@ -98,7 +101,7 @@ def _following(m, phase, t, h, z, v_z, F_z, F_rate):
     if phase.until == Until.TURN:
         # between this call and the next, of which `walk` makes the right moment
         reached = z + v_z * (m.t_turn + h) <= m.z_turn
-        if reached and (m.touching or not m.calibrated) or F_z + F_rate * m.t_turn >= phase.level:
+        if (reached and (m.touching or not m.calibrated)) or F_z + F_rate * m.t_turn >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
     if phase.force_on and phase.kind != PhaseKind.RELEASE:

@@ -114,8 +114,8 @@ def damp(m, tau_l, h):
     """Let each motor give way to what its spring's torque `tau_l` (3,) is above its mean, on top of `m.lead`.
 
     The platform swings on the springs, and the position loop, which moves the motors by what the platform does, drives
-    that: with a drive without lag, mass m and joint damping b it is stable for kp < b/m only. Giving way by g per N adds
-    K g to b/m (Routh on m s^3 + (b + g K m) s^2 + (K + g K b) s + K kp). The high-pass leaves steady forces alone.
+    that: with a drive without lag, mass m and joint damping b it is stable for kp < b/m only. Giving way by g per N
+    adds K g to b/m (Routh on m s^3 + (b + g K m) s^2 + (K + g K b) s + K kp). The high-pass leaves steady forces alone.
     """
     share = low_pass_share(m.damping.corner, h)
     for i in range(3):
