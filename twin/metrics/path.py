@@ -8,8 +8,8 @@ from twin.metrics.response import Curve
 def fitted_circle(x: Curve, y: Curve) -> tuple[float, float, float]:
     """(x_c, y_c, r) of the circle nearest to the points, in their unit.
 
-    Least squares of x^2 + y^2 = 2 x_c x + 2 y_c y + (r^2 - x_c^2 - y_c^2), linear in the brackets (Kasa 1976). Points all
-    round the circle leave its bias out; on a short arc it would come out too small.
+    Least squares of x^2 + y^2 = 2 x_c x + 2 y_c y + (r^2 - x_c^2 - y_c^2), linear in the brackets (Kasa 1976). On
+    points all round the circle that has no bias; on a short, noisy arc r comes out too small.
 
     Args:
         x, y: at least three points that are not on a line (n,).

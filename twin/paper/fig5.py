@@ -157,7 +157,7 @@ def _excess(figure: str, quote: str, share: float, why: str) -> Claim:
     return Claim(
         "excess", "largest F_z above its reference", figure, quote,
         _where(lambda run: np.ones(len(run.t), dtype=bool), lambda run, on: overshoot(run.F_z, run.task.force)),
-        high=share, unit="%", scale=100.0, digits=1, source=why,
+        high=share, unit="%", scale=100.0, source=why,
     )  # fmt: skip
 
 
@@ -214,7 +214,8 @@ TAP_DOWN = "goes down rapidly with an adjustable force until the pre-defined for
 TAP = (
     Claim(
         "slowness", "how much slower than asked it touches", "5 B", TAP_DOWN,
-        _slowness, high=20.0, unit="%", scale=100.0, digits=1, source="ours: 'rapidly': the speed asked for, less a fifth",
+        _slowness, high=20.0, unit="%", scale=100.0, digits=1,
+        source="ours: 'rapidly': the speed asked for, less a fifth",
     ),
     Claim(
         "peak_mean", "mean peak of F_z over its reference", "5 B", TAP_DOWN,

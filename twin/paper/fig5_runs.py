@@ -95,7 +95,7 @@ class TaskRun:
     def taps(self) -> list[slice]:
         """Samples of each tap, from its start to that of the next, or to the end of the task."""
         tapping = self.during(PhaseKind.TAP)
-        starts = np.flatnonzero(tapping & ~np.concatenate([[False], tapping[:-1]])) if len(tapping) else []
+        starts = np.flatnonzero(np.diff(tapping.astype(np.int8), prepend=0) > 0)
         return [slice(a, b) for a, b in zip(starts, [*starts[1:], len(self.t)], strict=True)]
 
     @cached_property
@@ -178,7 +178,7 @@ def trip_sentence(recording: Recording) -> str:
         return ""
     code = recording["monitor.reason"][np.searchsorted(recording.time("monitor"), time)]
     why = MEANINGS[Reason(int(code))].sentence.removeprefix("joint {joint}: ")
-    return f"{recording.path}: the safety monitor tripped at {time:.3f} s, {why}; no task from then on counts"
+    return f"{recording.path}: the safety monitor tripped at {time:.3f} s, {why}; every task from then on fails"
 
 
 def _tuples(value: Any) -> Any:

@@ -50,7 +50,8 @@ class Fig5Score:
     """What runs say to Fig. 5.
 
     Attributes:
-        tasks: in the order of the runs and of the tasks in them. remarks: a sentence per run that tripped or is damaged.
+        tasks: in the order of the runs and of the tasks in them.
+        remarks: a sentence on each run that tripped or is damaged.
     """
 
     tasks: tuple[TaskScore, ...]

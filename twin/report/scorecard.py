@@ -29,10 +29,10 @@ def fig5_text(score: Fig5Score) -> str:
     """Fig. 5: every claim on every task of a few runs; of many runs a table, and what fails in them."""
     held, judged = tally(score.findings)
     lines = [_two("Fig. 5: pressing, tapping, rolling, pushing", f"{held} of {judged} claims hold")]
-    lines += [*score.remarks, ""]
     runs = {task.run.recording.path for task in score.tasks}
     if len(runs) > FEW:
-        return _text([*lines, *_table(score.tasks), "", *_failures(score.tasks)])
+        return _text([*lines, "", *_table(score.tasks), "", *_failures(score.tasks), "", *score.remarks])
+    lines += [*score.remarks, ""]
     for task in score.tasks:
         lines += [_two(f"{task.name}: {task.manner}", f"{task.drive} on {task.body}"), *_lines(task.findings), ""]
     return _text([*lines, "All are judged on the true force and the true position."])
@@ -57,13 +57,31 @@ def _cell(findings: Sequence[Finding]) -> str:
 
 
 def _failures(tasks: Sequence[TaskScore]) -> list[str]:
-    lines = []
+    """What fails, one line per body, kind of task and claim: how often, the range measured, and with which drives."""
+    drives = {task.drive for task in tasks}
+    groups: dict[tuple[str, str, str], list[tuple[str, Finding]]] = {}
     for task in tasks:
-        for f in task.findings:
-            if f.verdict == "fails":
-                place = f"  FAIL {task.drive:17.17} {task.body:8.8} {task.name:7}"
-                lines.append(f"{place} {f.claim.key:14} {f.measured:>10} {f.expected:>11}")
+        for finding in task.findings:
+            if finding.verdict in ("holds", "fails"):
+                groups.setdefault((task.body, task.kind, finding.claim.key), []).append((task.drive, finding))
+    lines = []
+    for (body, kind, key), judged in groups.items():
+        failing = [(drive, finding) for drive, finding in judged if finding.verdict == "fails"]
+        if failing:
+            names = list(dict.fromkeys(drive for drive, _ in failing))
+            who = "every drive" if len(names) == len(drives) else ", ".join(names)
+            place = f"FAIL {body:8.8} {kind:5} {key:14} {len(failing):>2} of {len(judged):<2}"
+            lines += [f"{place} {_range([finding for _, finding in failing]):>18} {failing[0][1].expected:>11}"]
+            lines += [f"       {who}"]
     return lines
+
+
+def _range(findings: Sequence[Finding]) -> str:
+    """The least and the largest that was measured; `never` counts as larger."""
+    least, *_, largest = [*(ordered := sorted(findings, key=lambda f: f.value)), ordered[-1]]
+    if least.measured == largest.measured:
+        return least.measured
+    return f"{least.measured.removesuffix(least.claim.unit).rstrip()} .. {largest.measured}"
 
 
 def _lines(findings: Iterable[Finding]) -> list[str]:
