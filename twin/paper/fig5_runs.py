@@ -128,7 +128,7 @@ class TaskRun:
     @cached_property
     def tripped(self) -> bool:
         """Whether the safety monitor tripped before this task was over."""
-        return len(self.t) == 0 or (self.watched and trip_time(self.recording) <= self.t[-1])
+        return len(self.t) == 0 or bool(trip_time(self.recording) <= self.t[-1])
 
 
 def task_runs(recording: Recording) -> list[TaskRun]:

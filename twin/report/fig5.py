@@ -37,7 +37,7 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
-        left=0.055, right=0.985, top=0.935, bottom=0.1,
+        left=0.055, right=0.972, top=0.925, bottom=0.1,
     )  # fmt: skip
     floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
     for column, task in enumerate(shown):
