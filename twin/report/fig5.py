@@ -37,14 +37,14 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
     FigureCanvasAgg(figure)
     grid = figure.add_gridspec(
         3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
-        left=0.055, right=0.972, top=0.925, bottom=0.1,
+        left=0.055, right=0.972, top=0.92, bottom=0.1,
     )  # fmt: skip
     floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
     for column, task in enumerate(shown):
         space = figure.add_subplot(grid[0, column], projection="3d")
         draw_in_space(space, task.run, floor)
         corner = {"transform": space.transAxes, "va": "bottom"}
-        space.text2D(0.0, 1.09, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
+        space.text2D(0.0, 1.115, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
         place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.tripped}"
         space.text2D(0.0, 1.0, f"{task.manner}\n{place}", fontsize=8, **corner)
         way, force = (figure.add_subplot(grid[row, column]) for row in (1, 2))

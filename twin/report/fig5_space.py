@@ -41,11 +41,11 @@ def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
     for start, way in _moves(run):
         axes.quiver(*start, *way, color=MOVING, lw=1.8, arrow_length_ratio=0.3, zorder=5, label="moving direction")
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(bottom, TOP))
-    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.1)
+    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.06)
     axes.view_init(elev=24, azim=-52)
     axes.set_xlabel("x (mm)", fontsize=8, labelpad=-6)
     axes.set_ylabel("y (mm)", fontsize=8, labelpad=-6)
-    axes.set_zlabel("z (mm)", fontsize=8, labelpad=-9)
+    axes.set_zlabel("z (mm)", fontsize=8, labelpad=-6)
     axes.tick_params(labelsize=7, pad=-3)
     axes.grid(False)
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
