@@ -146,7 +146,7 @@ def _draw_force(axes: Axes, run: TaskRun) -> None:
     if limit is not None and limit <= (1.0 + ALIKE) * max(run.F_z.max(), run.task.force):
         axes.axhline(limit, color=TRACE, lw=1.2, ls=":", label="monitor's limit")
     axes.set(xlabel="time (s)", ylabel="pressing force F_z (N)", xlim=(t[0], t[-1]))
-    axes.set_ylim(bottom=-0.12 * run.task.force)
+    axes.set_ylim(-0.12 * run.task.force, max(axes.get_ylim()[1], 1.06 * run.task.force))
 
 
 def _force_limit(run: TaskRun) -> float | None:
