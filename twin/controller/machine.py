@@ -78,6 +78,9 @@ def enter(m, phases, index, t, F_z, dp_z):
     if before.force_on and not phase.force_on:
         m.p[2] += dp_z
     m.index, m.entered, m.lost = index, t, 0.0
+    if phase.task != before.task:
+        # a task that was cut short had passes to go
+        m.passes = 0
     enter_line(m, phase)
     # the force reference starts where the force is, so the force loop starts without a jump
     m.F_start = m.F_ref if before.force_on else max(F_z, 0.0)
