@@ -138,7 +138,7 @@ def task_runs(recording: Recording) -> list[TaskRun]:
         InputRefused: it holds none.
     """
     tables = _tuples(settings(recording).get("task", []))
-    tasks = checked_tasks(tables, [])
+    tasks = tuple(checked_tasks(tables, []).values())
     if not tasks or "controller.task" not in recording.fields():
         raise InputRefused(
             f"{recording.path}: holds no task; Fig. 5 needs a run of [[task]] tables, such as experiments/pressing.toml"
