@@ -87,6 +87,7 @@ def outcome(run: Trial, onset: int, tick: float, limit: float) -> Outcome:
     return Outcome(
         # the row of the tick in which a step fails is there
         peak=float(force.max()),
+        peak_delay=float(tick * force.argmax()),
         above=float(tick * np.count_nonzero(force > limit)),
         reason=run.trip.reason.name if run.trip else FAILURE if at_fault else "",
         delay=None if tripped is None else tick * (tripped - onset),

@@ -18,14 +18,16 @@ class Outcome:
     """What one run did, from the onset of the fault on.
 
     Attributes:
-        peak: largest true contact force (N). above: how long that was above the force limit (s).
+        peak: largest true contact force (N). peak_delay: from the onset to that (s).
+        above: how long the force was above the force limit (s).
         reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the
             fault itself; "" if neither.
-        delay: from the onset to that (s). power_off_delay: from the onset to the loss of power (s).
+        delay: from the onset to the trip (s). power_off_delay: from the onset to the loss of power (s).
         end: see `End`. failure: the sentence that ended the run.
     """
 
     peak: float
+    peak_delay: float
     above: float
     reason: str
     delay: float | None
@@ -79,6 +81,12 @@ class Row:
         return bool(self.watched.reason)
 
     @property
+    def in_time(self) -> bool:
+        """Whether the monitor saw it before the worst was over."""
+        delay = self.watched.delay
+        return delay is not None and delay <= self.watched.peak_delay
+
+    @property
     def largest(self) -> bool:
         """Whether the kind has no larger magnitude in the catalogue."""
         magnitudes = CATALOGUE[self.kind].magnitudes
@@ -86,20 +94,22 @@ class Row:
 
     @property
     def detectable(self) -> bool:
-        """Whether the monitor is answerable for this fault: by the catalogue, or because it did see it."""
+        """Whether the monitor is answerable for this fault: by the catalogue, or because it saw it."""
         stated = CATALOGUE[self.kind].detection
-        return stated == "yes" or (stated == "if large" and (self.largest or self.detected))
+        if stated == "no":
+            return self.in_time
+        return stated == "yes" or self.largest or self.detected
 
     @property
     def fails(self) -> bool:
-        """Whether a fault that can be seen in time went beyond the bound all the same."""
+        """Whether a fault that can be seen went beyond the bound all the same."""
         return self.detectable and not self.safe
 
     @property
     def as_stated(self) -> bool:
-        """Whether the run did what the catalogue says of its detection."""
+        """Whether the run did what the catalogue says of its detection; "if large" leaves single rows free."""
         stated = CATALOGUE[self.kind].detection
-        return self.detected if stated == "yes" else not self.detected if stated == "no" else True
+        return self.detected if stated == "yes" else not self.in_time if stated == "no" else True
 
     def facts(self) -> dict[str, Any]:
         """For JSON: keys with units, and the judgements."""
@@ -121,5 +131,5 @@ class Row:
 
 
 def _facts(outcome: Outcome) -> dict[str, Any]:
-    units = {"peak": "_N", "above": "_s", "delay": "_s", "power_off_delay": "_s"}
+    units = {"peak": "_N", "peak_delay": "_s", "above": "_s", "delay": "_s", "power_off_delay": "_s"}
     return {key + units.get(key, ""): value for key, value in asdict(outcome).items()}

@@ -14,6 +14,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from twin.fault_matrix.row import ALLOWANCE, Row
+from twin.faults.catalogue import CATALOGUE
 from twin.report.fault_matrix_text import magnitude_text
 
 COLORS = "cividis_r"
@@ -63,7 +64,7 @@ def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line:
     run, safe = (row.watched, row.safe) if watched else (row.unwatched, row.safe_unwatched)
     wide = SIZES if row.magnitude is None else 1
     left = onset * SIZES + (0 if row.magnitude is None else _size(row))
-    r, g, b, _ = color = shade.to_rgba(run.peak / row.limit)
+    r, g, b, _ = color = shade.to_rgba(np.array([run.peak / row.limit]))[0]
     axes.add_patch(Rectangle((left, line), wide, 1, fc=color, ec="white", lw=0.6))
     if not safe:
         axes.add_patch(
@@ -80,8 +81,6 @@ def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line:
 
 def _size(row: Row) -> int:
     """Which of the kind's magnitudes it is, from 0."""
-    from twin.faults.catalogue import CATALOGUE
-
     return (CATALOGUE[row.kind].magnitudes or ()).index(row.magnitude or 0.0)
 
 

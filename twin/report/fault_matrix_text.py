@@ -17,8 +17,9 @@ UNITS = {
     "Nm_s_per_rad": "Nms/rad",
 }
 """Units of the catalogue as people write them, where that differs."""
-COLUMNS = ("worst at", "onset", "peak", "without", "seen", "by", "after")
-MARKDOWN = ("Kind", "Worst at", "Onset", "Peak (N)", "Without monitor (N)", "Seen", "By", "After", "Ends")
+HEAD = ("worst of each kind", "", "onset", "peak", "without", "seen", "by", "after")
+UNDER_HEAD = ("", "", "s", "N", "N", "", "", "s")
+MARKDOWN = ("Kind", "Worst at", "Onset (s)", "Peak (N)", "Without monitor (N)", "Seen", "By", "After (s)", "Ends")
 
 
 def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
@@ -42,9 +43,9 @@ def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
             f"Without the monitor {ended} more runs end early because a component fails; "
             "their peak is the one until then."
         )
-    lines += ["", _line(("worst per kind", *COLUMNS))]
+    lines += ["", _line(HEAD), _line(UNDER_HEAD)]
     for row, of_kind in _worst(rows):
-        lines.append(_line((("! " if row.fails else "") + row.kind, *_cells(row, of_kind))))
+        lines.append(_line((row.kind, *_cells(row, of_kind))))
     return "\n".join(line.rstrip() for line in [*lines, *_exceptions(rows)])
 
 
@@ -64,35 +65,35 @@ def magnitude_text(kind: str, magnitude: float | None) -> str:
 
 
 def _worst(rows: Sequence[Row]) -> Iterator[tuple[Row, list[Row]]]:
-    """Of each kind the row with the largest force, and all of its rows."""
+    """Of each kind the row with the largest force as printed (of equals the largest fault), and all its rows."""
     for _, group in groupby(rows, lambda row: row.kind):
         of_kind = list(group)
-        yield max(of_kind, key=lambda row: row.watched.peak), of_kind
+        yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
 
 
-def _cells(row: Row, of_kind: list[Row]) -> tuple[str, ...]:
+def _cells(row: Row, of_kind: Sequence[Row]) -> tuple[str, ...]:
     return (
         magnitude_text(row.kind, row.magnitude),
-        f"{row.onset:.2f} s",
-        f"{row.watched.peak:.1f}",
-        f"{row.unwatched.peak:.1f}",
+        f"{row.onset:.2f}",
+        f"{row.watched.peak:.1f}{'' if row.safe else '!'}",
+        f"{max(r.unwatched.peak for r in of_kind):.1f}",
         f"{sum(r.detected for r in of_kind)}/{len(of_kind)}",
         row.watched.reason,
-        "" if row.watched.delay is None else f"{1e3 * row.watched.delay:.0f} ms",
+        "" if row.watched.delay is None else f"{row.watched.delay:.3f}",
     )
 
 
 def _line(cells: Sequence[str]) -> str:
     kind, worst, onset, peak, without, seen, by, after = cells
-    return f"{kind:20} {worst:12} {onset:>7} {peak:>5} {without:>7} {seen:>4} {by:13.13} {after:>6}"
+    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4}  {by:14.14} {after:>6}"
 
 
 def _exceptions(rows: Sequence[Row]) -> Iterator[str]:
     kinds = list(dict.fromkeys(row.kind for row in rows))
     failing = [row for row in rows if row.fails]
-    yield from _block("beyond the bound although they can be seen:", [_named(row) for row in failing])
+    yield from _block("! beyond the bound although it can be seen:", [_named(row) for row in failing])
     beyond = [row for row in rows if not row.safe and not row.fails]
-    yield from _block("beyond the bound, and nothing can be seen in time:", [_named(row) for row in beyond])
+    yield from _block("! beyond the bound before anything can be seen:", [_named(row) for row in beyond])
     unseen = [kind for kind in kinds if CATALOGUE[kind].detection == "no"]
     yield from _block("cannot be seen:", [f"{kind}: {CATALOGUE[kind].reason}" for kind in unseen])
     otherwise = [f"{_named(row)}, stated: {CATALOGUE[row.kind].detection}" for row in rows if not row.as_stated]
