@@ -4,6 +4,7 @@ from pathlib import Path
 from PIL import Image
 
 from tests.cli.test_run import twin
+from tests.paper.fig5_recordings import pressed, tapped
 from twin.recording.recording import Recording
 
 
@@ -39,3 +40,44 @@ def test_what_is_no_recording_and_no_figure_is_refused(position: Recording, tmp_
     done = twin("compare", "--paper", "fig9", position.path, position.path, cwd=tmp_path)
     assert done.returncode == 2
     assert "expected one of fig4" in done.stderr
+
+
+def test_fig4_needs_two_runs(position: Recording, tmp_path: Path):
+    done = twin("compare", "--paper", "fig4", position.path, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "got 1 runs, expected two: the run with force control" in done.stderr
+
+
+def test_fig5_takes_any_number_of_runs_and_says_the_verdict_first(tmp_path: Path):
+    runs = [tmp_path / "press", tmp_path / "tap"]
+    for folder in runs:
+        folder.mkdir()
+    pressed(runs[0])
+    tapped(runs[1])
+    done = twin("compare", "--paper", "fig5", *runs, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].endswith("15 of 15 claims hold")
+    assert max(len(line) for line in done.stdout.splitlines()) <= 80
+    facts = json.loads((tmp_path / "results/fig5/fig5.json").read_text())
+    assert [task["kind"] for task in facts["tasks"]] == ["press", "tap"]
+    with Image.open(tmp_path / "results/fig5/fig5.png") as picture:
+        assert picture.width >= 600
+
+
+def test_a_task_that_fails_is_exit_code_1_and_named(tmp_path: Path):
+    pressed(tmp_path, force=-0.5)
+    done = twin("compare", "--paper", "fig5", tmp_path, "--json", "--out", tmp_path / "out", cwd=tmp_path)
+    assert done.returncode == 1
+    assert "hold_mean" in json.loads(done.stdout)["tasks"][0]["failed"]
+
+
+def test_fig5_without_runs_takes_the_latest_or_says_how_to_make_them(tmp_path: Path):
+    done = twin("compare", "--paper", "fig5", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "first: twin run experiments/pressing.toml" in done.stderr
+
+
+def test_a_run_without_tasks_is_refused_in_one_sentence(position: Recording, tmp_path: Path):
+    done = twin("compare", "--paper", "fig5", position.path, cwd=tmp_path)
+    assert done.returncode == 2
+    assert "holds no task" in done.stderr and len(done.stderr.splitlines()) == 1

@@ -93,7 +93,7 @@ def monolithic_run(experiment: Experiment, duration: float) -> dict[str, NDArray
         By label, one value per controller tick from 0 to `duration` (s): the outputs of the plant.
     """
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
-    x_plant, theta_m = resting(parameters, experiment.reference.p[0])
+    x_plant, theta_m = resting(parameters, experiment.start)
     x = np.concatenate([theta_m, np.zeros(3), x_plant])
     encoder = Sampled(Encoder(p.motor_counts_per_turn, p.joint_counts_per_turn, p.motor_zero, p.joint_zero))
     estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))

@@ -60,6 +60,7 @@ def test_contact_stays_lawful_on_other_surfaces_and_belts(override):
 def test_scale_shows_the_vertical_contact_force_to_half_a_step(name):
     experiment, rows = shipped(name), run_of(name)
     due = slice(None, None, experiment.scale_ticks)
+    assert experiment.scale is not None
     step = experiment.scale.resolution * 9.81
     error = rows["scale.F_z"][due] + rows["plant.F_ee_B"][due, 2]
     # rounding

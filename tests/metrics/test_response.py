@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from twin.metrics.response import first_time, overshoot, rise_time, settling_time, within
+from twin.metrics.response import first_time, overshoot, rise_time, settling_time, steepest_rise, within
 
 t = np.linspace(0.0, 10.0, 10_001)
 first_order = 1.0 - np.exp(-t)
@@ -43,3 +43,14 @@ def test_first_time_is_infinite_for_what_never_happens():
 
 def test_a_window_includes_its_ends():
     assert t[within(t, 2.0, 3.0)][[0, -1]].tolist() == [2.0, 3.0]
+
+
+def test_the_steepest_rise_of_a_ramp_is_its_slope_and_of_a_step_its_height_over_the_span():
+    # rounding of t
+    assert steepest_rise(t, 3.0 * t, 0.2) == pytest.approx(3.0, rel=1e-9)
+    assert steepest_rise(t, np.where(t > 5.0, 1.0, 0.0), 0.2) == pytest.approx(5.0, rel=1e-9)
+
+
+def test_samples_shorter_than_the_span_have_no_rate():
+    assert steepest_rise(t[:100], t[:100], 0.2) == np.inf
+    assert steepest_rise(t[:1], t[:1], 0.2) == np.inf

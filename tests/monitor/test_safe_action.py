@@ -45,7 +45,7 @@ class Pressing:
         omega, message, rows, truth = np.zeros(3), np.zeros(7), [], []
         for k in range(ticks):
             if k % 2 == 0:
-                message = np.append(encoder(np.append(theta_m, state[6:9])), k // 2)
+                message = encoder(np.append(theta_m, state[6:9]))
             sent = message.copy()
             if counts is not None and k >= FAULT:
                 counts(sent, k)
@@ -75,7 +75,7 @@ def lost(message, k):
 
 
 def stopped(message, k):
-    message[6] = FAULT // 2 - 1
+    message[6] = FAULT // 2
 
 
 def dead_motor_encoder(message, k):

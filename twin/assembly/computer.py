@@ -6,7 +6,7 @@ from twin.controller.belief import Belief
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.estimator import Estimator
 from twin.controller.pid import Gains
-from twin.controller.task_controller import FeedForward, TaskController, Touch
+from twin.controller.task_controller import Damping, FeedForward, TaskController, Touch
 from twin.cosim.component import Component
 from twin.cosim.delay import delay
 from twin.experiment.agreement import monitor_belief
@@ -52,12 +52,14 @@ def controller(experiment: Experiment) -> Controller | TaskController:
     ticks = experiment.controller_ticks
     if experiment.reference is not None:
         return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks)
-    assert experiment.approach is not None and c.touch is not None and c.feed_forward is not None
+    assert experiment.approach is not None and c.touch is not None
+    assert c.feed_forward is not None and c.damping is not None
     return TaskController(
         law,
         position,
         force,
         FeedForward(c.model.k_s, c.model.eta, c.feed_forward.friction, c.feed_forward.lag),
+        Damping(c.damping.gain, c.damping.corner),
         Touch(c.touch.contact, c.touch.patience, c.touch.turn, c.touch.learning),
         program_of(experiment.approach, c.touch.contact, experiment.tasks),
         experiment.start,

@@ -104,6 +104,8 @@ def assemble(
             wires = _joint_drive_wires(chain[-1])
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
         wires += _wires(chain, bool(body), bool(scale), bool(watched))
+        if experiment.tasks:
+            wires.append(("estimator.tau_l", "controller.tau_l"))
         components, wires = inject(
             components,
             wires,

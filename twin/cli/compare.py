@@ -1,93 +1,112 @@
 """`twin compare`: recordings beside the paper's claims."""
 
 import json
+from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
 from twin.errors import InputRefused
 
 if TYPE_CHECKING:
-    from twin.paper.claim import Finding
-    from twin.paper.score import Score
+    from twin.recording.recording import Recording
 
-FIGURES = ("fig4",)
-MARKS = {"holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproducible": "n/a"}
-WIDTH = 80
+FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
+
+
+class Verdict(NamedTuple):
+    """What a figure's claims come to: for people, for programs, as a picture."""
+
+    text: str
+    facts: dict[str, object]
+    failed: list[str]
+    notes: list[str]
+    draw: Callable[[Path], None]
 
 
 def compare(
-    force_position: Annotated[
-        Path, typer.Argument(metavar="RUN_FORCE_POSITION", help="Run with force control: folder or .mcap.")
-    ],
-    position: Annotated[Path, typer.Argument(metavar="RUN_POSITION", help="Run with position control only.")],
-    paper: Annotated[str, typer.Option(metavar="FIGURE", help="Figure of the paper to score: fig4.")],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where picture and JSON go.")] = Path("results/fig4"),
+    paper: Annotated[str, typer.Option(metavar="FIGURE", help="Figure of the paper to score: fig4 or fig5.")],
+    runs: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[RUN...]",
+            help="fig4: the run with force control, then the one without. fig5: any runs of tasks; without RUN, the "
+            "latest of results/pressing, tapping, rolling and pushing.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where picture and JSON go; without it, results/FIGURE.")
+    ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the scorecard.")] = False,
 ) -> None:
-    """Score two runs against the claims of a figure of the paper, and draw the figure.
+    """Score runs against the claims of a figure of the paper, and draw the figure.
 
     A run is its folder, its .mcap file, or results/EXPERIMENT for the latest one.
     Exit code: 0 no claim fails, 1 one does, 2 input refused.
     """
     if paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
-    from twin.paper.fig4_runs import fig4_runs
-    from twin.paper.score import fig4_score
-    from twin.recording.folder import recording_in
-    from twin.recording.reader import read
-    from twin.report.fig4 import draw_fig4
-
-    recordings = [read(recording_in(path)) for path in (force_position, position)]
-    runs = fig4_runs(*recordings)
-    score = fig4_score(runs)
+    verdict = FIGURES[paper](runs or [])
+    folder = out or Path("results") / paper
+    picture, facts = folder / f"{paper}.png", folder / f"{paper}.json"
     try:
-        out.mkdir(parents=True, exist_ok=True)
-        picture, facts = out / f"{paper}.png", out / f"{paper}.json"
-        draw_fig4(runs, picture)
-        facts.write_text(json.dumps(score.facts(), indent=2) + "\n")
+        folder.mkdir(parents=True, exist_ok=True)
+        verdict.draw(picture)
+        facts.write_text(json.dumps(verdict.facts, indent=2) + "\n")
     except OSError as problem:
-        raise InputRefused(f"{out}: cannot be written: {problem.strerror}") from None
+        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
     if as_json:
-        print(json.dumps(score.facts()))
+        print(json.dumps(verdict.facts))
     else:
-        print(scorecard(score))
-        for recording in recordings:
-            if recording.note:
-                print(f"  note     {recording.note}")
-        print(f"  picture  {picture}\n  verdict  {facts}")
-    if score.failed:
+        print(verdict.text)
+        print(
+            "\n".join([f"  note     {note}" for note in verdict.notes] + [f"  picture  {picture}\n  verdict  {facts}"])
+        )
+    if verdict.failed:
         raise SystemExit(1)
 
 
-def scorecard(score: "Score") -> str:
-    """The verdict, then its reasons, at most 80 columns wide."""
-    judged = [f for f in score.claims if f.verdict in ("holds", "fails")]
-    held = sum(f.verdict == "holds" for f in judged)
-    lines = [_two("Fig. 4: hybrid force and position control", f"{held} of {len(judged)} claims hold")]
-    lines += [line for finding in score.claims for line in _lines(finding)]
-    lines += ["", _two("Judged on the true contact force, force-position run", "")]
-    lines += [line for finding in score.quality for line in _lines(finding)]
-    lines += ["", "Tuned to meet the figure: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
-    lines += [f"Out of scope: {text}" for text in score.out_of_scope]
-    return "\n".join(part for line in lines for part in _folded(line))
+def _fig4(paths: list[Path]) -> Verdict:
+    if len(paths) != 2:
+        raise InputRefused(
+            f"--paper fig4: got {len(paths)} runs, expected two: the run with force control, then the one without"
+        )
+    from twin.paper.fig4_runs import fig4_runs
+    from twin.paper.score import fig4_score
+    from twin.report.fig4 import draw_fig4
+    from twin.report.scorecard import fig4_text
+
+    recordings = _recordings(paths)
+    runs = fig4_runs(*recordings)
+    score = fig4_score(runs)
+    notes = [recording.note for recording in recordings if recording.note]
+    return Verdict(fig4_text(score), score.facts(), score.failed, notes, lambda path: draw_fig4(runs, path))
 
 
-def _two(left: str, right: str) -> str:
-    return f"{left}{right:>{WIDTH - len(left)}}".rstrip()
+def _fig5(paths: list[Path]) -> Verdict:
+    from twin.paper.fig5_score import fig5_score
+    from twin.report.fig5 import draw_fig5
+    from twin.report.scorecard import fig5_text
+
+    score = fig5_score(_recordings(paths or _latest_of_each_task()))
+    return Verdict(fig5_text(score), score.facts(), score.failed, [], lambda path: draw_fig5(score, path))
 
 
-def _lines(finding: "Finding") -> list[str]:
-    mark, text = MARKS[finding.verdict], finding.claim.text
-    head = f"  {mark:4} {text:47} {finding.measured:>10}  {finding.expected:>12}".rstrip()
-    return [head, f"       {finding.reason}"] if finding.reason else [head]
+def _latest_of_each_task() -> list[Path]:
+    paths = [Path("results") / name for name in FIG5_EXPERIMENTS]
+    missing = [path.name for path in paths if not path.exists()]
+    if missing:
+        files = " ".join(f"experiments/{name}.toml" for name in missing)
+        raise InputRefused(f"--paper fig5: no run of {', '.join(missing)} in results/; first: twin run {files}")
+    return paths
 
 
-def _folded(line: str) -> list[str]:
-    import textwrap
+def _recordings(paths: list[Path]) -> "list[Recording]":
+    from twin.recording.folder import recording_in
+    from twin.recording.reader import read
 
-    if len(line) <= WIDTH:
-        return [line]
-    indent = " " * (len(line) - len(line.lstrip()))
-    return textwrap.wrap(line, WIDTH, subsequent_indent=indent + "  ", drop_whitespace=True)
+    return [read(recording_in(path)) for path in paths]
+
+
+FIGURES = {"fig4": _fig4, "fig5": _fig5}

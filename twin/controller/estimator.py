@@ -39,7 +39,8 @@ def angle(count, counts_per_turn, zero):
 def estimate(belief, gravity_compensation, count_m, count_l, y):
     """All but the last of `OUTPUTS` into `y` (24,) from motor and joint counts (3,) each; NaN where no pose fits.
 
-    The springs' dead zone is taken off the deflection as far as the belief knows it. F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
+    The springs' dead zone is taken off the deflection as far as the belief knows it.
+    F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
     J^T tau_l, the paper's own form.
     """
     for i in range(3):

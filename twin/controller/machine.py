@@ -6,6 +6,7 @@ import numpy as np
 from numba import njit
 
 from twin.controller.motion import motion, motion_time, smooth
+from twin.controller.phase import PhaseKind, Until
 
 MACHINE = np.dtype(
     [
@@ -24,6 +25,12 @@ MACHINE = np.dtype(
         ("lost", "f8"),
         ("patience", "f8"),
         ("tapped", "f8"),
+        ("touching", "i8"),
+        ("z_before", "f8"),
+        ("F_before", "f8"),
+        ("z_felt", "f8"),
+        ("depth", "f8"),
+        ("calibrated", "i8"),
         ("z_turn", "f8"),
         ("z_lowest", "f8"),
         ("t_turn", "f8"),
@@ -36,13 +43,13 @@ MACHINE = np.dtype(
 index, passes: phase, and how often a loop's end was passed. entered, total: when the phase began and how long it takes.
 length, start, end: of its line. p, v: reference. F_start, F_ref: force reference at the beginning, and now.
 contact_force: what counts as touching. lost, patience: how long nothing was touched, and how long that is tolerated.
-tapped: when the last tap began. z_turn: platform height at which the pre-defined force was felt; z_lowest: reached in
-this tap. t_turn: how long before it a tap has to turn round; learning: share of the error that the next one corrects.
+tapped: when the last tap began.
+touching, z_before, F_before, z_felt: whether contact has been felt since the way down began, height and force at the
+last call, and the height at which it was felt.
+depth, calibrated: from there to the lowest point, and whether the first tap has told it.
+z_turn: height at which a tap is to be lowest. z_lowest: reached in it.
+t_turn: how long before it a tap has to turn round. learning: share of the error that the next one corrects.
 """
-
-TRAVEL, DESCEND, BUILD_UP, HOLD, CIRCLE, PUSH, RELEASE, RETRACT, PROBE, TAP, RISE, WAIT, DONE = range(1, 14)
-ELAPSED, FELT, TURN = range(3)
-"""The values of `PhaseKind` and `Until`, which compiled code reads as numbers."""
 
 LONGEST_TURN = 0.1
 """Bound of t_turn (s): five times what the slowest drive takes to reverse."""
@@ -71,30 +78,36 @@ def enter(m, phases, index, t, F_z, dp_z):
     if before.force_on and not phase.force_on:
         m.p[2] += dp_z
     m.index, m.entered, m.lost = index, t, 0.0
+    if phase.task != before.task:
+        # a task that was cut short had passes to go
+        m.passes = 0
     enter_line(m, phase)
     # the force reference starts where the force is, so the force loop starts without a jump
     m.F_start = m.F_ref if before.force_on else max(F_z, 0.0)
     m.total = max(motion_time(phase, m.length), phase.duration)
     if phase.period > 0.0:
         m.total = max(0.0, m.tapped + phase.period - t)
-    if phase.kind == TAP:
+    if phase.kind == PhaseKind.TAP:
         m.tapped, m.z_lowest = t, np.inf
+    if phase.kind == PhaseKind.TAP or phase.kind == PhaseKind.DESCEND:
+        m.touching = 0
 
 
 @njit(cache=True)
 def _following(m, phase, t, h, z, v_z, F_z, F_rate):
     """Index of the phase that is due now; the present one if it goes on."""
     over = t - m.entered > m.total - 0.5 * h
-    if phase.until == FELT:
+    if phase.until == Until.FELT:
         if F_z >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
-    if phase.until == TURN:
+    if phase.until == Until.TURN:
         # between this call and the next, of which `walk` makes the right moment
-        if z + v_z * (m.t_turn + h) <= m.z_turn or F_z + F_rate * m.t_turn >= phase.level:
+        reached = z + v_z * (m.t_turn + h) <= m.z_turn
+        if (reached and (m.touching or not m.calibrated)) or F_z + F_rate * m.t_turn >= phase.level:
             return phase.next
         return phase.otherwise if over else m.index
-    if phase.force_on and phase.kind != RELEASE:
+    if phase.force_on and phase.kind != PhaseKind.RELEASE:
         m.lost = m.lost + h if F_z < 0.5 * m.contact_force else 0.0
         if m.lost > m.patience:
             return phase.otherwise
@@ -106,6 +119,34 @@ def _following(m, phase, t, h, z, v_z, F_z, F_rate):
             return phase.again
         m.passes = 0
     return phase.next
+
+
+@njit(cache=True)
+def _time_to_turn(m, phase, z, h):
+    """How long (s, at most `h`) a tap that is to turn round before the next call may still go on; 0: none does."""
+    if phase.until != Until.TURN or m.v[2] >= 0.0:
+        return 0.0
+    return min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h)
+
+
+@njit(cache=True)
+def _feel(m, phase, t, z, F):
+    """Note where on its way down the platform meets the surface, which may have moved since the last tap.
+
+    The unfiltered force `F` (N) is taken, because a low-pass would find contact deeper the faster the way down. It
+    holds the inertia of the platform, so nothing is felt while that gets to speed. What is left of it, the robot's own
+    compliance makes a tap feel the surface too late; the first tap after a probe tells by how much.
+    """
+    if not m.touching and F >= m.contact_force and t - m.entered >= phase.ramp_in:
+        m.touching = 1
+        share = (m.contact_force - m.F_before) / (F - m.F_before) if F > m.F_before else 1.0
+        m.z_felt = m.z_before + min(max(share, 0.0), 1.0) * (z - m.z_before)
+        if phase.kind == PhaseKind.TAP:
+            if m.calibrated:
+                m.z_turn = m.z_felt - m.depth
+            else:
+                m.depth, m.calibrated = m.z_felt - m.z_turn, 1
+    m.z_before, m.F_before = z, F
 
 
 @njit(cache=True)
@@ -125,26 +166,27 @@ def _turn_within(m, phase, t, h, rest):
 
 
 @njit(cache=True)
-def walk(m, phases, t, h, z, F_z, F_rate, F_delay, dp_z):
+def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
     """Advance to `t` (s): phase, references `m.p` (m), `m.v` (m/s) and `m.F_ref` (N).
 
     Args:
         h: time since the last call (s).
-        z: estimated height of the platform (m). F_z, F_rate: pressing force (N), its rate (N/s).
-        F_delay: by how much F_z lags (s). dp_z: correction of the force loop (m).
+        z: estimated height of the platform (m). F: pressing force (N). F_z, F_rate: low-passed, its rate (N/s).
+        F_delay: by how much F_z lags F (s). dp_z: correction of the force loop (m).
     """
     if m.index < 0:
         enter(m, phases, 0, t, F_z, dp_z)
     phase = phases[m.index]
     m.z_lowest = min(m.z_lowest, z)
+    _feel(m, phase, t, z, F)
     following = _following(m, phase, t, h, z, m.v[2], F_z, F_rate)
     if following != m.index:
-        if phase.kind == PROBE:
-            m.z_turn = z - m.v[2] * F_delay
-        if phase.kind == RISE:
+        if phase.kind == PhaseKind.PROBE:
+            m.z_turn, m.calibrated = z - m.v[2] * F_delay, 0
+        if phase.kind == PhaseKind.RISE:
             late = (m.z_turn - m.z_lowest) / phase.speed
             m.t_turn = min(max(m.t_turn + m.learning * late, 0.0), LONGEST_TURN)
-        rest = min(max((m.z_turn - z) / m.v[2] - m.t_turn, 0.0), h) if phase.until == TURN and m.v[2] < 0.0 else 0.0
+        rest = _time_to_turn(m, phase, z, h)
         enter(m, phases, following, t, F_z, dp_z)
         if rest > 0.0:
             _turn_within(m, phases[m.index], t, h, rest)

@@ -45,6 +45,8 @@ def line_share(phase, length, t):
     if t >= total or length == 0.0:
         return length, 0.0
     v = line_speed(phase, length)
+    if t <= 0.0:
+        return 0.0, v if phase.ramp_in == 0.0 else 0.0
     if t < phase.ramp_in:
         x = t / phase.ramp_in
         return v * phase.ramp_in * _smooth_area(x), v * smooth(x)
@@ -62,7 +64,7 @@ def circle_time(phase):
 
 @njit(cache=True)
 def circle_offset(phase, t):
-    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest in the centre at both ends."""
+    """(x, y, v_x, v_y): offset (m) and velocity (m/s) from the centre at `t` (s); at rest there at both ends."""
     total = circle_time(phase)
     if t <= 0.0 or t >= total:
         return 0.0, 0.0, 0.0, 0.0

@@ -1,4 +1,4 @@
-"""The four tasks of Sec. III.B as phases: approach, gentle descent, force build-up, hold / tap / circle / push, release.
+"""The four tasks of Sec. III.B as phases: approach, gentle descent, force build-up, hold, tap, circle or push, release.
 
 A program is a table of `Phase`s for the whole sequence. Each phase begins where the reference is, so tasks of any order
 follow one another without a jump.
@@ -19,8 +19,8 @@ class Approach(NamedTuple):
 
     Attributes:
         height: z at which the platform travels between points (m). floor: z below which it never descends (m).
-        speed: of travelling and of retracting (m/s). descent: of going down gently (m/s). ramp: time to get to speed and
-            back to rest (s).
+        speed: of travelling and of retracting (m/s). descent: of going down gently (m/s).
+        ramp: time to get to speed and back to rest (s).
         release: time in which the force is taken back (s).
         contact_force: pressing force that counts as touching (N).
     """

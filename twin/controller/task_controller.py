@@ -11,7 +11,8 @@ from typing import NamedTuple
 import numpy as np
 from numba import carray, from_dtype, njit
 
-from twin.controller.controller import INPUTS, LAW, OUTPUTS, Law, force_correction, motor_speeds
+from twin.controller.controller import INPUTS as ESTIMATES
+from twin.controller.controller import LAW, OUTPUTS, Law, force_correction, motor_speeds
 from twin.controller.feed_forward import friction_force, load_torques
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
@@ -20,6 +21,7 @@ from twin.controller.pid import PID, Gains, loop, low_pass_share
 from twin.cosim.component import NativeComponent, Port, width
 from twin.cosim.native import pointer_to, step_function
 
+TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
 TASK_OUTPUTS = (
     *OUTPUTS,
     Port("v_ref_B", 3, "m/s", "velocity of the reference, fed forward"),
@@ -35,6 +37,13 @@ class FeedForward(NamedTuple):
     eta: float
     mu: float
     lag: float
+
+
+class Damping(NamedTuple):
+    """Damping of the platform on its springs: gain (rad/s per N m of spring torque), corner of its high-pass (Hz)."""
+
+    gain: float
+    corner: float
 
 
 class Touch(NamedTuple):
@@ -54,10 +63,12 @@ class Touch(NamedTuple):
 
 
 FEED_FORWARD = np.dtype([(name, "f8") for name in FeedForward._fields], align=True)
+DAMPING = np.dtype([(name, "f8") for name in Damping._fields], align=True)
 MEMORY = np.dtype(
     [
         ("law", LAW),
         ("forward", FEED_FORWARD),
+        ("damping", DAMPING),
         ("force", PID),
         ("position", PID, (3,)),
         ("machine", MACHINE),
@@ -69,6 +80,8 @@ MEMORY = np.dtype(
         ("p", "f8", (3,)),
         ("v", "f8", (3,)),
         ("lead", "f8", (3,)),
+        ("tau_slow", "f8", (3,)),
+        ("felt", "i8"),
     ],
     align=True,
 )
@@ -77,7 +90,7 @@ _phases_at = pointer_to(from_dtype(PHASE))
 
 @njit(cache=True)
 def fed_forward(m, phase, J, t, h):
-    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, `lag` ahead of `t` (s)."""
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`."""
     machine, forward = m.machine, m.forward
     elapsed = t - machine.entered
     if elapsed >= 0.0:
@@ -96,10 +109,26 @@ def fed_forward(m, phase, J, t, h):
             m.lead[i] += tau[i] / (h * forward.k_s * m.law.N * forward.eta)
 
 
+@njit(cache=True)
+def damp(m, tau_l, h):
+    """Let each motor give way to what its spring's torque `tau_l` (3,) is above its mean, on top of `m.lead`.
+
+    The platform swings on the springs, and the position loop, which moves the motors by what the platform does, drives
+    that: with a drive without lag, mass m and joint damping b it is stable for kp < b/m only. Giving way by g per N
+    adds K g to b/m (Routh on m s^3 + (b + g K m) s^2 + (K + g K b) s + K kp). The high-pass leaves steady forces alone.
+    """
+    share = low_pass_share(m.damping.corner, h)
+    for i in range(3):
+        tau = tau_l[i] / (m.law.N * m.forward.eta)
+        m.tau_slow[i] += (share if m.felt else 1.0) * (tau - m.tau_slow[i])
+        m.lead[i] -= m.damping.gain * (tau - m.tau_slow[i])
+    m.felt = 1
+
+
 @step_function(MEMORY)
 def step(self, t, h, u, y):
     m = carray(self, 1)[0]
-    u_, y_ = carray(u, 15), carray(y, 18)
+    u_, y_ = carray(u, 18), carray(y, 18)
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
     J = u_[3:12]
     share = low_pass_share(m.law.corner, h)
@@ -108,13 +137,14 @@ def step(self, t, h, u, y):
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
     # a first-order low-pass lags a ramp by its time constant
     lag = h * (1.0 - share) / share
-    walk(machine, phases, t, h, u_[2], m.F_z, m.F_rate, lag, m.dp_z)
+    walk(machine, phases, t, h, u_[2], -u_[14], m.F_z, m.F_rate, lag, m.dp_z)
     phase = phases[machine.index]
     if phase.force_on:
         m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)
     else:
         m.dp_z, m.force.integral, m.force.started = 0.0, 0.0, 0
     fed_forward(m, phase, J, t, h)
+    damp(m, u_[15:18], h)
     x, y_ref, z = machine.p
     motor_speeds(m.law, m.position, J, x - u_[0], y_ref - u_[1], z + m.dp_z - u_[2], m.lead, h, y_[:3])
     y_[3], y_[4], y_[5] = x, y_ref, z
@@ -130,7 +160,7 @@ class TaskController(NativeComponent):
 
     Args:
         law: settings; its F_z_ref and triggers are not used. position, force: gains, see `Controller`.
-        feed_forward, touch: see there.
+        feed_forward, damping, touch: see there.
         phases: the program; the last one holds for ever.
         start: where the platform is at the beginning (3,), m.
         period: in ticks.
@@ -142,6 +172,7 @@ class TaskController(NativeComponent):
         position: Gains,
         force: Gains,
         feed_forward: FeedForward,
+        damping: Damping,
         touch: Touch,
         phases: Sequence[Phase],
         start: Sequence[float],
@@ -151,6 +182,7 @@ class TaskController(NativeComponent):
         memory = np.zeros(1, dtype=MEMORY)
         m = memory[0]
         m["law"], m["forward"] = tuple(law), tuple(feed_forward)
+        m["damping"] = tuple(damping)
         m["force"] = loop(force)
         m["position"] = [loop(position)] * 3
         m["phases"], m["count"] = table.ctypes.data, len(table)
@@ -159,4 +191,4 @@ class TaskController(NativeComponent):
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
         assert width(TASK_OUTPUTS) == 18
-        super().__init__("controller", INPUTS, TASK_OUTPUTS, True, step, memory, period=period, keep=table)
+        super().__init__("controller", TASK_INPUTS, TASK_OUTPUTS, True, step, memory, period=period, keep=table)

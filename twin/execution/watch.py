@@ -14,9 +14,11 @@ from twin.monitor.reasons import trip_sentence
 Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 
 PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
+UNREACHED = "did not reach the force down to the floor of the approach"
 CUT_SHORT = {
     PhaseKind.DESCEND: "felt nothing down to the floor of the approach",
-    PhaseKind.TAP: "did not reach the force down to the floor of the approach",
+    PhaseKind.PROBE: UNREACHED,
+    PhaseKind.TAP: UNREACHED,
     **dict.fromkeys(PRESSING, "lost contact"),
 }
 """What it means if a phase is followed by the retraction that is not its turn."""
@@ -61,19 +63,21 @@ class Watch:
         self._before = watched[-1]
         for k in np.flatnonzero(np.any(np.diff(watched, axis=0) != 0, axis=1)):
             before, after, tick = watched[k], watched[k + 1], first + int(k)
+            F_z = rows[k, self._system.columns("controller.F_z").start]
             if self._tasks:
-                yield from self._phase(tick, before, after)
+                yield from self._phase(tick, before, after, F_z)
             elif after[0] > before[0]:
-                F_z = rows[k, self._system.columns("controller.F_z").start]
                 yield Event(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
 
-    def _phase(self, tick: int, before: np.ndarray, after: np.ndarray) -> Iterator[Event]:
+    def _phase(self, tick: int, before: np.ndarray, after: np.ndarray, F_z: float) -> Iterator[Event]:
         number, phase = int(after[0]), PhaseKind(int(after[1]))
         name = f"task {number} ({self._tasks[number - 1]})"
         if before[0] != number:
             yield Event(tick, "INFO", f"{name} of {len(self._tasks)} begins", "controller")
         was = PhaseKind(int(before[1])) if before[1] else PhaseKind.DONE
-        if phase is PhaseKind.RETRACT and was in CUT_SHORT:
+        # a probe is followed by a retraction either way; what tells them apart is the force
+        felt = was is PhaseKind.PROBE and F_z >= self._experiment.tasks[number - 1].force
+        if phase is PhaseKind.RETRACT and was in CUT_SHORT and not felt:
             yield Event(tick, "WARNING", f"{name} {CUT_SHORT[was]}", "controller")
         yield Event(tick, "DEBUG", f"{name}: {phase.phrase}", "controller")
 

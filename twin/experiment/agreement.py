@@ -1,5 +1,6 @@
 """What no table can see alone: whether the tables of an experiment agree with one another."""
 
+from collections.abc import Collection, Mapping
 from typing import Any
 
 from twin.experiment.monitor import contradictions
@@ -10,13 +11,13 @@ from twin.experiment.true_parameters import plant_parameters
 from twin.monitor.belief import Belief
 
 
-def disagreements(checked: dict[str, Any], tasks: tuple[Task, ...], has_tasks: bool) -> list[str]:
+def disagreements(checked: dict[str, Any], tasks: Mapping[int, Task], named: Collection[str]) -> list[str]:
     """Every way in which the tables that are right by themselves do not fit together, one sentence each.
 
     Args:
-        checked: tables by name, those that are right. tasks: likewise. has_tasks: whether the file has any.
+        checked: tables by name, those that are right. tasks: by number, likewise. named: what the file has, right or not.
     """
-    mistakes = _of_modes(checked, has_tasks)
+    mistakes = _of_modes(checked, named)
     models = [checked["plant"]] if "plant" in checked else []
     models += [checked["controller"].model] if "controller" in checked else []
     geometries = tuple(geometry_of(model) for model in models)
@@ -48,9 +49,10 @@ def monitor_belief(robot: Any) -> Belief:
 _NAMES = {"motor_counts": "motor_counts_per_turn", "joint_counts": "joint_counts_per_turn"}
 
 
-def _of_modes(checked: dict[str, Any], has_tasks: bool) -> list[str]:
+def _of_modes(checked: dict[str, Any], named: Collection[str]) -> list[str]:
     """Way points or tasks, and what each of them needs."""
-    if has_tasks == ("reference" in checked):
+    has_tasks = "task" in named
+    if has_tasks == ("reference" in named):
         return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]
     if "controller" not in checked:
         return []
@@ -63,8 +65,8 @@ def _of_modes(checked: dict[str, Any], has_tasks: bool) -> list[str]:
     if not has_tasks:
         missing = computer.mode == "force_position" and computer.force.reference is None
         return ["[controller.force] missing key 'reference_N'"] if missing else []
-    told = [] if "approach" in checked else ["missing table [approach], which tasks need"]
-    for name in ("touch", "feed_forward"):
+    told = [] if "approach" in named else ["missing table [approach], which tasks need"]
+    for name in ("touch", "feed_forward", "damping"):
         if getattr(computer, name) is None:
             told.append(f"missing table [controller.{name}], which tasks need")
     if computer.mode != "force_position":

@@ -123,13 +123,13 @@ def load_experiment(
     except InputRefused as problem:
         mistakes.append(str(problem))
     checked = _checked(source.values, mistakes)
-    tasks = task.checked_tasks(source.values.get("task", ()), mistakes)
+    tasks = task.checked_tasks(source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(checked, mistakes)
     # without a tick there are no ticks to count a fault's onset in
     tick = checked["cosim"].tick if "cosim" in checked else 1e-9
     faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
-    mistakes += disagreements(checked, tasks, "task" in source.values)
+    mistakes += disagreements(checked, tasks, source.values)
     if mistakes:
         raise InputRefused(_told(path, mistakes))
     head, (one, two, three) = checked["head"], drives
@@ -150,7 +150,7 @@ def load_experiment(
         controller=checked["controller"],
         reference=checked.get("reference"),
         approach=checked.get("approach"),
-        tasks=tasks,
+        tasks=tuple(tasks.values()),
         monitor=monitor if monitor is not None and monitor.enabled else None,
         faults=faults,
         drives=(one, two, three),

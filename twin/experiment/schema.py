@@ -148,8 +148,15 @@ class FeedForward(Section):
     friction: float = Field(ge=0)
 
 
+class Damping(Section):
+    """[controller.damping]: how the motors give way to swings of the springs' torque."""
+
+    gain: float = quantity("gain_rad_per_s_per_Nm", ge=0)
+    corner: float = quantity("corner_Hz", gt=0)
+
+
 class Controller(Section):
-    """[controller]: the robot's computer. `touch` and `feed_forward` belong to tasks."""
+    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
 
     mode: Literal["force_position", "position"]
     period: float = quantity("period_ms", gt=0)
@@ -161,6 +168,7 @@ class Controller(Section):
     force: ForceLoop
     touch: Touch | None = None
     feed_forward: FeedForward | None = None
+    damping: Damping | None = None
     model: Model
 
 

@@ -83,27 +83,31 @@ Task = Press | Tap | Roll | Push
 KINDS: dict[str, type[Task]] = {"press": Press, "tap": Tap, "roll": Roll, "push": Push}
 
 
-def checked_tasks(tables: Any, mistakes: list[str]) -> tuple[Task, ...]:
-    """The tasks of the array of tables [[task]] that are right.
+def checked_tasks(tables: Any, mistakes: list[str]) -> dict[int, Task]:
+    """The tasks of the array of tables [[task]] that are right, by their number, counted from 1.
 
     Args:
-        tables: what the file says; () if nothing.
-        mistakes: gets a sentence for each mistake, with the number of its task, counted from 1.
+        tables: what the file says; None if nothing.
+        mistakes: gets a sentence for each mistake, with the number of its task.
     """
+    if tables is None:
+        return {}
     if not isinstance(tables, tuple):
         mistakes.append("[task]: a single table; tasks are an array of tables, write [[task]]")
-        return ()
-    tasks = []
+        return {}
+    if not tables:
+        mistakes.append("[[task]]: an empty array; expected at least one task, or [reference] with way points")
+    tasks = {}
     for number, table in enumerate(tables, start=1):
         kind = table.get("kind") if isinstance(table, dict) else None
         if kind not in KINDS:
             mistakes.append(f"[task {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
             continue
         try:
-            tasks.append(KINDS[kind].model_validate(table))
+            tasks[number] = KINDS[kind].model_validate(table)
         except ValidationError as error:
             mistakes += sentences(error, KINDS[kind], f"task {number}")
-    return tuple(tasks)
+    return tasks
 
 
 def program_of(approach: Approach, contact_force: float, tasks: tuple[Task, ...]) -> list[Phase]:

@@ -1,7 +1,7 @@
 """What is looked at before a task runs: can the robot get there, is it fast enough, may it press so hard."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -15,7 +15,7 @@ from twin.experiment.schema import Controller
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters
-from twin.plant.surface import surface_frame
+from twin.plant.surface import PLANE, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
 
@@ -41,11 +41,11 @@ class Situation:
     monitor: Monitor | None
 
 
-def task_mistakes(situation: Situation, tasks: tuple[Task, ...], duration: float) -> list[str]:
-    """Every reason why `tasks` cannot or should not be carried out within `duration` (s), one sentence each."""
-    told = [f"[task {n}] {text}" for n, task in enumerate(tasks, 1) for text in _mistakes(situation, task)]
-    seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks)
-    seconds += sum(math.dist(_end(a), b.point) / situation.approach.speed for a, b in pairwise(tasks))
+def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: float) -> list[str]:
+    """Every reason why `tasks`, by number, cannot or should not be carried out within `duration` (s), a sentence each."""
+    told = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
+    seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
+    seconds += sum(math.dist(_end(a), b.point) / situation.approach.speed for a, b in pairwise(tasks.values()))
     if not told and seconds > duration:
         told.append(f"duration_s = {duration:g}: the tasks take about {seconds:.1f} s")
     return told
@@ -65,7 +65,16 @@ def _time(approach: Approach, task: Task, surface: float) -> float:
 def _mistakes(s: Situation, task: Task) -> Iterator[str]:
     path = _path(task)
     surface = np.array([_surface_height(s.plant, *point) for point in path])
+    if not np.isfinite(surface).all():
+        x, y = path[~np.isfinite(surface)][0]
+        yield f"there is nothing to press on under ({1e3 * x:.1f}, {1e3 * y:.1f}) mm: this body ends before"
+        return
     yield from _against_approach(s, task, path, surface)
+    if s.controller.touch is not None and task.force <= s.controller.touch.contact:
+        yield (
+            f"force_N = {task.force:g} is not above [controller.touch] contact_N = {s.controller.touch.contact:g}, "
+            "at which contact is felt"
+        )
     if problem := _out_of_reach(s, path):
         yield problem
         return
@@ -100,12 +109,14 @@ def _path(task: Task) -> NDArray[np.float64]:
 
 
 def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
-    """z of the surface (m) over (x, y); far below where a curved one ends."""
+    """z of the surface (m) over (x, y); infinitely far below where a curved one ends."""
 
     def depth(z: float) -> float:
         return float(surface_frame(plant, x, y, z)[0])
 
-    low, high = plant.z_s - DEEPEST, plant.z_s + DEEPEST
+    # a thin limb has an underside: from its axis upwards there is but one surface
+    low = plant.z_s - (DEEPEST if plant.shape == PLANE else plant.radius)
+    high = plant.z_s + DEEPEST
     return float(brentq(depth, low, high)) if depth(low) * depth(high) < 0.0 else -math.inf
 
 
@@ -133,7 +144,7 @@ def _against_approach(
         yield f"period_s = {task.period:g}: lift_mm = {1e3 * task.lift:g} down and up again takes {seconds:.2f} s"
     for (x, y), z in zip(path, surface, strict=True):
         slope = _slope(s.plant, x, y, z)
-        if math.isfinite(z) and slope > s.plant.mu:
+        if slope > s.plant.mu:
             yield (
                 f"friction cannot hold at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm: the surface slopes "
                 f"{math.degrees(math.atan(slope)):.1f} deg, friction {s.plant.mu:g} holds up to "

@@ -38,3 +38,15 @@ def rise_time(t: Curve, y: Curve, before: float, after: float) -> float:
     """Time (s) that y takes from 10 % to 90 % of the way from `before` to `after`; infinity if it never gets there."""
     share = (y - before) / (after - before)
     return first_time(t, share >= 0.9) - first_time(t, share >= 0.1)
+
+
+def steepest_rise(t: Curve, y: Curve, span: float) -> float:
+    """Largest mean rate of y over any `span` (s), in its unit per s; infinity if the samples do not span it.
+
+    Args:
+        t, y: evenly spaced samples (n,).
+    """
+    steps = round(span / (t[1] - t[0])) if len(t) > 1 else 0
+    if not 0 < steps < len(t):
+        return np.inf
+    return float(np.max((y[steps:] - y[:-steps]) / (t[steps:] - t[:-steps])))

@@ -1,10 +1,38 @@
-"""All claims of a figure on one pair of runs."""
+"""Claims judged together, and those of Fig. 4 on its two runs."""
 
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 from twin.paper.claim import Finding, as_facts, judged
 from twin.paper.fig4 import CLAIMS, OUT_OF_SCOPE, QUALITY
 from twin.paper.fig4_runs import Fig4Runs
+
+
+def failed(findings: Iterable[Finding]) -> list[str]:
+    """Keys of the claims that fail."""
+    return [f.claim.key for f in findings if f.verdict == "fails"]
+
+
+def tally(findings: Iterable[Finding]) -> tuple[int, int]:
+    """(how many hold, how many were judged)."""
+    verdicts = [f.verdict for f in findings]
+    return verdicts.count("holds"), verdicts.count("holds") + verdicts.count("fails")
+
+
+def bound_used(finding: Finding) -> float:
+    """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
+
+    Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.
+    """
+    low, high, value = finding.claim.low, finding.claim.high, finding.value
+    if not math.isfinite(value):
+        return math.inf
+    if math.isfinite(low) and math.isfinite(high):
+        return abs(value - 0.5 * (low + high)) / (0.5 * (high - low))
+    if math.isfinite(high) and high > 0.0:
+        return max(0.0, value / high)
+    return math.inf if finding.verdict == "fails" else 0.0
 
 
 @dataclass(frozen=True)
@@ -25,7 +53,7 @@ class Score:
     @property
     def failed(self) -> list[str]:
         """Keys of what fails."""
-        return [f.claim.key for f in (*self.claims, *self.quality) if f.verdict == "fails"]
+        return failed((*self.claims, *self.quality))
 
     def facts(self) -> dict[str, object]:
         """For JSON."""
