@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from twin.cli import compare, drive, run
+from twin.cli import compare, drive, faults, run
 from twin.errors import TwinError
 
 INTERRUPTED = 130
@@ -18,6 +18,7 @@ app = typer.Typer(
 )
 app.command("run")(run.run)
 app.command("compare")(compare.compare)
+app.command("faults")(faults.faults)
 app.add_typer(drive.app, name="drive")
 
 

@@ -41,7 +41,7 @@ class Monitor(Section):
     command_limit: float | None = quantity("command_limit_rad_per_s", None, gt=0)
     saturation_time: float = quantity("saturation_time_ms", 500.0, gt=0)
     follow_limit: float = quantity("follow_limit_rad_per_s", 1.5, gt=0)
-    follow_time: float = quantity("follow_time_ms", 100.0, gt=0)
+    follow_time: float = quantity("follow_time_ms", 150.0, gt=0)
     filter: float = quantity("filter_Hz", 20.0, gt=0)
     retract: float = quantity("retract_deg", 30.0, gt=0)
     retract_speed: float = quantity("retract_speed_rad_per_s", 2.0, gt=0)

@@ -22,8 +22,9 @@ _ENCODER_KINDS = {
         "deg", (0.1, 0.5, 2.0),
     ),
     "encoder_drift": Kind(
-        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", "no",
-        f"{_SAME_ENCODER}, and the force loop corrects what it believes; only limits of pose or deflection end it",
+        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", "if large",
+        f"{_SAME_ENCODER}, and the force loop corrects what it believes; only once it is degrees off, the limit of "
+        "deflection or of the workspace ends it",
         "deg_per_s", (0.02, 0.1, 0.5),
     ),
     "encoder_quantisation": Kind(
@@ -97,7 +98,8 @@ _PARAMETER_KINDS = {
     ),
     "stiffness_change": Kind(
         "parameter", ("contact",), "the surface has this factor of its stiffness", "no",
-        "the controller does not know the surface; force and depth stay within their limits or trip them",
+        "where the robot presses, the force is there in the same tick, before the springs have wound up by it; it is "
+        "seen when the worst is over. A body that takes 20 ms to stiffen trips the force rate in time",
         "factor", (1.5, 3.0, 10.0), POSITIVE,
     ),
     "backlash_growth": Kind(
@@ -113,8 +115,10 @@ _PARAMETER_KINDS = {
     ),
     "belt_slip": Kind(
         "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", "if large",
-        f"the link moves on its own at the onset; afterwards {_SAME_ENCODER}",
-        "deg", (0.5, 2.0, 10.0),
+        f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
+        f"{_SAME_ENCODER}",
+        # a negative slip winds the spring up: the platform presses harder
+        "deg", (-0.5, -2.0, -10.0),
     ),
     "belief_k_s": Kind(
         "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", "no", _NO_TRUE_FORCE,
@@ -166,7 +170,8 @@ _BODY_KINDS = {
     ),
     "contact_loss": Kind(
         "body", ("contact",), "the surface drops away by this much", "if large",
-        "the platform follows below the first contact, further than a body gives way",
+        "the springs throw the platform after it; after a light press not beyond the limit of speed, and the task "
+        "gives up by itself",
         "mm", (1.0, 5.0, 20.0), POSITIVE,
     ),
     "breathing": Kind(

@@ -1,0 +1,159 @@
+"""`twin faults`: the matrix of faults of an experiment."""
+
+import json
+import os
+import sys
+from dataclasses import asdict
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin.errors import ComponentFailed, InputRefused
+
+if TYPE_CHECKING:
+    from twin.fault_matrix.row import Row
+
+ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
+
+
+class Isolation(StrEnum):
+    """Where the matrix is run."""
+
+    RUN = "run"
+    NONE = "none"
+
+
+def faults(
+    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML) with a [monitor].")],
+    kinds: Annotated[
+        list[str] | None, typer.Option("--kind", metavar="KIND", help="Only this kind of fault; may be repeated.")
+    ] = None,
+    onsets: Annotated[
+        list[float] | None,
+        typer.Option("--onset", metavar="S", help="When; may be repeated. Without it once free, once in contact."),
+    ] = None,
+    duration: Annotated[
+        float | None, typer.Option(metavar="S", help="How long each fault lasts; without it, to the end.")
+    ] = None,
+    drive: Annotated[
+        str | None, typer.Option(metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.")
+    ] = None,
+    body: Annotated[
+        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where rows, picture and JSON go: results/faults/EXPERIMENT.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    isolate: Annotated[
+        Isolation, typer.Option(help="Processes: one of its own for the matrix; none, for debuggers, but this one.")
+    ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
+) -> None:
+    """Break everything once: each kind of fault, with the safety monitor and without.
+
+    Exit code: 0 every fault that can be seen stays below the force limit plus 20 %,
+    1 one does not, 2 input refused, 3 a drive crashed or hung (the rows until then are
+    kept), 4 the monitor tripped without any fault.
+    """
+    from twin.report.fault_matrix import draw_fault_matrix
+    from twin.report.fault_matrix_text import fault_matrix_text
+
+    folder = out or Path("results/faults") / experiment.stem
+    arguments = {
+        "experiment": str(experiment),
+        "kinds": kinds or [],
+        "onsets": onsets or [],
+        "duration": duration,
+        "drive": drive,
+        "body": body,
+        "settings": settings or [],
+    }
+    with Kept(folder / ROWS) as kept:
+        _measure(arguments, isolate, kept)
+    rows = kept.rows
+    facts = {"experiment": experiment.stem, "rows": [row.facts() for row in rows]}
+    draw_fault_matrix(experiment.stem, rows, folder / PICTURE)
+    (folder / MATRIX).write_text(json.dumps(facts, indent=2) + "\n")
+    print(json.dumps(facts) if as_json else f"{fault_matrix_text(experiment.stem, rows)}\n\n  {folder / PICTURE}")
+    if any(row.fails for row in rows):
+        raise SystemExit(1)
+
+
+class Kept:
+    """Rows as they come, each at once in a JSON-lines file, so that a crash costs none of them.
+
+    Args:
+        file: is written anew. Raises InputRefused if that cannot be.
+
+    Attributes:
+        rows: so far.
+    """
+
+    def __init__(self, file: Path):
+        self.rows: list[Row] = []
+        self.path = file
+        try:
+            file.parent.mkdir(parents=True, exist_ok=True)
+            self._file = file.open("w")
+        except OSError as problem:
+            raise InputRefused(f"{file}: cannot be written: {problem.strerror}") from None
+
+    def __enter__(self) -> "Kept":
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._file.close()
+        if sys.stderr.isatty():
+            print(file=sys.stderr)
+
+    def hear(self, note: dict[str, Any]) -> None:
+        """Take a note of `measured`."""
+        from twin.fault_matrix.row import Row
+
+        self.rows.append(Row.of(note["row"]))
+        self._file.write(json.dumps(self.rows[-1].facts()) + "\n")
+        self._file.flush()
+        if sys.stderr.isatty():
+            print(f"\r{len(self.rows)} of {note['of']} cases", end="", file=sys.stderr, flush=True)
+
+
+def _measure(arguments: dict[str, Any], isolate: Isolation, kept: Kept) -> None:
+    from twin.guard.guard import JobDied, guarded
+    from twin.guard.voice import DirectVoice
+
+    if isolate == Isolation.NONE:
+        measured(DirectVoice(kept.hear, lambda done, total: None), **arguments)
+        return
+    try:
+        guarded("twin.cli.faults:measured", arguments, listen=kept.hear)
+    except JobDied as death:
+        raise ComponentFailed(f"{death}\nKept until then: {kept.path} ({len(kept.rows)} rows).") from None
+
+
+def measured(
+    voice: Any,
+    experiment: str,
+    kinds: list[str],
+    onsets: list[float],
+    duration: float | None,
+    drive: str | None,
+    body: str | None,
+    settings: list[str],
+) -> None:
+    """Measure the matrix; a job of the guard. Notes: {"row": a row taken apart, "of": how many there will be}."""
+    from twin.experiment.experiment import load_experiment
+    from twin.fault_matrix.case import cases, known_kinds
+    from twin.fault_matrix.matrix import healthy_trial, onsets_of, rows
+
+    chosen = known_kinds(kinds)
+    loaded = load_experiment(Path(experiment), settings, drive, body)
+    voice.loading()
+    healthy = healthy_trial(loaded)
+    planned = cases(loaded, chosen, onsets_of(loaded, healthy, onsets), duration)
+    for row in rows(loaded, healthy, planned):
+        voice.note(row=asdict(row), of=len(planned))

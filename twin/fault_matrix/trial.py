@@ -1,0 +1,65 @@
+"""One run in memory: what truly happened to the person, and what the monitor did about it."""
+
+import dataclasses
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.assembly.robot import assemble
+from twin.cosim.simulation import Simulation
+from twin.experiment.experiment import Experiment
+from twin.faults.fault import Fault
+from twin.monitor.component import Monitor
+from twin.monitor.reasons import Trip
+
+SLICE_TICKS = 1000
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A run that is over.
+
+    Attributes:
+        force: true contact force |plant.F_ee_B| (N), (ticks,); fewer ticks than planned if a component failed.
+        z: true height plant.p_B[2] (m), (ticks,).
+        trip: of the monitor; None if it did not trip, or there is none.
+        power_off_tick: when the monitor took the power; None if it did not.
+        failure: the sentence that ended the run; "" if it went to its end.
+        culprit: the component that failed; "" if none did.
+    """
+
+    force: NDArray[np.float64]
+    z: NDArray[np.float64]
+    trip: Trip | None
+    power_off_tick: int | None
+    failure: str
+    culprit: str
+
+
+def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> Trial:
+    """Run `experiment` with `fault` as its only one (None: with none), with its monitor or without.
+
+    Raises:
+        InputRefused: a drive FMU or the fault does not fit.
+    """
+    faults = () if fault is None else (fault,)
+    monitor = experiment.monitor if watched else None
+    with assemble(dataclasses.replace(experiment, faults=faults, monitor=monitor)) as assembly:
+        system = assembly.system
+        simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS)
+        F_ee_B, p_B = system.columns("plant.F_ee_B"), system.columns("plant.p_B")
+        force, z = [], []
+        while not simulation.finished:
+            rows = simulation.advance()
+            force.append(np.linalg.norm(rows[:, F_ee_B], axis=1))
+            z.append(rows[:, p_B][:, 2].copy())
+        watch = next((c for c in system.components if isinstance(c, Monitor)), None)
+        return Trial(
+            force=np.concatenate(force),
+            z=np.concatenate(z),
+            trip=watch.trip if watch else None,
+            power_off_tick=watch.power_off_tick if watch else None,
+            failure=str(simulation.failure or ""),
+            culprit=simulation.culprit,
+        )
