@@ -5,10 +5,11 @@ EXTRAS ?= test
 JOBS   ?= 2
 VENV   := .venv
 TWIN   := $(VENV)/bin/twin
+TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).toml)
 FIG4   := experiments/fig4_force_position.toml experiments/fig4_position.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help run test lint bench picture endurance fmus clean
+.PHONY: help run tasks test lint bench picture endurance fmus clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -32,8 +33,13 @@ endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests
 bench: $(VENV)/.run  ## speed, as ratios measured side by side
 	$(VENV)/bin/python -m benchmarks
 
-picture: run  ## redraw the README's picture
+tasks: $(VENV)/.run  ## the four massage tasks of Fig. 5, scored
+	$(TWIN) run $(TASKS)
+	$(TWIN) compare --paper fig5
+
+picture: run tasks  ## redraw the README's pictures
 	cp results/fig4/fig4.png docs/fig4.png
+	cp results/fig5/fig5.png docs/fig5.png
 
 fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources
 	$(VENV)/bin/python fmus/build.py
