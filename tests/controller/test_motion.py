@@ -122,7 +122,7 @@ def test_the_offset_on_a_circle_is_the_integral_of_its_velocity(radius, rate, tu
 
 @given(radii, rates, turns)
 def test_a_circle_starts_and_ends_at_rest_in_its_centre(radius, rate, turns):
-    phase, t, p, v = circle(radius, rate, turns)
+    phase, t, _, v = circle(radius, rate, turns)
     assert circle_offset(phase, 0.0) == (0.0, 0.0, 0.0, 0.0)
     assert circle_offset(phase, t[-1]) == (0.0, 0.0, 0.0, 0.0)
     # it comes to rest there: next to both ends it is as slow as the spiral 6 r x of the share x of a turn

@@ -13,8 +13,8 @@ from tests.controller.soft_floor import (
     PUSH,
     ROLL,
     STIFFNESS,
-    T_s,
     TAP,
+    T_s,
     World,
     carried_out,
     phases_of,
@@ -48,9 +48,7 @@ def test_feed_forward_is_ahead_of_the_reference_by_the_lag_of_the_drives():
     on_time, ahead = carried_out([PUSH], 6.0), carried_out([PUSH], 6.0, forward=FORWARD._replace(lag=lag))
     pushing = np.flatnonzero(during(on_time, Kind.PUSH))[:-10]
     # rounding of times that differ by a sum
-    np.testing.assert_allclose(
-        ahead["omega_ref"][pushing], on_time["omega_ref"][pushing + 10], rtol=0, atol=1e-9
-    )
+    np.testing.assert_allclose(ahead["omega_ref"][pushing], on_time["omega_ref"][pushing + 10], rtol=0, atol=1e-9)
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.02])

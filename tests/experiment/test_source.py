@@ -87,14 +87,14 @@ def test_a_file_that_names_another_drive_keeps_nothing_of_the_one_it_extends(tmp
     assert read_source(tuned).values["drive"] == {"fmu": "x", "parameters": {"droop": 0.3}}
 
 
-TWO_TASKS = '''
+TWO_TASKS = """
 [[task]]
 kind = "press"
 force_N = { value = 8.0, source = "a thumb" }
 [[task]]
 kind = "tap"
 force_N = 3.0
-'''
+"""
 
 
 def test_an_array_of_tables_is_read_with_a_source_for_each_value(tmp_path: Path):

@@ -1,4 +1,4 @@
-"""What has to hold whenever the shipped tasks are carried out, on the scale and on every body; all of it on the truth."""
+"""What has to hold whenever the shipped tasks are carried out, on the scale and on every body, judged on the truth."""
 
 from functools import lru_cache
 

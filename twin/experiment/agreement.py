@@ -15,7 +15,8 @@ def disagreements(checked: dict[str, Any], tasks: Mapping[int, Task], named: Col
     """Every way in which the tables that are right by themselves do not fit together, one sentence each.
 
     Args:
-        checked: tables by name, those that are right. tasks: by number, likewise. named: what the file has, right or not.
+        checked: tables by name, those that are right. tasks: by number, likewise.
+        named: what the file has, right or not.
     """
     mistakes = _of_modes(checked, named)
     models = [checked["plant"]] if "plant" in checked else []
