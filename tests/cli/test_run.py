@@ -47,9 +47,58 @@ def test_any_drive_can_take_the_place_of_the_experiments(root: Path, tmp_path: P
     assert f"drive {drive}.fmu  FMI 2.0  sha256 " in done.stdout
 
 
+PRESSING = "experiments/pressing.toml"
+JUMP_UP = (
+    "--set",
+    "contact.shift.by_mm=[0, 0, 8]",
+    "--set",
+    "contact.shift.start_s=3",
+    "--set",
+    "contact.shift.rise_s=0.05",
+)
+"""A person who rises by 8 mm within 50 ms."""
+
+
+def test_any_body_can_take_the_place_of_the_experiments(root: Path, tmp_path: Path):
+    done = twin("run", root / PRESSING, "--body", "back", "--out", "x", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    contact = json.loads(read(tmp_path / "x" / "run.mcap").metadata["experiment"]["values"])["contact"]
+    assert (contact["body"], contact["kind"], contact["law"]) == ("back", "skin", "exponential")
+
+
+def test_what_happened_in_a_run_is_told_with_its_time_but_for_what_is_for_debugging(root: Path, tmp_path: Path):
+    fault = "fault=[{kind='breathing', onset_s=3.25, magnitude_mm=0.5}]"
+    done = twin("run", root / PRESSING, "--set", fault, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "   0.000 s  task 1 (press) of 1 begins\n" in done.stdout
+    assert "   3.250 s  fault 1 (breathing of contact) begins\n" in done.stdout
+    assert "build-up" not in done.stdout
+
+
+def test_a_trip_that_no_fault_explains_ends_with_exit_code_4_and_leaves_the_recording(root: Path, tmp_path: Path):
+    done = twin("run", root / PRESSING, *JUMP_UP, "--out", "x", "--json", cwd=tmp_path)
+    assert done.returncode == 4, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["trip"].startswith("safety monitor: ")
+    assert facts["trip"] in " ".join(done.stderr.split())
+    assert [event["text"] for event in facts["events"] if event["level"] == "ERROR"] == [facts["trip"]]
+    recording = read(tmp_path / "x" / "run.mcap")
+    assert recording.complete
+    assert recording["monitor.tripped"][-1]
+
+
+def test_a_trip_because_of_a_fault_is_what_was_to_be_seen(root: Path, tmp_path: Path):
+    fault = "fault=[{kind='surface_jump', onset_s=3.0, magnitude_mm=8}]"
+    done = twin("run", root / PRESSING, "--set", fault, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["trip"].startswith("safety monitor: ")
+
+
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
+        ([PRESSING, "--body", "bakc"], "no such body; did you mean 'back'?"),
+        ([PRESSING, "--set", "task.1.point_mm=[200, 0]"], "[task 1] p_B = (200.0, 0.0, -130.0) mm is out of reach"),
         (["nowhere.toml"], "no such experiment file"),
         ([FIG4, "--drive", "nowhere"], "no such drive"),
         ([FIG4, "--set", "controller.force.kp_N=1"], "did you mean 'kp_mm_per_N'?"),
@@ -58,7 +107,7 @@ def test_any_drive_can_take_the_place_of_the_experiments(root: Path, tmp_path: P
     ],
 )
 def test_bad_input_is_one_sentence_and_exit_code_2(root: Path, tmp_path: Path, arguments: list[str], said: str):
-    given = [root / a if a == FIG4 else a for a in arguments]
+    given = [root / a if a in (FIG4, PRESSING) else a for a in arguments]
     done = twin("run", *given, cwd=tmp_path)
     assert done.returncode == 2
     assert said in done.stderr

@@ -42,17 +42,21 @@ class World(NamedTuple):
     Attributes:
         follows: "command": the platform is where it was told to be a call ago, exactly; "velocity": in z it moves at
             the reference's velocity of `late` calls ago, as drives do that are fed forward.
-        gone: (start, end) in s during which there is no floor.
+        gone: (start, end) in s during which there is no floor. stuck: likewise, in which z does not follow.
         noise: force that the estimate is wrong by (N), drawn anew for every call.
     """
 
     follows: str = "command"
     late: int = 0
     gone: tuple[float, float] = (0.0, 0.0)
+    stuck: tuple[float, float] = (0.0, 0.0)
     noise: float = 0.0
 
 
-def carried_out(tasks, seconds, world=World(), **settings):
+OBEDIENT = World()
+
+
+def carried_out(tasks, seconds, world=OBEDIENT, **settings):
     """Outputs of the task controller by port, and the platform's "z", call by call."""
     component = task_controller(tasks, **settings)
     controller = Sampled(component)
@@ -69,7 +73,7 @@ def carried_out(tasks, seconds, world=World(), **settings):
         rows[k], heights[k] = controller(estimates, k * T_s, T_s), p[2]
         if world.follows == "command":
             p = rows[k, 6:9]
-        elif k >= world.late:
+        elif k >= world.late and not world.stuck[0] <= k * T_s < world.stuck[1]:
             p[2] += T_s * rows[k - world.late, 15]
     sizes = np.cumsum([port.size for port in component.outputs])
     values = np.split(rows, sizes[:-1], axis=1)

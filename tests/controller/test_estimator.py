@@ -72,6 +72,41 @@ def test_position_is_known_to_a_joint_count(p_B):
     assert np.abs(found["p_B"] - p_B).max() < 0.1 * np.sqrt(3.0) * np.pi / BELIEF.joint_counts
 
 
+FINE = BELIEF._replace(motor_counts=2.0**40, joint_counts=2.0**40)
+"""With counts of 6e-12 rad."""
+HALF_WIDTH = np.deg2rad(0.1)
+# in steps of 1e-3 N m: at 0 the spring is anywhere in its dead zone
+torques = st.tuples(*[st.integers(-300, 300).filter(bool).map(lambda whole: whole / 1000.0)] * 3).map(np.array)
+
+
+def estimated_force(believed, p_B, wind_up):
+    """F_ee_B (3,) N at `p_B` with the springs wound up by `wind_up` (3,) rad, as the encoders see it."""
+    theta_l = joint_angles(GEOMETRY, p_B)
+    angle = np.concatenate([FINE.N * theta_l + wind_up + FINE.motor_zero, theta_l + FINE.joint_zero])
+    return Sampled(Estimator(believed)).named(np.round(angle * 2.0**40 / (2.0 * np.pi)))["F_ee_B"]
+
+
+@given(positions(), torques, st.sampled_from([1.0, 0.5, 0.0]))
+def test_a_dead_zone_believed_too_narrow_leaves_the_missing_width_as_torque(p_B, tau_l, share):
+    # on either flank the encoders see the dead zone besides the wind-up
+    stiffness = FINE.k_s * FINE.N * FINE.eta
+    wind_up = tau_l / stiffness + np.sign(tau_l) * HALF_WIDTH
+    found = estimated_force(FINE._replace(backlash=share * HALF_WIDTH), p_B, wind_up)
+    theta_l = joint_angles(GEOMETRY, p_B)
+    true = environment_force(GEOMETRY, MASSES, theta_l, p_B, tau_l)
+    missing = stiffness * (1.0 - share) * HALF_WIDTH * np.sign(tau_l)
+    # counts of 6e-12 rad make 1e-9 N; believed right, the force is right
+    np.testing.assert_allclose(found, true + jacobian(GEOMETRY, p_B).T @ missing, rtol=0, atol=1e-8)
+
+
+@given(positions(), st.tuples(*[st.integers(-999, 999)] * 3).map(np.array))
+def test_inside_the_dead_zone_the_springs_are_believed_to_bear_nothing(p_B, share):
+    found = estimated_force(FINE._replace(backlash=HALF_WIDTH), p_B, share / 1000.0 * HALF_WIDTH)
+    weight = environment_force(GEOMETRY, MASSES, joint_angles(GEOMETRY, p_B), p_B, np.zeros(3))
+    # counts of 6e-12 rad make 1e-10 N
+    np.testing.assert_allclose(found, weight, rtol=0, atol=1e-8)
+
+
 def test_estimate_is_held_while_counts_explain_no_pose_or_are_no_numbers():
     calibrated = BELIEF._replace(motor_zero=(0.0, 0.0, 0.0), joint_zero=(0.0, 0.0, 0.0))
     estimator = Sampled(Estimator(calibrated))

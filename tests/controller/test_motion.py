@@ -97,6 +97,12 @@ def test_a_line_without_ramps_has_its_speed_at_once_and_to_the_end():
     np.testing.assert_allclose(path, np.linspace(0.0, 0.01, len(path)), rtol=0, atol=1e-17)
 
 
+@pytest.mark.parametrize("ramp_in", [0.0, 0.1])
+def test_a_rounding_before_its_start_a_line_is_at_its_start(ramp_in):
+    phase = record(speed=0.1, ramp_in=ramp_in, ramp_out=0.1)
+    assert line_share(phase, 0.05, -1e-18) == line_share(phase, 0.05, 0.0) == (0.0, 0.0 if ramp_in else 0.1)
+
+
 def test_a_line_of_no_length_takes_no_time_and_stays():
     phase = record(speed=0.1, ramp_in=0.1, ramp_out=0.1)
     assert line_time(phase, 0.0) == 0.0
@@ -116,7 +122,7 @@ def test_the_offset_on_a_circle_is_the_integral_of_its_velocity(radius, rate, tu
 
 @given(radii, rates, turns)
 def test_a_circle_starts_and_ends_at_rest_in_its_centre(radius, rate, turns):
-    phase, t, p, v = circle(radius, rate, turns)
+    phase, t, _, v = circle(radius, rate, turns)
     assert circle_offset(phase, 0.0) == (0.0, 0.0, 0.0, 0.0)
     assert circle_offset(phase, t[-1]) == (0.0, 0.0, 0.0, 0.0)
     # it comes to rest there: next to both ends it is as slow as the spiral 6 r x of the share x of a turn
@@ -147,7 +153,8 @@ def test_a_circle_turns_counter_clockwise_and_takes_two_turns_more_to_spiral_in_
     assert np.all((p[:, 0] * v[:, 1] - p[:, 1] * v[:, 0])[1:-1] > 0.0)
 
 
-points = st.tuples(*[st.floats(-0.03, 0.03)] * 3).map(np.array)
+# in steps of 1e-6 m: shorter lines would only test underflow
+points = st.tuples(*[st.integers(-30_000, 30_000)] * 3).map(lambda whole: np.array(whole) / 1e6)
 
 
 @given(points, points, st.floats(0.0, 1.2))

@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 
 from tests.drive.archives import altered, redescribed
+from tests.drive.warning import warning_drive
 from twin.assembly.drives import drive, planned
 from twin.cosim.component import Component, Port
 from twin.cosim.python_component import PythonComponent
@@ -173,3 +174,16 @@ def test_the_fast_step_and_the_general_step_do_the_same_bit_for_bit(servo: Path,
     monkeypatch.setattr(FmuComponent, "_is_plain", lambda *arguments: False)
     general = run(made(servo, theta_m=0.3), 1.0, 0.1)
     assert all(np.array_equal(fast[name], general[name]) for name in fast)
+
+
+def test_what_a_drive_logs_is_told_once_with_the_tick_of_the_step(root: Path, tmp_path: Path):
+    component = made(warning_drive(root, tmp_path, 0.25))
+    run(component, 1.0, 0.0, 400)
+    assert component.said() == [(250, "the winding is hot")]
+    assert component.said() == []
+
+
+def test_a_silent_drive_has_nothing_to_say(servo: Path):
+    component = made(servo)
+    run(component, 1.0, 0.0, 10)
+    assert component.said() == []

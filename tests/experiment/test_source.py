@@ -85,3 +85,51 @@ def test_a_file_that_names_another_drive_keeps_nothing_of_the_one_it_extends(tmp
     assert read_source(other).values["drive"] == {"fmu": "y"}
     tuned = write(tmp_path, "tuned.toml", 'extends = "base.toml"\n[drive.parameters]\ndroop = 0.3\n')
     assert read_source(tuned).values["drive"] == {"fmu": "x", "parameters": {"droop": 0.3}}
+
+
+TWO_TASKS = """
+[[task]]
+kind = "press"
+force_N = { value = 8.0, source = "a thumb" }
+[[task]]
+kind = "tap"
+force_N = 3.0
+"""
+
+
+def test_an_array_of_tables_is_read_with_a_source_for_each_value(tmp_path: Path):
+    source = read_source(write(tmp_path, "e.toml", TWO_TASKS))
+    assert source.values == {"task": ({"kind": "press", "force_N": 8.0}, {"kind": "tap", "force_N": 3.0})}
+    assert source.origins["task.1.force_N"] == "a thumb"
+    assert source.origins["task.2.force_N"] == "set in e.toml"
+
+
+def test_an_array_of_tables_replaces_the_one_of_the_file_below_as_a_whole(tmp_path: Path):
+    write(tmp_path, "base.toml", TWO_TASKS)
+    child = write(tmp_path, "child.toml", 'extends = "base.toml"\n[[task]]\nkind = "roll"\n')
+    source = read_source(child)
+    assert source.values == {"task": ({"kind": "roll"},)}
+    assert source.origins == {"task.1.kind": "set in child.toml"}
+
+
+def test_one_value_of_one_table_of_an_array_can_be_overridden(tmp_path: Path):
+    source = read_source(write(tmp_path, "e.toml", TWO_TASKS))
+    override(source, ["task.1.force_N=5", "task.2.times=3"])
+    assert source.values["task"] == ({"kind": "press", "force_N": 5}, {"kind": "tap", "force_N": 3.0, "times": 3})
+    assert source.origins["task.1.force_N"] == "set on the command line"
+    assert source.origins["task.1.kind"] == "set in e.toml"
+
+
+def test_a_file_lays_one_table_over_one_of_the_array_that_it_extends(tmp_path: Path):
+    write(tmp_path, "base.toml", TWO_TASKS)
+    child = write(tmp_path, "child.toml", 'extends = "base.toml"\n[task.2]\nforce_N = 4.0\n')
+    source = read_source(child)
+    assert source.values["task"][1] == {"kind": "tap", "force_N": 4.0}
+    assert source.origins["task.1.force_N"] == "a thumb"
+
+
+@pytest.mark.parametrize("key", ["task.3.force_N", "task.0.force_N", "task.first.force_N", "task.force_N", "task.-1.x"])
+def test_a_table_that_the_array_does_not_have_is_refused_with_those_it_has(tmp_path: Path, key: str):
+    source = read_source(write(tmp_path, "e.toml", TWO_TASKS))
+    with pytest.raises(InputRefused, match=r"set on the command line: task\..*: there are tables task.1 to task.2"):
+        override(source, [f"{key}=5"])

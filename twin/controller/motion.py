@@ -45,8 +45,8 @@ def line_share(phase, length, t):
     if t >= total or length == 0.0:
         return length, 0.0
     v = line_speed(phase, length)
-    if t <= 0.0:
-        return 0.0, v if phase.ramp_in == 0.0 else 0.0
+    # a line that begins between two calls may do so a rounding after the second; without a ramp that would be t/0
+    t = max(t, 0.0)
     if t < phase.ramp_in:
         x = t / phase.ramp_in
         return v * phase.ramp_in * _smooth_area(x), v * smooth(x)

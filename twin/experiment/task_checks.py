@@ -42,7 +42,7 @@ class Situation:
 
 
 def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: float) -> list[str]:
-    """Every reason why `tasks`, by number, cannot or should not be carried out within `duration` (s)."""
+    """Why `tasks`, by number, cannot or should not be carried out within `duration` (s): each reason in a sentence."""
     told = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
     seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
     seconds += sum(math.dist(_end(a), b.point) / situation.approach.speed for a, b in pairwise(tasks.values()))
