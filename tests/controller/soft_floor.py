@@ -6,9 +6,11 @@ import numpy as np
 
 from tests.laws.runs import Sampled
 from twin.controller.controller import NEVER, Law
+from twin.controller.damping import Damping
+from twin.controller.feed_forward import FeedForward
 from twin.controller.pid import Gains
 from twin.controller.program import Approach, Press, Push, Roll, Tap, program
-from twin.controller.task_controller import FeedForward, TaskController, Touch
+from twin.controller.task_controller import TaskController, Touch
 
 T_s = 2e-3
 FLOOR, STIFFNESS = -0.1, 1000.0
@@ -19,6 +21,7 @@ APPROACH = Approach(
 LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=NEVER, trigger_time=NEVER, dp_z_max=0.03, corner=0.0)
 FORCE_GAINS = Gains(5e-4, 4e-3)
 FORWARD = FeedForward(k_s=1.0, eta=1.0, mu=0.0, lag=0.0)
+UNDAMPED = Damping(gain=0.0, corner=4.0)
 TOUCH = Touch(contact_force=0.6, patience=0.3, t_turn=0.0, learning=0.0)
 J_HOME = np.array([0.0, -10.0, -15.0, 9.0, 5.0, -15.0, -9.0, 5.0, -15.0])
 """About the Jacobian at home (rad/m), row by row."""
@@ -29,11 +32,11 @@ ROLL = Roll(IN_THE_CENTRE, 4.0, 1.0, 0.005, 1.0, 2.0)
 PUSH = Push((0.0, 0.01), 4.0, 1.0, (0.0, -0.01), 0.02)
 
 
-def task_controller(tasks, approach=APPROACH, law=LAW, forward=FORWARD, touch=TOUCH, position=0.0):
+def task_controller(tasks, approach=APPROACH, law=LAW, forward=FORWARD, damping=UNDAMPED, touch=TOUCH, position=0.0):
     """The task controller under test, above the first point."""
     start = (*tasks[0].point, approach.height)
     gains = Gains(position)
-    return TaskController(law, gains, FORCE_GAINS, forward, touch, program(approach, tasks), start)
+    return TaskController(law, gains, FORCE_GAINS, forward, damping, touch, program(approach, tasks), start)
 
 
 class World(NamedTuple):
@@ -65,7 +68,7 @@ def carried_out(tasks, seconds, world=OBEDIENT, **settings):
     heights = np.empty(calls)
     p = np.array([*tasks[0].point, settings.get("approach", APPROACH).height])
     noise = world.noise * np.random.default_rng(1).uniform(-1.0, 1.0, calls)
-    estimates = np.concatenate([p, J_HOME, np.zeros(3)])
+    estimates = np.concatenate([p, J_HOME, np.zeros(6)])
     for k in range(calls):
         there = not world.gone[0] <= k * T_s < world.gone[1]
         F_z = STIFFNESS * max(0.0, FLOOR - p[2]) * there + noise[k]

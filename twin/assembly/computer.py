@@ -4,9 +4,11 @@ import numpy as np
 
 from twin.controller.belief import Belief
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
+from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator
+from twin.controller.feed_forward import FeedForward
 from twin.controller.pid import Gains
-from twin.controller.task_controller import Damping, FeedForward, TaskController, Touch
+from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.component import Component
 from twin.cosim.delay import delay
 from twin.experiment.agreement import monitor_belief

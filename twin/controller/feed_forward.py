@@ -7,11 +7,25 @@ omega mu F/(K_xy kp), and the circle would come out too large.
 """
 
 import math
+from typing import NamedTuple
 
+import numpy as np
 from numba import njit
 
 REST_SPEED = 1e-3
 """Speed (m/s) below which the friction fades out, for it has no direction at rest."""
+
+
+class FeedForward(NamedTuple):
+    """What the feed-forward believes: k_s (N m/rad), eta, friction coefficient mu, lag of the drives (s)."""
+
+    k_s: float
+    eta: float
+    mu: float
+    lag: float
+
+
+FEED_FORWARD = np.dtype([(name, "f8") for name in FeedForward._fields], align=True)
 
 
 @njit(cache=True)

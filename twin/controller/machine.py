@@ -139,13 +139,15 @@ def _feel(m, phase, t, z, F):
     """
     if not m.touching and F >= m.contact_force and t - m.entered >= phase.ramp_in:
         m.touching = 1
-        share = (m.contact_force - m.F_before) / (F - m.F_before) if F > m.F_before else 1.0
-        m.z_felt = m.z_before + min(max(share, 0.0), 1.0) * (z - m.z_before)
-        if phase.kind == PhaseKind.TAP:
-            if m.calibrated:
-                m.z_turn = m.z_felt - m.depth
-            else:
-                m.depth, m.calibrated = m.z_felt - m.z_turn, 1
+        # where contact was there before the platform was at its speed, nothing can be said of the place
+        if m.F_before < m.contact_force:
+            share = (m.contact_force - m.F_before) / (F - m.F_before)
+            m.z_felt = m.z_before + share * (z - m.z_before)
+            if phase.kind == PhaseKind.TAP:
+                if m.calibrated:
+                    m.z_turn = m.z_felt - m.depth
+                else:
+                    m.depth, m.calibrated = m.z_felt - m.z_turn, 1
     m.z_before, m.F_before = z, F
 
 
