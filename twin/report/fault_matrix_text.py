@@ -92,7 +92,7 @@ def _force(peak: float) -> str:
 
 def _line(cells: Sequence[str]) -> str:
     kind, worst, onset, peak, without, seen, by, after = cells
-    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4}  {by:14.14} {after:>6}"
+    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4} {by:14.14} {after:>6}"
 
 
 def _exceptions(rows: Sequence[Row]) -> Iterator[str]:
