@@ -61,7 +61,7 @@ def test_what_is_no_limit_is_refused(key, value):
         ({"follow_limit_rad_per_s": 0.4}, "follow_limit_rad_per_s = 0.4 is within"),
         ({"stale_time_ms": 2.0}, "stale_time_ms = 2 is no longer than one sample of 2 ms"),
         ({"period_ms": 4.0}, "period_ms = 4 holds back the controller's commands, which come every 2 ms"),
-        ({"period_ms": 100.0}, "follow_time_ms = 100 is no longer than one sample of 100 ms"),
+        ({"period_ms": 150.0}, "follow_time_ms = 150 is no longer than one sample of 150 ms"),
         ({"command_limit_rad_per_s": 9.0}, "never reached: the controller commands at most 8 rad/s"),
         ({"retract_speed_rad_per_s": 1.0}, "retract_speed_rad_per_s = 1 is not above follow_limit_rad_per_s = 1.5"),
         ({"z_max_mm": -55.0}, "retract_deg = 30 is longer than the workspace: from (35, 20, -55) mm"),

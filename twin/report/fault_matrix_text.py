@@ -17,6 +17,9 @@ UNITS = {
     "Nm_s_per_rad": "Nms/rad",
 }
 """Units of the catalogue as people write them, where that differs."""
+SINGULAR = 100.0
+"""Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
+ends. How far beyond is no forecast."""
 HEAD = ("worst of each kind", "", "onset", "peak", "without", "seen", "by", "after")
 UNDER_HEAD = ("", "", "s", "N", "N", "", "", "s")
 MARKDOWN = ("Kind", "Worst at", "Onset (s)", "Peak (N)", "Without monitor (N)", "Seen", "By", "After (s)", "Ends")
@@ -76,16 +79,20 @@ def _cells(row: Row, of_kind: Sequence[Row]) -> tuple[str, ...]:
         magnitude_text(row.kind, row.magnitude),
         f"{row.onset:.2f}",
         f"{row.watched.peak:.1f}{'' if row.safe else '!'}",
-        f"{max(r.unwatched.peak for r in of_kind):.1f}",
+        _force(max(r.unwatched.peak for r in of_kind)),
         f"{sum(r.detected for r in of_kind)}/{len(of_kind)}",
         row.watched.reason,
         "" if row.watched.delay is None else f"{row.watched.delay:.3f}",
     )
 
 
+def _force(peak: float) -> str:
+    return f">{SINGULAR:g}" if peak > SINGULAR else f"{peak:.1f}"
+
+
 def _line(cells: Sequence[str]) -> str:
     kind, worst, onset, peak, without, seen, by, after = cells
-    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4}  {by:14.14} {after:>6}"
+    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4} {by:14.14} {after:>6}"
 
 
 def _exceptions(rows: Sequence[Row]) -> Iterator[str]:

@@ -1,0 +1,90 @@
+"""`twin faults` as a user types it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from PIL import Image
+
+from tests.cli.test_run import twin
+from tests.drive.compiled import compiled_drive
+from twin.cli.faults import MATRIX, PICTURE, ROWS
+
+PRESSING = "experiments/pressing.toml"
+CRASHES_WHEN_RETRACTED = """
+#include <signal.h>
+#include "model.h"
+bool model_step(Variables *v, double h)
+{
+    v->theta_m += v->omega_ref * h;
+    if (v->omega_ref < -1.99) { /* no task commands that; the monitor's retraction does */
+        signal(SIGSEGV, SIG_DFL);
+        *(volatile int *)8 = 1;
+    }
+    return true;
+}
+"""
+
+
+def test_rows_picture_and_json_lie_in_the_folder_and_the_verdict_comes_first(root: Path, tmp_path: Path):
+    done = twin("faults", root / PRESSING, "--kind", "surface_jump", "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("pressing  PASSED: 6 of 6 cases stay below 18 N")
+    assert max(map(len, done.stdout.splitlines())) <= 80
+    folder = tmp_path / "mine"
+    rows = [json.loads(line) for line in (folder / ROWS).read_text().splitlines()]
+    assert rows == json.loads((folder / MATRIX).read_text())["rows"]
+    assert len(rows) == 6
+    with Image.open(folder / PICTURE) as image:
+        assert image.width >= 1000
+
+
+def test_json_has_one_row_per_case_with_both_runs(root: Path, tmp_path: Path):
+    options = ("--kind", "drive_dead", "--onset", "0.5", "--duration", "0.5", "--isolate", "none", "--json")
+    done = twin("faults", root / PRESSING, *options, cwd=tmp_path)
+    (row,) = json.loads(done.stdout)["rows"]
+    assert (row["kind"], row["onset_s"], row["verdict"]) == ("drive_dead", 0.5, "safe")
+    assert row["with_monitor"]["reason"] and not row["without_monitor"]["reason"]
+    assert (tmp_path / "results/faults/pressing" / PICTURE).is_file()
+
+
+def test_a_fault_that_can_be_seen_and_goes_beyond_the_bound_is_exit_code_1(root: Path, tmp_path: Path):
+    # 5 mm in 20 ms make 17.6 N, more than 10 N plus a fifth
+    tight = ("--set", "monitor.force_limit_N=10", "--kind", "surface_jump", "--onset", "5.5")
+    done = twin("faults", root / PRESSING, *tight, cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    assert done.stdout.startswith("pressing  FAILED")
+    assert "! beyond the bound although it can be seen:" in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("experiment", "options", "told"),
+    [
+        (PRESSING, ("--kind", "drive_runway"), "did you mean 'drive_runaway'"),
+        (PRESSING, ("--onset", "99"), "--onset 99: outside the experiment; expected 0 <= S < 13"),
+        (PRESSING, ("--out", "/dev/null/x"), "cannot be written"),
+        ("experiments/fig4_force_position.toml", (), "add a table [monitor]"),
+    ],
+)
+def test_bad_input_is_one_sentence_and_exit_code_2(root: Path, tmp_path: Path, experiment, options, told):
+    done = twin("faults", root / experiment, *options, cwd=tmp_path)
+    assert done.returncode == 2, done.stderr
+    assert told in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_trip_without_any_fault_is_exit_code_4(root: Path, tmp_path: Path):
+    done = twin("faults", root / PRESSING, "--set", "monitor.speed_limit_mm_per_s=50", cwd=tmp_path)
+    assert done.returncode == 4, done.stderr
+    assert "without any fault: safety monitor: " in done.stderr
+
+
+def test_a_drive_that_crashes_costs_one_sentence_and_no_finished_row(root: Path, tmp_path: Path):
+    drive = compiled_drive(root, tmp_path, "fragile", {"model.c": CRASHES_WHEN_RETRACTED})
+    kinds = ("--kind", "encoder_bias", "--onset", "5.5", "--drive", drive)
+    done = twin("faults", root / PRESSING, *kinds, "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 3, done.stderr
+    assert "fragile.fmu (drive_1) crashed (SIGSEGV" in done.stderr and "Traceback" not in done.stderr
+    # 0.1 and 0.5 deg trip nothing, 2 deg do
+    assert f"Kept until then: mine/{ROWS} (2 rows)." in done.stderr
+    assert len((tmp_path / "mine" / ROWS).read_text().splitlines()) == 2

@@ -1,0 +1,53 @@
+"""The safety monitor of every task, on every drive, with noisy encoders: no fault, no trip."""
+
+import numpy as np
+import pytest
+
+from tests.laws.runs import EXPERIMENTS
+from twin.assembly import assemble
+from twin.cosim.simulation import Simulation
+from twin.experiment.experiment import load_experiment
+from twin.monitor.component import Monitor
+
+TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
+DRIVES = sorted(path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu"))
+ON_SKIN = ("velocity_servo", "smart_servo", "modelica_dc")
+"""The default drive, the one that follows worst, and one of another tool: the others would take a minute."""
+
+NOISE = ("plant.motor_noise_deg=0.044", "plant.joint_noise_deg=0.022")
+"""Standard deviations: half a count of the motors' encoders, a whole one of the joints', which are finer and magnetic.
+Four times as much trips nothing in massage.toml either, eight times trips JUMP (docs/safety.md)."""
+
+SLICE_TICKS = 5000
+
+
+def use(name: str, drive: str, body: str | None, seed: int) -> float:
+    """Largest share of any limit that a run without faults has in use."""
+    experiment = load_experiment(EXPERIMENTS / f"{name}.toml", (*NOISE, f"seed={seed}"), drive, body)
+    with assemble(experiment) as assembly:
+        simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
+        columns, largest = assembly.system.columns("monitor.utilisation"), 0.0
+        while not simulation.finished:
+            largest = max(largest, float(np.max(simulation.advance()[:, columns], initial=0.0)))
+        assert simulation.failure is None
+        monitor = assembly.system.component("monitor")
+        assert isinstance(monitor, Monitor)
+        assert monitor.trip is None
+        return largest
+
+
+def test_there_are_nine_drives():
+    assert len(DRIVES) == 9
+
+
+@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("name", TASKS)
+def test_no_fault_no_trip_on_the_scale(name, drive):
+    # a tenth of a limit is kept free: 0.85 was seen, the reversal of smart_servo in fast taps
+    assert use(name, drive, None, seed=1) < 0.9
+
+
+@pytest.mark.parametrize("drive", ON_SKIN)
+@pytest.mark.parametrize("name", TASKS)
+def test_no_fault_no_trip_on_a_thigh(name, drive):
+    assert use(name, drive, "thigh", seed=2) < 0.9
