@@ -1,8 +1,8 @@
 """The controller that carries out tasks: the machine of phases in front of the force-position law of Fig. 3 B.
 
-As `controller.py`, with three differences: the reference is a machine that feels its way (`machine.py`), velocity and
-the wind-up of the springs are fed forward, and the force loop acts in the phases that press, from the force that is
-there, so that neither it nor the reference ever jumps.
+As `controller.py`, with four differences: the reference is a machine that feels its way (`machine.py`), velocity and
+the wind-up of the springs are fed forward, swings of the platform on its springs are damped, and the force loop acts in
+the phases that press, from the force that is there, so that neither it nor the reference ever jumps.
 """
 
 from collections.abc import Sequence
@@ -13,12 +13,13 @@ from numba import carray, from_dtype, njit
 
 from twin.controller.controller import INPUTS as ESTIMATES
 from twin.controller.controller import LAW, OUTPUTS, Law, force_correction, motor_speeds
-from twin.controller.feed_forward import friction_force, load_torques
+from twin.controller.damping import DAMPER, Damping, damp, damper
+from twin.controller.feed_forward import FEED_FORWARD, FeedForward, friction_force, load_torques
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
 from twin.controller.pid import PID, Gains, loop, low_pass_share
-from twin.cosim.component import NativeComponent, Port, width
+from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import pointer_to, step_function
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
@@ -28,22 +29,6 @@ TASK_OUTPUTS = (
     Port("task", 1, "1", "task of the sequence that is on, counted from 1", "int"),
     Port("phase", 1, "1", "what it is doing, see the recording's metadata 'phases'", "int"),
 )
-
-
-class FeedForward(NamedTuple):
-    """What the feed-forward believes: k_s (N m/rad), eta, friction coefficient mu, lag of the drives (s)."""
-
-    k_s: float
-    eta: float
-    mu: float
-    lag: float
-
-
-class Damping(NamedTuple):
-    """Damping of the platform on its springs: gain (rad/s per N m of spring torque), corner of its high-pass (Hz)."""
-
-    gain: float
-    corner: float
 
 
 class Touch(NamedTuple):
@@ -62,13 +47,11 @@ class Touch(NamedTuple):
     learning: float
 
 
-FEED_FORWARD = np.dtype([(name, "f8") for name in FeedForward._fields], align=True)
-DAMPING = np.dtype([(name, "f8") for name in Damping._fields], align=True)
 MEMORY = np.dtype(
     [
         ("law", LAW),
         ("forward", FEED_FORWARD),
-        ("damping", DAMPING),
+        ("damper", DAMPER),
         ("force", PID),
         ("position", PID, (3,)),
         ("machine", MACHINE),
@@ -80,8 +63,6 @@ MEMORY = np.dtype(
         ("p", "f8", (3,)),
         ("v", "f8", (3,)),
         ("lead", "f8", (3,)),
-        ("tau_slow", "f8", (3,)),
-        ("felt", "i8"),
     ],
     align=True,
 )
@@ -109,22 +90,6 @@ def fed_forward(m, phase, J, t, h):
             m.lead[i] += tau[i] / (h * forward.k_s * m.law.N * forward.eta)
 
 
-@njit(cache=True)
-def damp(m, tau_l, h):
-    """Let each motor give way to what its spring's torque `tau_l` (3,) is above its mean, on top of `m.lead`.
-
-    The platform swings on the springs, and the position loop, which moves the motors by what the platform does, drives
-    that: with a drive without lag, mass m and joint damping b it is stable for kp < b/m only. Giving way by g per N
-    adds K g to b/m (Routh on m s^3 + (b + g K m) s^2 + (K + g K b) s + K kp). The high-pass leaves steady forces alone.
-    """
-    share = low_pass_share(m.damping.corner, h)
-    for i in range(3):
-        tau = tau_l[i] / (m.law.N * m.forward.eta)
-        m.tau_slow[i] += (share if m.felt else 1.0) * (tau - m.tau_slow[i])
-        m.lead[i] -= m.damping.gain * (tau - m.tau_slow[i])
-    m.felt = 1
-
-
 @step_function(MEMORY)
 def step(self, t, h, u, y):
     m = carray(self, 1)[0]
@@ -144,7 +109,7 @@ def step(self, t, h, u, y):
     else:
         m.dp_z, m.force.integral, m.force.started = 0.0, 0.0, 0
     fed_forward(m, phase, J, t, h)
-    damp(m, u_[15:18], h)
+    damp(m.damper, m.law.N * m.forward.eta, u_[15:18], h, m.lead)
     x, y_ref, z = machine.p
     motor_speeds(m.law, m.position, J, x - u_[0], y_ref - u_[1], z + m.dp_z - u_[2], m.lead, h, y_[:3])
     y_[3], y_[4], y_[5] = x, y_ref, z
@@ -182,7 +147,7 @@ class TaskController(NativeComponent):
         memory = np.zeros(1, dtype=MEMORY)
         m = memory[0]
         m["law"], m["forward"] = tuple(law), tuple(feed_forward)
-        m["damping"] = tuple(damping)
+        m["damper"] = damper(damping)
         m["force"] = loop(force)
         m["position"] = [loop(position)] * 3
         m["phases"], m["count"] = table.ctypes.data, len(table)
@@ -190,5 +155,4 @@ class TaskController(NativeComponent):
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
-        assert width(TASK_OUTPUTS) == 18
         super().__init__("controller", TASK_INPUTS, TASK_OUTPUTS, True, step, memory, period=period, keep=table)
