@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import figure_4, fmi_versions, isolation, macro_step, start_up
+from benchmarks import figure_4, fmi_versions, isolation, macro_step, start_up, tasks
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -35,6 +35,7 @@ def main() -> None:
         lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
         fmi_versions.measurements,
         lambda: figure_4.measurements(EXPERIMENT),
+        lambda: tasks.measurements(ROOT / "experiments"),
         lambda: start_up.measurements(EXPERIMENT),
         lambda: isolation.measurements(EXPERIMENT),
     ):

@@ -5,6 +5,7 @@ its libraries elsewhere.
 """
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any
 
 import numba.extending
@@ -19,16 +20,35 @@ _DOUBLES = types.CPointer(types.float64)
 intrinsic: Any = numba.extending.intrinsic
 
 
-def step_function(memory: np.dtype) -> Callable[[Callable], Any]:
+class Step:
+    """A component's step; compiled, or loaded from the cache, when its address is asked for the first time.
+
+    Most runs need few of the components there are, and compiling takes seconds.
+    """
+
+    def __init__(self, signature: Any, function: Callable):
+        self._signature, self._function = signature, function
+
+    @cached_property
+    def address(self) -> int:
+        """Where the compiled step is."""
+        return self._compiled.address
+
+    @cached_property
+    def _compiled(self) -> Any:
+        # an exception would be printed and lost, and the step's status with it; NaN and infinity are seen by the master
+        return cfunc(self._signature, cache=True, error_model="numpy")(self._function)
+
+
+def step_function(memory: np.dtype) -> Callable[[Callable], Step]:
     """Decorator: compile `f(self, t, h, u, y) -> int32` as a component's step over a record of dtype `memory`.
 
     `self` is a pointer to the record, `u` and `y` are pointers to the component's inputs and outputs
-    (`numba.carray` makes arrays of them). The result has `.address` and is cached on disk. Dividing by zero gives NaN
-    or infinity; functions that `f` calls need `error_model="numpy"` of their own for that.
+    (`numba.carray` makes arrays of them). The compiled step is cached on disk. Dividing by zero gives NaN or infinity;
+    functions that `f` calls need `error_model="numpy"` of their own for that.
     """
     signature = types.int32(types.CPointer(from_dtype(memory)), types.float64, types.float64, _DOUBLES, _DOUBLES)
-    # an exception would be printed and lost, and the step's status with it; NaN and infinity are seen by the master
-    return cfunc(signature, cache=True, error_model="numpy")
+    return lambda function: Step(signature, function)
 
 
 @intrinsic

@@ -5,6 +5,9 @@ import difflib
 from twin.errors import InputRefused
 from twin.faults.kind import POSITIVE, SHARE, Kind
 
+MANY = 10
+"""So many names are not listed in a sentence."""
+
 _JOINTS = tuple(f"joint_{i}" for i in (1, 2, 3))
 _DRIVES = tuple(f"drive_{i}" for i in (1, 2, 3))
 _ENCODERS = tuple(f"{place}_encoder_{i}" for place in ("joint", "motor") for i in (1, 2, 3))
@@ -207,7 +210,9 @@ def refuse_target(number: int, kind: str, target: str) -> None:
 
 
 def expected(got: str, names: tuple[str, ...]) -> str:
-    """`expected 'a', 'b'; did you mean 'b'?`"""
-    close = difflib.get_close_matches(got, names, 1)
-    hint = f"; did you mean '{close[0]}'?" if close else ""
-    return "expected " + ", ".join(f"'{name}'" for name in names) + hint
+    """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
+    close = [name for name in names if got in name] or difflib.get_close_matches(got, names)
+    hint = f"did you mean {' or '.join(repr(name) for name in close)}?" if close else ""
+    if len(names) > MANY:
+        return hint or "no such kind; docs/faults.md lists them all, twin faults tries them"
+    return "expected " + ", ".join(f"'{name}'" for name in names) + (f"; {hint}" if hint else "")
