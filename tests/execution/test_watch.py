@@ -88,6 +88,15 @@ def test_a_trip_is_an_error_at_its_tick_with_its_sentence(tmp_path: Path):
     assert recording.complete
 
 
+def test_power_taken_away_is_an_error_after_the_trip(tmp_path: Path):
+    run, recording = ran(tmp_path, "pressing", fault("drive_runaway", 4.0, magnitude_rad_per_s=2.0))
+    trip, power = told(recording, "error")
+    assert trip[1] == run.trip
+    off = recording.time("monitor")[np.argmin(recording["monitor.power"])]
+    assert power == (off, "safety monitor: the motors do not retract; power taken away")
+    assert 4.0 < trip[0] < off
+
+
 def test_a_fault_is_a_warning_when_it_begins_and_when_it_ends(tmp_path: Path):
     _, recording = ran(tmp_path, "pressing", fault("breathing", 3.25, duration_s=1.5, magnitude_mm=0.5))
     assert told(recording, "warning") == [

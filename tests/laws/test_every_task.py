@@ -128,9 +128,15 @@ def test_commanded_positions_of_tasks_do_not_jump(name):
         *(2.0 * np.pi * task.rate * task.radius for task in experiment.tasks if isinstance(task, Roll)),
         0.0,
     )
-    step = np.linalg.norm(np.diff(rows["controller.p_cmd_B"][:: experiment.controller_ticks], axis=0), axis=1)
-    # and the force loop's 0.5 mm/N times what the filtered force does in a period, below 0.06 N when a contact begins
-    assert step.max() <= fastest * experiment.controller.period + 3e-5
+    calls = slice(None, None, experiment.controller_ticks)
+    step = np.linalg.norm(np.diff(rows["controller.p_cmd_B"][calls], axis=0), axis=1)
+    on = rows["controller.triggered"][calls] > 0.5
+    both = on[1:] & on[:-1]
+    correction = both * np.abs(np.diff(rows["controller.dp_z"][calls]))
+    # rounding: nothing is added where the force loop starts or ends
+    assert np.all(step <= fastest * experiment.controller.period + correction + 1e-12)
+    # while it acts, it follows an estimate that rounds to 0.05 N: 0.5 mm/N of that, and 4 mm/(N s) of 5 N over 2 ms
+    assert correction.max() <= 5e-4 * 0.05 + 4e-3 * 5.0 * 2e-3
 
 
 @over_every_task
@@ -151,9 +157,9 @@ def test_bodies_only_push_and_friction_stays_in_its_cone_about_their_own_normal(
     surface = rows["body.s_B"][every] if moving else np.zeros_like(p_B)
     n = np.array([surface_frame(parameters, *point)[3] for point in p_B - surface])
     pressing = -np.einsum("ij,ij->i", F, n)
-    # rounding; on bodies that breathe and are curved the plant holds the surface's speed over a tick, which is
-    # 1e-8 m from where the surface then is, over a radius of 200 mm and below 10 N
-    atol = 1e-6 if moving else 1e-12
+    # rounding; where a curved body breathes the plant holds the surface's speed over a tick, which leaves the surface
+    # 1e-9 m aside: over a radius of 200 mm and below 10 N
+    atol = 1e-8 if moving else 1e-12
     np.testing.assert_allclose(pressing, F_n, rtol=0, atol=atol)
     assert pressing.min() >= -atol
     friction = np.linalg.norm(F + pressing[:, None] * n, axis=1)
