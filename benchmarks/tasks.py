@@ -1,4 +1,4 @@
-"""The massage tasks: how much faster than real time they step, and what the safety monitor and a fault add to a tick."""
+"""The massage tasks: how much faster than real time they step, and what safety monitor and a fault add to a tick."""
 
 from pathlib import Path
 from statistics import median

@@ -187,3 +187,11 @@ def test_a_silent_drive_has_nothing_to_say(servo: Path):
     component = made(servo)
     run(component, 1.0, 0.0, 10)
     assert component.said() == []
+
+
+def test_what_one_drive_logs_is_not_said_by_another(root: Path, tmp_path: Path):
+    fmu = warning_drive(root, tmp_path, 0.25)
+    first, second = made(fmu, "drive_1"), made(fmu, "drive_2")
+    run(first, 1.0, 0.0, 400)
+    assert (first.said(), second.said()) == ([(250, "the winding is hot")], [])
+    second.close()

@@ -26,7 +26,7 @@ class Isolation(StrEnum):
 
 
 def faults(
-    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML) with a monitor table.")],
+    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment with a safety monitor (TOML).")],
     kinds: Annotated[
         list[str] | None, typer.Option("--kind", metavar="KIND", help="Only this kind of fault; may be repeated.")
     ] = None,

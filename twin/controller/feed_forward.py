@@ -2,7 +2,7 @@
 
 The spring's torque is tau_l = k_s N eta (theta_m - N theta_l) (Eq. 20), so for a load F on the environment the motor
 leads by tau_l/(k_s N eta) with J^T tau_l = F (virtual work). A friction force that turns with the direction of motion,
-as on a circle, makes this lead change all the time; the position loop alone would lag behind by
+as on a circle, makes this lead change all the time; the position loop alone would lag behind by up to
 omega mu F/(K_xy kp), and the circle would come out too large.
 """
 

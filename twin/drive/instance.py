@@ -2,6 +2,7 @@
 
 import ctypes
 import os
+import weakref
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from ctypes import byref, c_void_p
@@ -21,6 +22,21 @@ Setting = tuple[Variable, float | np.ndarray]
 
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""
+
+_SPEAKERS: weakref.WeakValueDictionary[int, "Instance"] = weakref.WeakValueDictionary()
+"""Instances by the environment that their FMU hands back when it logs."""
+
+
+@fmi2.fmi2CallbackLoggerTYPE
+def _logged(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
+    """What an FMI 2 FMU says goes to its own instance.
+
+    FMPy's proxy calls the logger that it was given last, whichever FMU speaks: it has to be one that serves them all
+    and that outlives each of them.
+    """
+    speaker = _SPEAKERS.get(environment or 0)
+    if speaker is not None:
+        speaker.hear(status, message)
 
 
 class Instance:
@@ -153,7 +169,9 @@ class Instance:
                 from fmpy.logging import addLoggerProxy
 
                 callbacks = fmi2.fmi2CallbackFunctions()
-                callbacks.logger = fmi2.fmi2CallbackLoggerTYPE(self._log)
+                callbacks.logger = _logged
+                callbacks.componentEnvironment = id(self)
+                _SPEAKERS[id(self)] = self
                 callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
                 callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
                 addLoggerProxy(byref(callbacks))
@@ -222,13 +240,11 @@ class Instance:
     def _said(self) -> str:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
 
-    def _log(self, environment: Any, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-        self._keep(status, message)
-
     def _log_3(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
-        self._keep(status, message)
+        self.hear(status, message)
 
-    def _keep(self, status: int, message: bytes | None) -> None:
+    def hear(self, status: int, message: bytes | None) -> None:
+        """Keep what it logged, if it is a warning or worse."""
         if status > 0 and message:
             text = message.decode(errors="replace").strip()
             del self.messages[:-2]
