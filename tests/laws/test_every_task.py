@@ -135,8 +135,9 @@ def test_commanded_positions_of_tasks_do_not_jump(name):
     correction = both * np.abs(np.diff(rows["controller.dp_z"][calls]))
     # rounding: nothing is added where the force loop starts or ends
     assert np.all(step <= fastest * experiment.controller.period + correction + 1e-12)
-    # while it acts, it follows an estimate that rounds to 0.05 N: 0.5 mm/N of that, and 4 mm/(N s) of 5 N over 2 ms
-    assert correction.max() <= 5e-4 * 0.05 + 4e-3 * 5.0 * 2e-3
+    # while it acts, it follows an estimate that rounds to 0.05 N, and integrates at most 5 N
+    force, period = experiment.controller.force, experiment.controller.period
+    assert correction.max() <= force.kp * 0.05 + force.ki * 5.0 * period
 
 
 @over_every_task
