@@ -10,7 +10,7 @@ Verdict = Literal["holds", "fails", "trivial", "not reproducible"]
 
 @dataclass(frozen=True)
 class Claim:
-    """One claim, written before any run.
+    """One claim: `source` says where its bounds come from, not when they were set (docs/fig5.md says it of Fig. 5).
 
     Attributes:
         key: short name. text: one line for the scorecard. figure: where it stands. quote: the paper's words, or why
