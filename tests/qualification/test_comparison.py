@@ -112,3 +112,19 @@ def test_only_the_last_change_of_the_reference_counts():
     z_ref = np.select([t < 1.0, t < 2.0, t < 3.0], [-0.085, -0.095, -0.105], -0.104)
     assert position_run(z_ref + 0.0001, z_ref)["overshoot"] == pytest.approx(10.0, rel=1e-6)
     assert position_run(z_ref, np.full(4000, -0.1))["settling_time"] is None
+
+
+def test_drives_are_compared_in_a_task_by_the_force_that_it_holds():
+    (servo,) = trials(ROOT / "experiments/pressing.toml", ["velocity_servo"])
+    measured = {measure.name: measure for measure in servo.measures}
+    assert measured["settling_time"].remark == "a task has no step"
+    # docs/tasks.md: 8 N are held to 0.01 N, with no more above it than the estimate rounds by
+    assert measured["rms_force_error"].value == pytest.approx(0.009, abs=0.002)
+    assert 0.0 < (measured["overshoot"].value or 0.0) < 1.0
+
+
+def test_taps_hold_no_force_to_be_compared():
+    (servo,) = trials(ROOT / "experiments/tapping.toml", ["velocity_servo"])
+    measured = {measure.name: measure for measure in servo.measures}
+    assert measured["rms_force_error"].value is None
+    assert measured["overshoot"].remark == "the force loop is never on"

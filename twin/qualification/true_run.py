@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.controller.phase import PhaseKind
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.metrics.response import Curve, first_time, overshoot, settling_time
@@ -21,16 +22,23 @@ COMPARED = {
     "settling_time": Definition(
         "settles", "s",
         "from the trigger of the force loop until the true pressing force stays within 5 % of its reference; where "
-        "nothing triggers, from the end of the z reference's last change until the true z stays within 5 % of it",
+        "nothing triggers, from the end of the z reference's last change until the true z stays within 5 % of it; "
+        "not for tasks, which lead the force along a ramp",
     ),
     "overshoot": Definition(
-        "overshoot", "%", "of the same quantity beyond its reference, after the same moment, by force or by change",
+        "overshoot", "%",
+        "of the same quantity beyond its reference, after the same moment, by force or by change; in tasks of the force "
+        "beyond its largest reference, while the force loop is on",
     ),
     "rms_force_error": Definition(
-        "rms F_z", "N", "root mean square of the true pressing force minus its reference, second half of the run",
+        "rms F_z", "N",
+        "root mean square of the true pressing force minus its reference, second half of the run; in tasks while they "
+        "hold, circle or push",
     ),
     "rms_z_error": Definition(
-        "rms z", "m", "root mean square of the true z minus its pre-defined reference, second half of the run",
+        "rms z", "m",
+        "root mean square of the true z minus its pre-defined reference, in tasks minus what the force loop makes of it, "
+        "second half of the run",
     ),
     "peak_current": Definition("peak I", "A", "largest current of any of the three drives, where they tell it"),
     "shaft_work": Definition(
@@ -39,6 +47,9 @@ COMPARED = {
     "energy": Definition("energy", "J", "electrical energy the three drives draw, where they tell their power"),
     "cost": Definition("cost", "s", "wall time in the step functions of the three drives, per tick"),
 }  # fmt: skip
+
+UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
+"""Phases in which a task holds its force."""
 
 NO_CONTACT = {True: "", False: "no contact"}
 NOT_TOLD = {True: "", False: "the drive does not tell"}
@@ -77,8 +88,8 @@ class TrueRun:
 
     @property
     def z_ref(self) -> Curve:
-        """Pre-defined height, before the force loop shifts it (m), (ticks,)."""
-        return self._column("controller.p_ref_B[2]")
+        """Pre-defined height, before the force loop shifts it, in tasks after that (m), (ticks,)."""
+        return self._column("controller.p_cmd_B[2]" if self._tasks else "controller.p_ref_B[2]")
 
     @property
     def drives(self) -> tuple[Component, ...]:
@@ -100,14 +111,17 @@ class TrueRun:
         Args:
             cost: wall time in the drives per tick (s).
         """
-        late = slice(len(self.rows) // 2, None)
-        touching = bool(np.any(self.F_z[late] > 0.0))
+        late = np.arange(len(self.rows)) >= len(self.rows) // 2
+        pressing = np.isin(self._column("controller.phase"), UNDER_FORCE) if self._tasks else late
+        touching = bool(np.any(self.F_z[pressing] > 0.0))
         shaft_power = self._column("plant.tau_load") * self.of_drives("omega_m")
         current, power = self.of_drives("current"), self.of_drives("power")
         return (
             *self._approach(),
             Measure(
-                "rms_force_error", rms(self.F_z[late] - self.F_z_ref[late]) if touching else None, NO_CONTACT[touching]
+                "rms_force_error",
+                rms(self.F_z[pressing] - self.F_z_ref[pressing]) if touching else None,
+                NO_CONTACT[touching],
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
             Measure(
@@ -118,9 +132,24 @@ class TrueRun:
             Measure("cost", cost),
         )
 
+    @property
+    def _tasks(self) -> bool:
+        """Whether tasks lead the robot, not way points."""
+        return any(port.name == "task" for port in self.system.component("controller").outputs)
+
+    @property
+    def _force_loop(self) -> np.ndarray:
+        """Whether the force loop is on, (ticks,)."""
+        return self._column("controller.triggered") > 0.0
+
     def _approach(self) -> tuple[Measure, Measure]:
         """Measures `settling_time` and `overshoot`: of the force once it is controlled, else of the height."""
-        triggered = first_time(self.t, self._column("controller.triggered") > 0.0)
+        on = self._force_loop
+        if self._tasks:
+            beyond = 100.0 * overshoot(self.F_z[on], float(self.F_z_ref[on].max())) if np.any(on) else None
+            ramp = Measure("settling_time", None, "a task has no step")
+            return ramp, Measure("overshoot", beyond, "" if np.any(on) else "the force loop is never on")
+        triggered = first_time(self.t, on)
         if np.isfinite(triggered):
             return self._approached(triggered, self.F_z, float(self.F_z_ref[-1]))
         moving = np.flatnonzero(np.abs(np.diff(self.z_ref)) > STILL)
