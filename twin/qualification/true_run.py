@@ -27,8 +27,8 @@ COMPARED = {
     ),
     "overshoot": Definition(
         "overshoot", "%",
-        "of the same quantity beyond its reference, after the same moment, by force or by change; in tasks of the force "
-        "beyond its largest reference, while the force loop is on",
+        "of the same quantity beyond its reference, after the same moment, by force or by change; in tasks of the "
+        "force beyond its largest reference, while the force loop is on",
     ),
     "rms_force_error": Definition(
         "rms F_z", "N",
@@ -37,8 +37,8 @@ COMPARED = {
     ),
     "rms_z_error": Definition(
         "rms z", "m",
-        "root mean square of the true z minus its pre-defined reference, in tasks minus what the force loop makes of it, "
-        "second half of the run",
+        "root mean square of the true z minus its pre-defined reference, in tasks minus what the force loop makes of "
+        "it, second half of the run",
     ),
     "peak_current": Definition("peak I", "A", "largest current of any of the three drives, where they tell it"),
     "shaft_work": Definition(
