@@ -150,3 +150,15 @@ def test_what_a_drive_logs_is_a_warning_at_the_tick_of_its_step(root: Path, tmp_
     folder.mkdir()
     _, recording = ran(folder, "fig4_position", "duration_s=1", f"drive.joint_2.fmu='{fmu}'")
     assert told(recording, "warning") == [(0.25, "the winding is hot")]
+
+
+def test_broken_and_healthy_counts_are_recorded_beside_each_other(tmp_path: Path):
+    bias = fault("encoder_bias", 3.0, duration_s=0.1, magnitude_deg=0.5)
+    _, recording = ran(tmp_path, "pressing", bias, "monitor.enabled=false")
+    off = recording["fault/1.count_l"] - recording["encoder.count_l"]
+    active = recording["fault/1.active"] == 1.0
+    t = recording.time("fault/1")
+    np.testing.assert_array_equal(active, (t >= 3.0) & (t < 3.1))
+    # 0.5 deg of 16384 counts per turn, to the nearest count
+    np.testing.assert_array_equal(off[active], np.tile([23.0, 0.0, 0.0], (active.sum(), 1)))
+    assert not off[~active].any()

@@ -1,6 +1,7 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
 import json
+import re
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
@@ -135,8 +136,8 @@ def _told(plan: DrivePlan) -> str:
 
 
 def _topic(component: Component) -> Topic:
-    """`drive_1` is recorded as the topic drive/1, everything else under its own name."""
-    name = component.name.replace("drive_", "drive/")
+    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name."""
+    name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
     fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
     return Topic(name, fields, component.period)
 
