@@ -23,6 +23,8 @@ from twin.experiment.schema import Drive
 
 OMEGA_REF = COMMANDS["velocity"].port
 Start = float | np.ndarray
+ENABLE = "enable"
+"""The optional role by which a drive's power is switched."""
 ALONE = ""
 """Name of the only part of a drive that is one FMU."""
 
@@ -37,6 +39,7 @@ class DrivePlan:
         parts: the FMUs by part. settings: values set in each.
         bindings: the roles it fills.
         wires: (output, input) between parts, "part.variable" each.
+        switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
     """
 
     label: str
@@ -45,6 +48,12 @@ class DrivePlan:
     settings: Mapping[str, Sequence[Setting]]
     bindings: tuple[Binding, ...]
     wires: tuple[tuple[str, str], ...]
+    switched: bool = False
+
+    def switchable(self) -> "DrivePlan":
+        """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
+        fixed = {_qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
+        return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
 
     @property
     def axes(self) -> int:
@@ -190,7 +199,9 @@ def _part(
     mine = [b for b in plan.bindings if _belongs(part, b.name)]
     # an optional input keeps the value it was given before initialisation
     inputs = [
-        FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "input" and b.role.required
+        FmuPort(b.port, b.variable, b.gain, b.offset)
+        for b in mine
+        if b.role.causality == "input" and (b.role.required or (plan.switched and b.port.name == ENABLE))
     ]
     outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if _belongs(part, target)]
@@ -202,7 +213,7 @@ def _part(
         inputs,
         outputs,
         plan.settings[part],
-        inputs_at_start={"tau_load": tau_load},
+        inputs_at_start={"tau_load": tau_load, ENABLE: 1.0},
         outputs_at_start={"theta_m": theta_m},
     )
 
@@ -246,7 +257,10 @@ def _inner_system(
         a, b = _port_name(source), _port_name(target)
         wires.append((f"{owner[a]}.{a}", f"{owner[b]}.{b}"))
     load = next(b.port for b in plan.bindings if b.port.name == "tau_load")
-    inputs = (replace(OMEGA_REF, size=plan.axes), load)
+    inputs = [replace(OMEGA_REF, size=plan.axes), load]
+    if plan.switched:
+        inputs.append(next(b.port for b in plan.bindings if b.port.name == ENABLE))
+        wires.append((f"{INLET}.{ENABLE}", f"{owner[ENABLE]}.{ENABLE}"))
     return Subsystem(
-        name, inputs, outputs, components, wires, tick / substeps, substeps, label=plan.label
+        name, tuple(inputs), outputs, components, wires, tick / substeps, substeps, label=plan.label
     )  # fmt: skip

@@ -8,7 +8,7 @@ from itertools import pairwise
 import numpy as np
 
 from twin.assembly.computer import computation_delay, controller, estimator, safety_monitor
-from twin.assembly.drives import DrivePlan, Start, drive, planned
+from twin.assembly.drives import ENABLE, DrivePlan, Start, drive, planned
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.errors import InputRefused
@@ -82,6 +82,8 @@ def assemble(
     if experiment.scale is not None:
         scale = [Scale(experiment.scale.resolution * G_ACCELERATION, experiment.scale_ticks)]
     delayed, watched = computation_delay(experiment), safety_monitor(experiment)
+    if watched and drive_maker is drive:
+        plans = tuple(plan.switchable() for plan in plans)
     components: list[Component] = [
         *body,
         _encoder(experiment),
@@ -102,6 +104,8 @@ def assemble(
                 components.append(drive_maker(f"drive_{i + 1}", plan, experiment.cosim.tick, theta_m[i], tau_load[i]))
                 made.callback(components[-1].close)
             wires = _joint_drive_wires(chain[-1])
+        if watched:
+            wires += _power_wires(components)
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
         wires += _wires(chain, bool(body), bool(scale), bool(watched))
         if experiment.tasks:
@@ -187,6 +191,17 @@ def _wires(chain: list[str], body: bool, scale: bool, watched: bool) -> list[tup
     if body:
         wires += [("body.s_B", "plant.s_B"), ("body.v_s_B", "plant.v_s_B")]
     return wires
+
+
+def _power_wires(components: list[Component]) -> list[tuple[str, str]]:
+    """The monitor's power to every drive that can be switched."""
+    return [
+        ("monitor.power", f"{component.name}.{port.name}" + (f"[{i}]" if port.size > 1 else ""))
+        for component in components
+        for port in component.inputs
+        if port.name == ENABLE
+        for i in range(port.size)
+    ]
 
 
 def _joint_drive_wires(commander: str) -> list[tuple[str, str]]:
