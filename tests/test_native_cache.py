@@ -1,6 +1,7 @@
 """Compiled code of an older source is never used again."""
 
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -8,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.native_cache import KEPT, source_digest
+from twin.native_cache import COMPILES, KEPT, source_digest
 
 SOURCE = Path(__file__).parents[1] / "twin"
 WHERE = "import os, twin; print(os.environ['NUMBA_CACHE_DIR'])"
@@ -21,7 +22,9 @@ def package(tmp_path: Path) -> Path:
     (folder / "deep").mkdir(parents=True)
     shutil.copy(SOURCE / "native_cache.py", folder)
     shutil.copy(SOURCE / "__init__.py", folder)
+    (folder / "deep" / "kernel.py").write_text("from numba import njit\n")
     (folder / "deep" / "part.py").write_text("x = 1\n")
+    (folder / "picture").mkdir()
     return folder
 
 
@@ -36,7 +39,7 @@ def cache_folder(package: Path, **environment: str) -> Path:
     return Path(done.stdout.strip())
 
 
-def test_an_edit_of_any_source_file_leads_to_another_folder_and_back(package):
+def test_an_edit_beside_compiled_code_leads_to_another_folder_and_back(package):
     before = cache_folder(package)
     (package / "deep" / "part.py").write_text("x = 2\n")
     edited = cache_folder(package)
@@ -52,10 +55,23 @@ def test_a_renamed_file_counts_as_an_edit(package):
     assert source_digest(package) != before
 
 
-def test_what_is_no_source_does_not_count(package):
+def test_what_no_compiled_code_is_made_of_does_not_count(package):
     before = source_digest(package)
-    (package / "notes.txt").write_text("nothing compiled depends on this")
+    (package / "notes.txt").write_text("no source")
+    (package / "picture" / "page.py").write_text("title = 'in a package without compiled code'\n")
     assert source_digest(package) == before
+    (package / "picture" / "page.py").write_text("import numba\n")
+    assert source_digest(package) != before
+
+
+def test_compiled_packages_import_only_packages_that_count():
+    # else a constant frozen into machine code could change without a new folder
+    importing = {file for file in SOURCE.rglob("*.py") if COMPILES.search(file.read_bytes())}
+    counted = {file.relative_to(SOURCE).parts[0] for file in importing}
+    assert {"plant", "robot", "cosim"} <= counted
+    for file in importing:
+        imported = set(re.findall(r"^\s*(?:from|import) twin\.(\w+)", file.read_text(), re.MULTILINE))
+        assert imported <= counted | {"errors", "native_cache"}, file
 
 
 def test_old_folders_are_dropped_and_the_present_one_never(package):

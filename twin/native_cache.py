@@ -1,24 +1,31 @@
 """Where compiled code is kept between processes.
 
 Numba checks only the file of a cached function itself: after an edit of `robot/jacobian.py` it would go on using the
-old machine code inlined into `plant/`. So the folder is named after the content of every source file of the package.
+old machine code inlined into `plant/`. So the folder is named after the content of all source that compiled code may
+be made of: every sub-package in which some file imports numba, and the files above them. Floors that compiled code
+stands on hold compiled code themselves, or nothing that it freezes.
 """
 
 import hashlib
 import os
+import re
 import shutil
 import sys
 import tempfile
 from pathlib import Path
 
 KEPT = 3
+COMPILES = re.compile(rb"^(from|import) numba\b", re.MULTILINE)
 
 
 def source_digest(package: Path) -> str:
-    """Hash over the names and the content of all Python files of `package`."""
+    """Hash over the names and the content of the Python files of `package` that compiled code is made of."""
+    sources = {file.relative_to(package): file.read_bytes() for file in sorted(package.rglob("*.py"))}
+    compiled = {name.parts[0] for name, source in sources.items() if COMPILES.search(source)}
     digest = hashlib.sha256()
-    for file in sorted(package.rglob("*.py")):
-        digest.update(str(file.relative_to(package)).encode() + b"\0" + file.read_bytes() + b"\0")
+    for name, source in sources.items():
+        if len(name.parts) == 1 or name.parts[0] in compiled:
+            digest.update(str(name).encode() + b"\0" + source + b"\0")
     return digest.hexdigest()[:16]
 
 
