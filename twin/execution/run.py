@@ -19,6 +19,7 @@ from twin.experiment.experiment import Experiment
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
+from twin.scene.scene import Scene
 
 SLICE_TICKS = 100
 SUMMARY = "summary.json"
@@ -87,12 +88,12 @@ def execute(
 def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool) -> Run:
     system = assembly.system
     simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed)
-    topics = [_topic(component) for component in system.components]
+    topics = [_topic(component, experiment) for component in system.components]
     spans = [_span(system, position) for position in range(len(topics))]
-    watch = Watch(assembly, experiment)
+    watch, scene = Watch(assembly, experiment), Scene(experiment, system)
     events: list[Event] = []
     stepping = writing = 0.0
-    with Writer(path, topics, system.tick, provenance(experiment, assembly)) as writer:
+    with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
         while not simulation.finished:
             first = simulation.next_tick
             began = time.perf_counter()
@@ -101,6 +102,8 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
             for topic, span in zip(topics, spans, strict=True):
                 start = -first % topic.period
                 writer.write(topic.name, first + start, rows[start :: topic.period, span])
+            for drawing in scene.drawings(first, rows):
+                writer.write(*drawing)
             for event in watch.events(first, rows):
                 writer.write_event(event.tick, event.level, event.text, event.source)
                 events.append(event)
@@ -135,11 +138,15 @@ def _told(plan: DrivePlan) -> str:
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
 
-def _topic(component: Component) -> Topic:
-    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name."""
+def _topic(component: Component, experiment: Experiment) -> Topic:
+    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name.
+
+    At the rate "controller" nothing is recorded more often than the controller acts.
+    """
+    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
     name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
     fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
-    return Topic(name, fields, component.period)
+    return Topic(name, fields, max(shortest, component.period))
 
 
 def _span(system: System, position: int) -> slice:
