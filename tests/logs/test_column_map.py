@@ -42,6 +42,8 @@ def test_later_entries_win(tmp_path: Path):
         ("F_z [N]", "F_z", "N"),
         ("F_z (N m)", "F_z", "N m"),
         ("omega_m_rad_per_s", "omega_m", "rad_per_s"),
+        ("plant.tau_l[0]_N_m", "plant.tau_l[0]", "N_m"),
+        ("k_s_N_m_per_rad", "k_s", "N_m_per_rad"),
         ("plant.p_B[2]_mm", "plant.p_B[2]", "mm"),
         ("position[2]", "position[2]", ""),
         ("position[2] [rad]", "position[2]", "rad"),

@@ -32,6 +32,7 @@ from twin.logs.units import known_unit, unit
         ("Nm/rad", "N m/rad", 1.0),
         ("mA", "A", 1e-3),
         ("V", "V", 1.0),
+        ("K", "K", 1.0),
         ("%", "1", 0.01),
         ("1", "1", 1.0),
         ("1/min", "1/s", 1 / 60),

@@ -74,7 +74,8 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, Column]:
 def split_unit(header: str) -> tuple[str, str]:
     """Name and unit of a column's name; the unit is empty if it carries none.
 
-    `F_z [N]` and `F_z (N)` carry any unit; `F_z_N` and `omega_m_rad_per_s` one word, or one per one.
+    `F_z [N]` and `F_z (N)` carry any unit; `F_z_N` and `omega_m_rad_per_s` one word, N_m, or one of
+    them per a word.
     """
     bracketed = _BRACKETED.fullmatch(header)
     # digits in brackets are an index
@@ -82,6 +83,9 @@ def split_unit(header: str) -> tuple[str, str]:
         return bracketed[1], bracketed[2] or bracketed[3]
     words = header.split("_")
     start = len(words) - (3 if len(words) > 3 and words[-2] == "per" else 1)
+    # the newton metre is written in two words, too, as `twin export` does
+    if words[start - 1 : start + 1] == ["N", "m"]:
+        start -= 1
     name, text = "_".join(words[:start]), "_".join(words[start:])
     if name and known_unit(text) and not _MOTOR_SIDE.fullmatch(header):
         return name, text

@@ -31,21 +31,26 @@ def read_log(path: str | Path, columns: Mapping[str, Column] | None = None) -> L
         LogRefused, RecordingRefused: missing, empty, damaged, foreign without a map, or of columns that are wrong.
     """
     path = Path(path)
-    if path.is_dir() or (not path.exists() and not path.suffix):
+    if is_recording(path):
         return recorded(read(recording_in(path)))
     try:
         with path.open("rb") as file:
             magic = file.read(len(MAGIC))
     except OSError as problem:
         raise LogRefused(f"{path}: cannot be read: {problem.strerror}") from None
-    if magic == MAGIC and written_by_twin(path):
-        return recorded(read(path))
     if magic == MAGIC:
         return _finished(read_mcap(path, columns or {}))
     if path.suffix == ".mcap" or path.name.endswith(".mcap.partial"):
         what = "not an MCAP file" if magic else "an empty file"
         raise LogRefused(f"{path}: {what}; expected a recording")
     return _finished(read_csv(path, columns or {}))
+
+
+def is_recording(path: Path) -> bool:
+    """Whether `path` means a recording of twin, which heeds no column map."""
+    if path.is_dir() or (not path.exists() and not path.suffix):
+        return True
+    return path.is_file() and written_by_twin(path)
 
 
 def recorded(recording: Recording) -> Log:

@@ -25,6 +25,7 @@ class Dimension(NamedTuple):
     m: int = 0
     s: int = 0
     A: int = 0
+    K: int = 0
     rad: int = 0
 
 
@@ -66,6 +67,7 @@ _ATOMS = {
     "A": Unit(Dimension(A=1)),
     "V": Unit(_POWER._replace(A=-1)),
     "W": Unit(_POWER),
+    "K": Unit(Dimension(K=1)),
     "rad": Unit(Dimension(rad=1)),
     "deg": Unit(Dimension(rad=1), Fraction(1, 180), 1),
     "\N{DEGREE SIGN}": Unit(Dimension(rad=1), Fraction(1, 180), 1),
