@@ -29,9 +29,10 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
         above = figure.add_subplot(grid[2 * line, column])
         below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
         _draw(above, below, row, comparison.curves[row.signal])
-    figure.legend(
-        *figure.axes[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, frameon=False, fontsize=9
-    )
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
+    names = [files.get(name, name) for name in names]
+    figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False, fontsize=9)
     figure.savefig(path, metadata={"Software": None})
 
 
@@ -61,6 +62,11 @@ def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:
         axes.grid(alpha=0.25)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
+
+
+def _tail(path: Path) -> str:
+    """The end of `path` that tells files apart: its last three parts."""
+    return "/".join(path.parts[-3:])
 
 
 def _with_breaks(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

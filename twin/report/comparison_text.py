@@ -35,9 +35,8 @@ def _answer(comparison: Comparison) -> str:
         return f"B stays within the tolerance tube of A: {_count(count, 'signal')} compared"
     first = comparison.outside[0]
     when = first.first_exit.t if first.first_exit else math.nan
-    return (
-        f"{len(comparison.outside)} of {_count(count, 'signal')} leave the tube: {first.signal} first, at {when:.6g} s"
-    )
+    left = f"{len(comparison.outside)} of {_count(count, 'signal')}"
+    return f"{left} leave the tube: {first.signal} first, at {when:.6g} s"
 
 
 def _shift(comparison: Comparison) -> str:
