@@ -1,12 +1,13 @@
 """A comparison as text of at most 80 columns: the answer, what leaves the tube, what is nearest to it."""
 
 import math
+import textwrap
 from collections.abc import Iterable
 
 from twin.comparison.comparison import Comparison
 from twin.comparison.row import Row
-from twin.report.scorecard import folded
 
+WIDTH = 80
 MOST_OUTSIDE, MOST_INSIDE = 8, 6
 """Rows printed; all are in the JSON."""
 SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
@@ -18,8 +19,8 @@ def comparison_text(comparison: Comparison) -> str:
     lines = [_answer(comparison), f"  A  {comparison.a}", f"  B  {comparison.b}{_shift(comparison)}"]
     if not comparison.identical:
         lines += ["", *_table(comparison), *_others(comparison)]
-    lines += [f"  note     {note}" for note in comparison.notes]
-    return "\n".join(part for line in lines for part in folded(line))
+    lines += [part for note in comparison.notes for part in _note(note)]
+    return "\n".join(lines)
 
 
 def shown(unit: str) -> tuple[str, float]:
@@ -72,12 +73,20 @@ def _lines(row: Row, width: int) -> list[str]:
 def _others(comparison: Comparison) -> Iterable[str]:
     row = min(comparison.rows, key=lambda row: row.covered)
     if row.covered < 0.995:
-        yield f"  note     B covers {100.0 * row.covered:.0f} % of the time of A ({row.signal})"
+        yield from _note(f"B covers {100.0 * row.covered:.0f} % of the time of A ({row.signal})")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):
         if names:
             there = list(dict.fromkeys(signal.partition("[")[0] for signal in names))
             more = f" and {len(there) - 4} more" if len(there) > 4 else ""
-            yield f"  note     only in {name}: {', '.join(there[:4])}{more}"
+            yield from _note(f"only in {name}: {', '.join(there[:4])}{more}")
+
+
+def _note(text: str) -> list[str]:
+    # names of files and signals stay whole
+    return textwrap.wrap(
+        text, WIDTH, initial_indent="  note     ", subsequent_indent=11 * " ", break_on_hyphens=False,
+        break_long_words=False,
+    )  # fmt: skip
 
 
 def _count(number: int, what: str) -> str:

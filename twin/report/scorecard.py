@@ -97,11 +97,10 @@ def _two(left: str, right: str) -> str:
 
 
 def _text(lines: Iterable[str]) -> str:
-    return "\n".join(part for line in lines for part in folded(line))
+    return "\n".join(part for line in lines for part in _folded(line))
 
 
-def folded(line: str) -> list[str]:
-    """`line` in parts of at most WIDTH columns, the later ones indented."""
+def _folded(line: str) -> list[str]:
     if len(line) <= WIDTH:
         return [line]
     indent = " " * (len(line) - len(line.lstrip()))
