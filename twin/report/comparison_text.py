@@ -41,7 +41,7 @@ def _answer(comparison: Comparison) -> str:
 
 
 def _shift(comparison: Comparison) -> str:
-    return f", {comparison.shift.seconds:+.6g} s" if comparison.shift.seconds else ""
+    return f", shifted by {comparison.shift.seconds:+.6g} s" if comparison.shift.seconds else ""
 
 
 def _table(comparison: Comparison) -> list[str]:

@@ -100,9 +100,7 @@ def provenance(log: Log) -> Provenance | None:
 
 def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) -> None:
     if column not in calibration:
-        raise LogRefused(
-            f"{log.path}: [calibration] {column} is missing; expected two points [pixel, value]"
-        )
+        raise LogRefused(f"{log.path}: [calibration] {column} is missing; expected two points [pixel, value]")
     (first, low), (second, high) = calibration[column]
     if first == second or low == high:
         raise LogRefused(f"{log.path}: [calibration] {column}: two points of one pixel or value make no axis")
