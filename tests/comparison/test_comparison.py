@@ -86,6 +86,16 @@ def test_a_gap_of_dropped_samples_is_left_out_rather_than_bridged():
     assert row.covered == pytest.approx(0.99, abs=3e-4)  # the gap is 0.1 s and one period of 10 s
 
 
+def test_instants_in_a_gap_of_the_denser_log_are_left_out():
+    kept = (T < 4.2) | (T > 4.3)
+    coarse = T[::50]
+    a, b = log_of(coarse, F=np.sin(SPEED * coarse)), log_of(T[kept], F=np.sin(SPEED * T[kept]))
+    for first, second in ((a, b), (b, a)):
+        row = against(first, second).rows[0]
+        assert row.n == len(coarse) - np.sum((coarse >= 4.2) & (coarse <= 4.3))
+        assert row.max_error < 1e-12  # both hold the same numbers there
+
+
 def test_only_what_both_cover_is_compared():
     half = T[T < 5.0]
     row = against(log_of(T, F=T), log_of(half, F=half)).rows[0]
@@ -94,8 +104,9 @@ def test_only_what_both_cover_is_compared():
 
 
 def test_a_component_that_is_only_noise_is_measured_by_its_vector():
-    p = {"F[0]": 1e-15 * np.sin(T), "F[2]": 5.0 * np.sin(T)}
-    assert not against(log_of(T, p), log_of(T, (p | {"F[0]": -p["F[0]"]}))).outside
+    noise = 1e-15 * np.sin(T)
+    a = {"F[0]": noise, "F[1]": 5.0 * np.sin(T), "F[2]": noise}
+    assert not against(log_of(T, a), log_of(T, {**a, "F[0]": -noise, "F[2]": -noise})).outside
 
 
 def test_a_shift_that_was_found_is_told_and_undone():
