@@ -22,10 +22,10 @@ def write_csv(path: Path, table: Table) -> None:
 
 
 def heading(column: Column) -> str:
-    """`plant.p_B[0]_m`, `drive/1.omega_m_rad_per_s`: the name with its unit, as TOML keys have it."""
+    """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: the name with its unit, as TOML keys have it."""
     if column.unit == "1":
         return column.name
-    return f"{column.name}_{column.unit.replace('/', ' per ').replace(' ', '_').replace('__', '_')}"
+    return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
 
 
 def _texts(values: np.ndarray) -> list[str]:
