@@ -22,7 +22,7 @@ def write_csv(path: Path, table: Table) -> None:
 
 
 def heading(column: Column) -> str:
-    """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: the name with its unit, as TOML keys have it."""
+    """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: name and unit, like keys of TOML."""
     if column.unit == "1":
         return column.name
     return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"

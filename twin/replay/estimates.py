@@ -5,8 +5,8 @@ from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
 from twin.controller.estimator import Estimator, angle
+from twin.cosim.playback import columns, play
 from twin.logs.errors import LogRefused
-from twin.replay.play import columns, play
 from twin.replay.robot_log import RobotLog
 
 

@@ -5,16 +5,18 @@ neighbouring samples has it, which is what a drive hands the plant in a run (doc
 angle of the end of the step).
 """
 
+from itertools import pairwise
+
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.cosim.playback import columns, play
 from twin.errors import ComponentFailed
 from twin.logs.errors import LogRefused
 from twin.plant.body import Body
-from twin.plant.component import Plant
+from twin.plant.component import OUTPUTS, Plant
 from twin.plant.parameters import STATES
 from twin.replay.model import Model
-from twin.replay.play import columns, play
 
 LONGEST_GAP = 0.1
 """s. A line across more than this is no motor's way: several periods of the springs' slowest free motion, 72 rad/s."""
@@ -45,14 +47,12 @@ def motions(
     """
     if np.median(np.diff(t)) > LONGEST_GAP:
         raise LogRefused(
-            f"a sample every {np.median(np.diff(t)):.3g} s; the plant model needs one in {LONGEST_GAP:g} s or more often"
+            f"a sample every {np.median(np.diff(t)):.3g} s; the plant model needs one every {LONGEST_GAP:g} s or sooner"
         )
     bounds = [0, *(np.flatnonzero(np.diff(t) > LONGEST_GAP) + 1), len(t)]
-    parts = [
-        _stretch(model, t[a:b], theta_m[a:b], p_B[a]) for a, b in zip(bounds[:-1], bounds[1:], strict=True)
-    ]
-    names = [port.name for port in Plant(model.plant, np.zeros(STATES), np.zeros(3)).outputs]
-    return {name: np.concatenate([part[name] for part in parts]) for name in names}, [float(t[a]) for a in bounds[:-1]]
+    parts = [_stretch(model, t[a:b], theta_m[a:b], p_B[a]) for a, b in pairwise(bounds)]
+    joined = {port.name: np.concatenate([part[port.name] for part in parts]) for port in OUTPUTS}
+    return joined, [float(t[a]) for a in bounds[:-1]]
 
 
 def _stretch(
@@ -71,7 +71,7 @@ def _stretch(
     u = np.stack([np.interp(ends, t, theta_m[:, i]) for i in range(3)], axis=1)
     if model.motions:
         ground, _ = play(Body(model.motions), ends - h, h, np.empty((len(h), 0)))
-        ground[: before] = [*ground[before - 1][:3], 0.0, 0.0, 0.0]
+        ground[:before] = [*ground[before - 1][:3], 0.0, 0.0, 0.0]
         u = np.hstack([u, ground])
     rows, status = play(plant, ends - h, h, u, steps)
     if status:

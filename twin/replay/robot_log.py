@@ -117,6 +117,6 @@ def _three(log: Log, name: str, unit: str) -> Series:
 def _in_unit(log: Log, name: str, series: Series, unit: str) -> Series:
     if series.unit != unit:
         raise LogRefused(
-            f"{log.path}: {name} is in '{series.unit}', expected '{unit}'; say what it is with --map {name}=COLUMN[UNIT]"
+            f"{log.path}: {name} is in '{series.unit}', expected '{unit}'; say so with --map {name}=COLUMN[UNIT]"
         )
     return series
