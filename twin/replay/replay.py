@@ -12,7 +12,7 @@ from twin.replay.estimates import estimates
 from twin.replay.model import Model
 from twin.replay.plant_model import motions
 from twin.replay.residual import Residual, Statistics, residual, statistics
-from twin.replay.robot_log import SCALE, RobotLog, robot_log
+from twin.replay.robot_log import RobotLog, robot_log
 from twin.replay.rounding import angle_rounding, force_rounding
 
 Outputs = dict[str, NDArray[np.float64]]
@@ -77,7 +77,6 @@ def replayed(
     plant: bool = False,
     baseline: float = 1.0,
     tolerance: float | None = None,
-    force: str = SCALE,
 ) -> Replay:
     """Put `log` through the twin `model`.
 
@@ -89,13 +88,12 @@ def replayed(
         plant: let the plant model run in parallel.
         baseline: length of the beginning that says what is normal (s); the robot should be in free air.
         tolerance: change of the mean force residual that is no news (N); None: what rounding alone can do.
-        force: name of the measured force, pressing positive.
 
     Raises:
         InputRefused: a log that is not one of a robot, or too short for the baseline.
         ComponentFailed: the plant model left the workspace.
     """
-    robot = robot_log(log, model.belief, force)
+    robot = robot_log(log, model.belief)
     _refuse_lengths(robot, baseline, tolerance)
     estimator = estimates(robot, model.belief, model.gravity_compensation)
     best = estimator

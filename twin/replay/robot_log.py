@@ -46,29 +46,25 @@ class RobotLog:
         return float(np.median(np.diff(self.t)))
 
 
-def robot_log(log: Log, belief: Belief, force: str = SCALE) -> RobotLog:
+def robot_log(log: Log, belief: Belief) -> RobotLog:
     """The encoders and the measured force of `log`.
 
     Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
-    in the place of either. Of a recording with faulty encoders, what the computer received: the last /fault/n that
+    in the place of either. Measured force: `scale.F_z` (N), pressing positive. Of a recording with faulty encoders, what the computer received: the last /fault/n that
     carries counts.
 
     Args:
         log: as `read_log` gives it. belief: turns angles into counts.
-        force: name of the measured force, pressing positive.
 
     Raises:
-        LogRefused: no encoders, other units, motor and joint encoders at different times, times before 0, or an
-            explicitly named force that is not there.
+        LogRefused: no encoders, other units, motor and joint encoders at different times, or times before 0.
     """
     count_m, count_l = (_counts(log, name, belief) for name in COUNTS)
     if not np.array_equal(count_m.t, count_l.t):
         raise LogRefused(
             f"{log.path}: motor and joint encoders have different times; expected one sample of both at each"
         )
-    measured = None
-    if force in log.series or force != SCALE:
-        measured = _in_unit(log, force, log[force], "N")
+    measured = _in_unit(log, SCALE, log[SCALE], "N") if SCALE in log.series else None
     if count_m.t[0] < 0.0:
         raise LogRefused(f"{log.path}: begins at {count_m.t[0]:g} s, before 0; count its time from its first sample")
     # a count that never came is the estimator's business; before the first there is nothing to hold

@@ -17,7 +17,6 @@ from twin.recording.reader import read
 from twin.replay.model import Model, loaded_model, recorded_model
 from twin.replay.record import record
 from twin.replay.replay import Indicator, Replay, replayed
-from twin.replay.robot_log import SCALE
 from twin.report.replay_picture import draw_replay
 from twin.report.replay_text import replay_text, verdict
 
@@ -32,7 +31,7 @@ class Request:
     Attributes:
         log: a recording, another MCAP file or a CSV file. maps: see `column_map`.
         experiment: of the robot; None: the one that the recording carries. settings: laid over it.
-        force, plant, baseline, tolerance: see `replayed`.
+        plant, baseline, tolerance: see `replayed`.
         out: the folder to write; None: a new one in results/replay/NAME.
     """
 
@@ -40,7 +39,6 @@ class Request:
     maps: Sequence[str] = ()
     experiment: Path | None = None
     settings: Sequence[str] = ()
-    force: str = SCALE
     plant: bool = False
     baseline: float = 1.0
     tolerance: float | None = None
@@ -65,7 +63,7 @@ def replay_report(request: Request) -> Report:
     """
     log = read_log(request.log, column_map(request.maps))
     model = _model(log, request)
-    replay = replayed(log, model, request.plant, request.baseline, request.tolerance, request.force)
+    replay = replayed(log, model, request.plant, request.baseline, request.tolerance)
     name = model.name if request.experiment is None else log.path.stem
     now = datetime.now()
     folder = claim_run_folder(request.out) if request.out else create_run_folder(HOME, name, now)

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from twin.replay.replay import Indicator, Replay, pressing
 
 MEASURED, ESTIMATE, TWIN, PLANT, ALARM = "#1c1c1c", "#eab308", "#e2661a", "#2f6db5", "#c62828"
-JOINTS = ("#2f6db5", "#e2661a", "#2e7d32")
+JOINTS = ("#2f6db5", "#8e44ad", "#2e7d32")
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
@@ -67,7 +67,7 @@ def _draw_forces(axes: Axes, replay: Replay) -> None:
 
 
 def _draw_force_residual(axes: Axes, one: Indicator) -> None:
-    _draw_residual(axes, one, 1.0, TWIN, "estimate less measured")
+    _draw_residual(axes, one, 1.0, TWIN, "estimate, dead zone taken off, less measured: means of blocks")
     axes.set_ylabel("force residual (N)")
     axes.legend(frameon=False, loc="best", fontsize="small")
 
@@ -86,7 +86,13 @@ def _draw_residual(axes: Axes, one: Indicator, scale: float, color: str, label: 
     edges = np.concatenate([[d.t[0] - d.block], d.t])
     axes.stairs(scale * d.mean, edges, color=color, lw=1.8, baseline=None, label=label)
     for side in (-1.0, 1.0):
-        axes.axhline(scale * (d.baseline + side * d.slack), color="0.5", lw=0.8, ls="--")
+        axes.axhline(
+            scale * (d.baseline + side * d.slack),
+            color="0.5",
+            lw=0.8,
+            ls="--",
+            label="no sum fills in here" if side > 0 and one.name in ("force", "joint 1") else None,
+        )
     # single samples may be far off for a moment; what counts are the means
     reach = scale * max(3.0 * d.slack, 1.3 * float(np.max(np.abs(d.mean - d.baseline))))
     low, high = axes.get_ylim() if axes.has_data() and axes.lines else (0.0, 0.0)
@@ -100,9 +106,10 @@ def _draw_sums(axes: Axes, indicators: tuple[Indicator, ...]) -> None:
     for one in indicators:
         d = one.drift
         worst = np.where(d.up >= d.low, d.up, -d.low) / d.threshold
-        axes.plot(d.t, worst, marker=".", lw=1.2, label=one.name)
+        color = TWIN if one.unit == "N" else JOINTS[int(one.name[-1]) - 1]
+        axes.plot(d.t, worst, marker=".", lw=1.2, color=color, label=one.name)
     for side in (-1.0, 1.0):
-        axes.axhline(side, color=ALARM, lw=0.9, ls="--")
+        axes.axhline(side, color=ALARM, lw=0.9, ls="--", label="alarm" if side > 0 else None)
     axes.set_ylabel("cumulative sum / H")
     low, high = axes.get_ylim()
     axes.set_ylim(max(min(low, -1.4), -4.0), min(max(high, 1.4), 4.0))

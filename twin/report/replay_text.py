@@ -37,36 +37,33 @@ def replay_text(replay: Replay, name: str, files: Mapping[str, str]) -> str:
 
 
 def _headline(replay: Replay, name: str) -> str:
-    span = f"{replay.log.t[0]:g} to {replay.log.t[-1]:g} s"
     match verdict(replay):
         case Verdict.MATCHES:
-            return f"{name}: robot and twin match, {span}"
+            return f"{name}: robot and twin match, {replay.log.t[0]:g} to {replay.log.t[-1]:g} s"
         case Verdict.UNKNOWN:
             return f"{name}: cannot tell whether robot and twin match"
     first = replay.first_alarm
     assert first is not None
-    return f"{name}: robot and twin part, since {first.drift.since:.3f} s ({_change(first)})"
+    return f"{name}: robot and twin part since {first.drift.since:.3f} s\n  {_change(first)}"
 
 
 def _change(one: Indicator) -> str:
     side = "above" if one.drift.size > 0 else "below"
     if one.name == "force":
-        return f"estimate {abs(one.drift.size):.2f} N {side} the measurement"
-    return f"{one.name}: model {degrees(abs(one.drift.size)):.3f} deg {side} the robot"
+        return f"the force estimate went {abs(one.drift.size):.2f} N {side} the measured force"
+    return f"{one.name} of the plant model went {abs(degrees(one.drift.size)):.3f} deg {side} the robot's"
 
 
 def _reasons(replay: Replay) -> list[str]:
     told = []
+    if replay.indicators:
+        told += ["", f"  {'block means':<11} {'seen above':>11} {'largest':>11}   verdict"]
     for one in replay.indicators:
         d = one.drift
         scale, unit = (1.0, "N") if one.unit == "N" else (degrees(1.0), "deg")
-        seen = f"changes up to {scale * d.slack:.3f} {unit} are not seen"
-        if d.matches:
-            largest = scale * max(abs(d.mean - d.baseline))
-            found = f"matches: largest change {largest:.3f} {unit} in {len(d.mean)} blocks of {d.block:.3g} s; {seen}"
-        else:
-            found = f"parts since {d.since:.3f} s, noticed at {d.alarm:.3f} s: {scale * d.size:+.3f} {unit}; {seen}"
-        told += _wrapped(one.name, found)
+        largest, slack = f"{scale * max(abs(d.mean - d.baseline)):.3f} {unit}", f"{scale * d.slack:.3f} {unit}"
+        found = "matches" if d.matches else f"since {d.since:.3f} s, seen at {d.alarm:.3f} s"
+        told.append(f"  {one.name:<11} {slack:>11} {largest:>11}   {found}")
     if replay.first_alarm:
         told += _wrapped("", "A spring, belt, encoder, the body or the force sensor has changed: which, is not said.")
     if not replay.indicators and replay.log.force is not None:
