@@ -45,6 +45,11 @@ def softened(joints: Sequence[int], onset: float, factor: float = 0.9) -> str:
     return "fault=[" + ", ".join(table.format(joint, onset, factor) for joint in joints) + "]"
 
 
+def drifting(onset: float) -> str:
+    """A setting that makes joint encoder 1 run away by 0.1 deg/s from `onset` (s) on."""
+    return f"fault=[{{kind='encoder_drift', target='joint_encoder_1', onset_s={onset}, magnitude_deg_per_s=0.1}}]"
+
+
 def write_log(path: Path, recording: Recording, keep: np.ndarray | None = None, angles: bool = False) -> Path:
     """A robot's CSV log with the encoders (or their angles in degrees) and the scale's reading as it stood.
 

@@ -2,6 +2,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import lfilter
 
 from twin.replay.drift import Drift, _sum, correlation_time, drift
 
@@ -15,9 +16,7 @@ def noisy(seed: int, correlation: float = 0.0) -> np.ndarray:
     a = np.exp(-PERIOD / correlation) if correlation else 0.0
     r = rng.normal(0.0, 0.1 * np.sqrt(1.0 - a * a), len(T))
     r[0] /= np.sqrt(1.0 - a * a)
-    for k in range(1, len(r)):
-        r[k] += a * r[k - 1]
-    return r
+    return lfilter([1.0], [1.0, -a], r)
 
 
 def judged(r: np.ndarray, tolerance: float = 0.05, baseline: float = 5.0) -> Drift:
@@ -32,10 +31,10 @@ def test_noise_without_drift_raises_no_alarm(seed: int):
     assert judged(noisy(seed)).matches
 
 
-@given(st.integers(0, 10_000))
-def test_samples_that_say_the_same_twice_raise_no_alarm(seed: int):
-    # tau = 1 s over 20 s of baseline: the mean is known to 0.03 only
-    assert judged(noisy(seed, 1.0), tolerance=0.1, baseline=20.0).matches
+def test_samples_that_say_the_same_twice_are_no_evidence():
+    alarms = [not judged(noisy(seed, 0.5), tolerance=0.05, baseline=20.0).matches for seed in range(100)]
+    # means of 1 s deviate by 0.1 then: taken for those of 100 independent samples, nearly every log would be one
+    assert np.mean(alarms) < 0.05
 
 
 @given(st.integers(0, 10_000), st.sampled_from([-1.0, 1.0]))

@@ -50,8 +50,8 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     """The encoders and the measured force of `log`.
 
     Encoders: `encoder.count_m[0..2]`, `encoder.count_l[0..2]` (1), or `estimator.theta_m`, `estimator.theta_l` (rad)
-    in the place of either. Measured force: `scale.F_z` (N), pressing positive. Of a recording with faulty encoders, what the computer received: the last /fault/n that
-    carries counts.
+    in the place of either. Of a recording with faulty encoders, what the computer received: the last /fault/n that
+    carries counts. Measured force: `scale.F_z` (N), pressing positive.
 
     Args:
         log: as `read_log` gives it. belief: turns angles into counts.
