@@ -63,7 +63,7 @@ def test_a_log_that_begins_before_zero_is_told(tmp_path: Path, text: str):
 def test_angles_that_no_pose_fits_are_told_with_what_may_be_wrong(tmp_path: Path):
     path = write_log(tmp_path / "q.csv", ran(FIG4), angles=True)
     head, _, *rest = path.read_text().splitlines()
-    said = refused(path, "\n".join([head, "0.0,0,0,0,170,-80,-80,0", *rest]), *ANGLES, FORCE)
+    said = refused(path, "\n".join([head, "0.0,0,0,0,0,40,170,0", *rest]), *ANGLES, FORCE)
     assert "fit no pose of the robot; are their signs, units and zeros those of the experiment?" in said
 
 

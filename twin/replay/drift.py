@@ -21,7 +21,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.signal import correlate
 
 SHORTEST_BLOCK = 1.0
 """s. Two taps of a massage: the force of the platform's acceleration and of viscous joints comes to nothing over a
@@ -110,7 +109,9 @@ def correlation_time(t: NDArray[np.float64], r: NDArray[np.float64]) -> float:
     centred = r - np.mean(r)
     if len(r) < 3 or not np.any(centred):
         return 0.0
-    autocorrelation = correlate(centred, centred, method="fft")[len(r) - 1 :] / np.sum(centred**2)
+    # padded to twice its length, so that its end does not meet its beginning
+    power = np.abs(np.fft.rfft(centred, 2 * len(r))) ** 2
+    autocorrelation = np.fft.irfft(power, 2 * len(r))[: len(r)] / np.sum(centred**2)
     below = np.flatnonzero(autocorrelation < np.exp(-1.0))
     return float(np.median(np.diff(t))) * float(below[0] if len(below) else len(r))
 
