@@ -117,7 +117,7 @@ def _recorded(
     stepping, writing, marked = 0.0, 0.0, False
     with Writer(path, [stream.topic for stream in streams], system.tick, provenance(experiment, assembly)) as writer:
         if viewer:
-            viewer.begin(streams, system.tick, experiment.duration_ticks, tuning)
+            viewer.begin(streams, system.tick, tuning)
         if pace:
             pace.begin()
         while not simulation.finished:

@@ -22,11 +22,11 @@ class Stream:
 class Viewer(Protocol):
     """Called by the thread that steps, between slices; what it takes its time over delays the run."""
 
-    def begin(self, streams: Sequence[Stream], tick: float, last_tick: int, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[Stream], tick: float, tuning: Tuning) -> None:
         """A run begins as soon as this returns.
 
         Args:
-            streams: in the order of the recording. tick: duration of a tick (s). last_tick: number of the last one.
+            streams: in the order of the recording. tick: duration of a tick (s).
             tuning: what may be changed, by any thread, until the run is over.
         """
 

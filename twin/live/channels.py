@@ -1,14 +1,12 @@
-"""What a viewer can subscribe to: the topics of the recording, each at its newest row."""
+"""What a viewer can subscribe to: the topics of the recording."""
 
 from collections.abc import Sequence
 
 import foxglove
-import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from twin.execution.viewer import Stream
 from twin.execution.watch import Event
-from twin.recording.messages import HEAD_SIZE, message_layout, message_records
+from twin.recording.layout import Topic
 from twin.recording.schema import descriptor_set, log_descriptor_set, message_names
 from twin.recording.writer import EVENTS, NANOSECONDS
 
@@ -17,13 +15,11 @@ class StreamChannel:
     """One topic on the wire: name, schema, units and bytes are those of the recording.
 
     Args:
-        context: of the server. stream: what to publish. message_name: of its protobuf type. tick: duration (s).
+        context: of the server. topic: what to announce. message_name: of its protobuf type. tick: duration (s).
     """
 
-    def __init__(self, context: foxglove.Context, stream: Stream, message_name: str, tick: float):
-        topic = stream.topic
-        self._stream, self._tick = stream, tick
-        self._layout = message_layout(0, topic.fields)
+    def __init__(self, context: foxglove.Context, topic: Topic, message_name: str, tick: float):
+        self._period, self._tick = topic.period, tick
         self._channel = foxglove.Channel(
             f"/{topic.name}",
             schema=_schema(message_name, descriptor_set(message_name, topic.fields)),
@@ -32,15 +28,11 @@ class StreamChannel:
             metadata={field.name: f"{field.unit}; {field.meaning}" for field in topic.fields},
         )
 
-    def publish(self, first: int, rows: np.ndarray) -> None:
-        """Send the newest of `rows`, the first of which is tick `first`, if anybody listens and one is due."""
-        period = self._stream.topic.period
-        newest = len(rows) - 1 - (first + len(rows) - 1) % period
-        if newest < 0 or not self._channel.has_sinks():
-            return
-        row = rows[newest : newest + 1, self._stream.columns]
-        record = message_records(self._layout, self._stream.topic.fields, np.zeros(1, dtype=np.int64), 0, row)
-        self._channel.log(record[0, HEAD_SIZE:].tobytes(), log_time=nanoseconds(first + newest, self._tick))
+    def publish(self, first: int, last: int, message: bytes) -> None:
+        """Send what is valid at tick `last`, at the time of its sample, unless that was taken before tick `first`."""
+        sample = last - last % self._period
+        if sample >= first:
+            self._channel.log(message, log_time=nanoseconds(sample, self._tick))
 
     def close(self) -> None:
         """Take it off the list of topics."""
@@ -59,25 +51,23 @@ class EventChannel:
         schema = _schema(Log.DESCRIPTOR.full_name, log_descriptor_set())
         self._channel = foxglove.Channel(f"/{EVENTS}", schema=schema, message_encoding="protobuf", context=context)
 
-    def publish(self, events: Sequence[Event]) -> None:
-        """Send all of them, if anybody listens."""
-        if not self._channel.has_sinks():
-            return
-        for event in events:
-            time = nanoseconds(event.tick, self._tick)
-            log = Log(level=Log.Level.Value(event.level), message=event.text, name=event.source)
-            log.timestamp.FromNanoseconds(time)
-            self._channel.log(log.SerializeToString(), log_time=time)
+    def publish(self, event: Event) -> None:
+        """Send it."""
+        time = nanoseconds(event.tick, self._tick)
+        log = Log(level=Log.Level.Value(event.level), message=event.text, name=event.source)
+        log.timestamp.FromNanoseconds(time)
+        self._channel.log(log.SerializeToString(), log_time=time)
 
     def close(self) -> None:
         """Take it off the list of topics."""
         self._channel.close()
 
 
-def channels(context: foxglove.Context, streams: Sequence[Stream], tick: float) -> list[StreamChannel]:
-    """A channel for each of `streams`, with the message types that the recording gives them."""
-    names = message_names([stream.topic for stream in streams])
-    return [StreamChannel(context, stream, name, tick) for stream, name in zip(streams, names, strict=True)]
+def channels(context: foxglove.Context, topics: Sequence[Topic], tick: float) -> list[StreamChannel]:
+    """A channel for each of `topics`, with the message types that the recording gives them."""
+    return [
+        StreamChannel(context, topic, name, tick) for topic, name in zip(topics, message_names(topics), strict=True)
+    ]
 
 
 def nanoseconds(tick_number: int, tick: float) -> int:
