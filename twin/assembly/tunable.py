@@ -62,6 +62,9 @@ class Tunable:
         Raises:
             InputRefused: the experiment's schema refuses it.
         """
+        if number is None:
+            # the file may leave the reference out where no force loop acts; a running one needs it
+            raise InputRefused(f"{self.key}: no value; expected a number")
         place = PLACES[self.key]
         *path, key = self.key.split(".")
         for name in path:

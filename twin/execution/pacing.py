@@ -84,7 +84,7 @@ class Pace:
     def punctuality(self) -> Punctuality:
         """Of every deadline so far, at least one."""
         lateness = np.array(self._lateness)
-        taken = self._last_tick * self.tick_time + lateness[-1]
+        taken = self._last_tick * self.tick_time + self._lateness[-1]
         return Punctuality(
             factor=self._factor,
             achieved=self._factor * self._last_tick * self.tick_time / taken,
