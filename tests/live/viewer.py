@@ -7,6 +7,7 @@ import json
 import struct
 from base64 import b64decode
 from collections.abc import Callable
+from contextlib import ExitStack
 from typing import Any, NamedTuple
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -40,7 +41,10 @@ class Viewer:
     """
 
     def __init__(self, address: str):
-        self.socket: ClientConnection = connect(address, subprotocols=[SUBPROTOCOL], open_timeout=PATIENCE)
+        self._open = ExitStack()
+        self.socket: ClientConnection = self._open.enter_context(
+            connect(address, subprotocols=[SUBPROTOCOL], open_timeout=PATIENCE)
+        )
         self.channels: dict[str, dict[str, Any]] = {}
         self.received: list[Received] = []
         self.times: list[int] = []
@@ -52,7 +56,7 @@ class Viewer:
         return self
 
     def __exit__(self, *failure: object) -> None:
-        self.socket.close()
+        self._open.close()
 
     def send(self, **request: Any) -> None:
         self.socket.send(json.dumps(request))
