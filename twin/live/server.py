@@ -1,5 +1,6 @@
 """The server that runs are watched through: Foxglove's WebSocket protocol on this machine's own address."""
 
+import time
 from collections.abc import Sequence
 from types import TracebackType
 from typing import Self
@@ -16,6 +17,8 @@ from twin.live.listener import Listener
 from twin.live.publisher import Publisher
 
 HOST = "127.0.0.1"
+FAREWELL = 0.2
+"""Time (s) to send what has been published: the SDK cannot be asked when it is done, and drops the rest at the end."""
 
 
 class LiveServer:
@@ -56,6 +59,7 @@ class LiveServer:
     ) -> None:
         if self._publisher:
             self._publisher.finish()
+            time.sleep(FAREWELL)
         self._server.stop()
 
     def begin(self, streams: Sequence[Stream], tick: float, tuning: Tuning) -> None:
