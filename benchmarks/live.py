@@ -20,6 +20,7 @@ from twin.execution.tuning import Tuning
 from twin.execution.viewer import Stream, Viewer
 from twin.execution.watch import Event
 from twin.experiment.experiment import Experiment, load_experiment
+from twin.scene.scene import Scene
 
 ROUNDS = 15
 PACED_ROUNDS = 5
@@ -54,9 +55,9 @@ class Stopwatch:
         self._viewer = viewer
         self.began = self.shown = 0.0
 
-    def begin(self, streams: Sequence[Stream], tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
         if self._viewer:
-            self._viewer.begin(streams, tick, tuning)
+            self._viewer.begin(streams, scene, tick, tuning)
         self.began = time.perf_counter()
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:

@@ -14,6 +14,7 @@ from twin.execution.viewer import Stream
 from twin.execution.watch import Event
 from twin.recording.reader import read
 from twin.recording.recording import Recording
+from twin.scene.scene import Scene
 
 REFERENCE = "controller.force.reference_N"
 TOUCHING = ("duration_s=2", "contact.height_mm=-85.5")
@@ -26,7 +27,7 @@ class Knob:
     def __init__(self, turn: Callable[[Tuning], object], at: int = 0):
         self._turn, self._at = turn, at
 
-    def begin(self, streams: Sequence[Stream], tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
         self.tuning = tuning
         if self._at == 0:
             self._turn(tuning)

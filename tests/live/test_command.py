@@ -22,12 +22,9 @@ def test_a_paced_run_says_how_it_went_and_an_unpaced_one_does_not(root: Path, tm
     assert "deadlines" not in free.stdout
 
 
-@pytest.mark.parametrize(
-    ("option", "said"),
-    [("--realtime=inf", "expected a finite factor"), ("--realtime=-1", "x>=0.0"), ("--realtime=fast", "valid float")],
-)
-def test_a_factor_that_is_none_is_refused(root: Path, tmp_path: Path, option: str, said: str):
+@pytest.mark.parametrize("option", ["--realtime=inf", "--realtime=-1", "--realtime=fast"])
+def test_what_is_no_factor_is_refused(root: Path, tmp_path: Path, option: str):
     done = twin("run", option, root / FIG4, cwd=tmp_path)
     assert done.returncode == 2
-    assert said in done.stderr
+    assert "--realtime" in done.stderr
     assert not (tmp_path / "results").exists()

@@ -19,6 +19,7 @@ from twin.recording.recording import Recording
 
 FIG4 = "experiments/fig4_force_position.toml"
 REFERENCE = "controller.force.reference_N"
+DRAWN = ("tf", "scene", "force")
 
 
 def served(root: Path, folder: Path, *arguments: str) -> tuple["subprocess.Popen[str]", str]:
@@ -61,6 +62,7 @@ def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Wa
         # no goodbye: what a laptop does that is closed
         third.socket.socket.shutdown(socket.SHUT_RDWR)
         watcher.until(lambda: any("triggered" in event.message.message for event in watcher.messages("/events")))
+        second.subscribe("/scene")
         watcher.set(REFERENCE, 6)
         watcher.set(REFERENCE, -1)
         watcher.set("controller.force.reference", 4)
@@ -75,7 +77,7 @@ def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Wa
 def test_every_recorded_topic_is_announced_with_its_schema_and_units(watched: Watched):
     channels = watched.watcher.channels
     recorded = {signal_name.partition(".")[0] for signal_name in watched.recording.fields()}
-    assert {topic.removeprefix("/") for topic in channels} == {*recorded, "events"}
+    assert {topic.removeprefix("/") for topic in channels} == {*recorded, *DRAWN, "events"}
     assert {(c["encoding"], c["schemaEncoding"]) for c in channels.values()} == {("protobuf", "protobuf")}
     assert channels["/plant"]["schemaName"] == "twin.Plant"
     assert channels["/plant"]["metadata"]["p_B"] == "m; platform position in base frame B"
@@ -89,10 +91,28 @@ def test_what_a_viewer_sees_is_what_is_recorded_at_that_time(watched: Watched, s
     received = watched.watcher.messages(f"/{topic}")
     times = np.array([each.time for each in received])
     recorded = np.rint(watched.recording.time(topic) * 1e9).astype(int)
-    rows = np.searchsorted(recorded, times)
-    assert np.array_equal(recorded[rows], times)
+    # what is sampled stays valid until the next sample
+    rows = np.searchsorted(recorded, times, side="right") - 1
     shown = np.array([getattr(each.message, name) for each in received])
     assert np.array_equal(shown, watched.recording[signal_name][rows])
+
+
+def test_the_robot_is_drawn_where_the_plant_is(watched: Watched):
+    plants = {each.time: each.message for each in watched.watcher.messages("/plant")}
+    drawn = watched.watcher.messages("/tf")
+    assert len(drawn) == len(plants)
+    for each in drawn:
+        (platform,) = [t for t in each.message.transforms if t.child_frame_id == "platform"]
+        where = platform.translation
+        assert [where.x, where.y, where.z] == list(plants[each.time].p_B)
+        assert platform.timestamp.ToNanoseconds() == each.time
+
+
+def test_the_scene_comes_at_the_beginning_and_to_those_who_come_later(watched: Watched):
+    scenes = watched.watcher.messages("/scene")
+    assert {entity.frame_id for entity in scenes[0].message.entities} >= {"base", "platform", "surface"}
+    assert scenes[0].time == watched.watcher.messages("/tf")[0].time
+    assert len(watched.second.messages("/scene")) == 1
 
 
 def test_time_runs_forward_from_the_beginning_to_the_end(watched: Watched):
@@ -155,7 +175,7 @@ def test_a_second_viewer_sees_the_same_and_hears_of_the_change(watched: Watched)
     both = [each for each in watched.watcher.messages("/controller") if each.time in seen]
     assert all(seen[each.time] == each.message.SerializeToString() for each in both)
     assert len(both) > 5
-    assert {each.topic for each in watched.second.received} == {"/controller"}
+    assert {each.topic for each in watched.second.received} == {"/controller", "/scene"}
 
 
 def test_a_viewer_that_vanishes_does_no_harm(watched: Watched):

@@ -23,6 +23,7 @@ from twin.experiment.experiment import Experiment
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
+from twin.scene.scene import Scene
 
 SLICE_TICKS = 100
 SUMMARY = "summary.json"
@@ -109,15 +110,16 @@ def _recorded(
     system = assembly.system
     slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
     simulation = Simulation(system, experiment.duration_ticks, slice_ticks, timed)
-    streams = [Stream(_topic(component), _span(system, c)) for c, component in enumerate(system.components)]
-    watch = Watch(assembly, experiment)
+    streams = [Stream(_topic(component, experiment), _span(system, c)) for c, component in enumerate(system.components)]
+    watch, scene = Watch(assembly, experiment), Scene(experiment, system)
     tuning = Tuning(experiment, assembly)
     events: list[Event] = []
     block = Block(SLICE_TICKS, system.outputs_width)
     stepping, writing, marked = 0.0, 0.0, False
-    with Writer(path, [stream.topic for stream in streams], system.tick, provenance(experiment, assembly)) as writer:
+    topics = [stream.topic for stream in streams]
+    with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
         if viewer:
-            viewer.begin(streams, system.tick, tuning)
+            viewer.begin(streams, scene, system.tick, tuning)
         if pace:
             pace.begin()
         while not simulation.finished:
@@ -134,7 +136,7 @@ def _recorded(
             block.add(rows, happened)
             events += happened
             if block.full or simulation.finished:
-                _write(writer, streams, block)
+                _write(writer, streams, scene, block)
             stepping += stepped - began
             writing += time.perf_counter() - stepped
             progress(simulation.next_tick, experiment.duration_ticks + 1)
@@ -164,12 +166,14 @@ def _recorded(
     )
 
 
-def _write(writer: Writer, streams: Sequence[Stream], block: Block) -> None:
+def _write(writer: Writer, streams: Sequence[Stream], scene: Scene, block: Block) -> None:
     """Record `block` and clear it."""
     for stream in streams:
         start = -block.first % stream.topic.period
         rows = block.rows[start :: stream.topic.period, stream.columns]
         writer.write(stream.topic.name, block.first + start, rows)
+    for drawing in scene.drawings(block.first, block.rows):
+        writer.write(*drawing)
     for event in block.events:
         writer.write_event(event.tick, event.level, event.text, event.source)
     # a component may take this process with it in the next slice
@@ -184,11 +188,15 @@ def _told(plan: DrivePlan) -> str:
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
 
-def _topic(component: Component) -> Topic:
-    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name."""
+def _topic(component: Component, experiment: Experiment) -> Topic:
+    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name.
+
+    At the rate "controller" nothing is recorded more often than the controller acts.
+    """
+    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
     name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
     fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
-    return Topic(name, fields, component.period)
+    return Topic(name, fields, max(shortest, component.period))
 
 
 def _span(system: System, position: int) -> slice:

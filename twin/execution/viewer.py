@@ -9,6 +9,7 @@ import numpy as np
 from twin.execution.tuning import Tuning
 from twin.execution.watch import Event
 from twin.recording.layout import Topic
+from twin.scene.scene import Scene
 
 
 @dataclass(frozen=True)
@@ -22,11 +23,11 @@ class Stream:
 class Viewer(Protocol):
     """Called by the thread that steps, between slices; what it takes its time over delays the run."""
 
-    def begin(self, streams: Sequence[Stream], tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
         """A run begins as soon as this returns.
 
         Args:
-            streams: in the order of the recording. tick: duration of a tick (s).
+            streams: in the order of the recording. scene: draws rows. tick: duration of a tick (s).
             tuning: what may be changed, by any thread, until the run is over.
         """
 

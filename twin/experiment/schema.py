@@ -61,6 +61,12 @@ class Cosim(Section):
     scheme: Literal["gauss_seidel", "jacobi"]
 
 
+class Recording(Section):
+    """[recording]: how often the plant, the drives and whatever else has values every tick are recorded."""
+
+    rate: Literal["tick", "controller"] = "tick"
+
+
 class VelocityLoop(Section):
     """[drive.velocity_loop]: our discrete PI before a drive that takes no speed. Gains in the command's SI unit."""
 

@@ -18,15 +18,16 @@ class Listener(ServerListener):
 
     Attributes:
         tuning: of the run that is on; None before the first.
-        watched: set as soon as somebody has subscribed to a topic.
+        watched: set as soon as somebody has subscribed to a topic. newcomer: likewise, for whoever clears it.
     """
 
     def __init__(self, refuse: Callable[[str], None]):
         self.tuning: Tuning | None = None
-        self.watched = threading.Event()
+        self.watched, self.newcomer = threading.Event(), threading.Event()
         self._refuse = refuse
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
+        self.newcomer.set()
         self.watched.set()
 
     def on_get_parameters(

@@ -14,8 +14,9 @@ import numpy as np
 
 from twin.execution.viewer import Stream
 from twin.execution.watch import Event
-from twin.live.channels import EventChannel, channels, nanoseconds
+from twin.live.channels import EventChannel, SceneChannels, nanoseconds, stream_channels
 from twin.live.encoding import Encoder
+from twin.scene.scene import Scene
 
 SPACING = 0.02
 """Wall time (s) from one message of a topic to the next: 50 Hz, below the 60 Hz above which Lichtblick warns."""
@@ -25,16 +26,25 @@ class Publisher:
     """Publishes the rows of one run while it goes on.
 
     Args:
-        server, context: what its channels belong to. streams: topics in the order of the recording. tick: duration (s).
+        server, context: what its channels belong to.
+        streams, scene, tick: see `twin.execution.viewer.Viewer.begin`.
+        newcomer: set when somebody has subscribed to something, cleared when what never changes has been sent again.
     """
 
     def __init__(
-        self, server: foxglove.WebSocketServer, context: foxglove.Context, streams: Sequence[Stream], tick: float
+        self,
+        server: foxglove.WebSocketServer,
+        context: foxglove.Context,
+        streams: Sequence[Stream],
+        scene: Scene,
+        tick: float,
+        newcomer: threading.Event,
     ):
-        self._server, self._tick = server, tick
+        self._server, self._tick, self._newcomer = server, tick, newcomer
         self._encoder = Encoder(streams)
-        self._streams = channels(context, [stream.topic for stream in streams], tick)
-        self._events = EventChannel(context, tick)
+        self._streams = stream_channels(context, [stream.topic for stream in streams])
+        self._scene = SceneChannels(context, scene)
+        self._events = EventChannel(context)
         self._happened: deque[Event] = deque()
         self._newest: tuple[int, np.ndarray] | None = None
         self._published = -1
@@ -56,9 +66,8 @@ class Publisher:
 
     def withdraw(self) -> None:
         """Take the topics off the list."""
-        for channel in self._streams:
+        for channel in (*self._streams, *self._scene, self._events.channel):
             channel.close()
-        self._events.close()
 
     def _work(self) -> None:
         while not self._finished.wait(SPACING):
@@ -70,10 +79,16 @@ class Publisher:
         if newest is None or newest[0] == self._published:
             return
         tick, row = newest
+        time = nanoseconds(tick, self._tick)
         # first, because viewers stamp what they receive with it
-        self._server.broadcast_time(nanoseconds(tick, self._tick))
+        self._server.broadcast_time(time)
         while self._happened:
-            self._events.publish(self._happened.popleft())
+            event = self._happened.popleft()
+            self._events.publish(nanoseconds(event.tick, self._tick), event)
+        # sampled outputs stay valid until the next sample, so all of the row is what is valid now
         for channel, message in zip(self._streams, self._encoder.messages(row), strict=True):
-            channel.publish(self._published + 1, tick, message)
+            channel.log(message, log_time=time)
+        still = self._newcomer.is_set()
+        self._newcomer.clear()
+        self._scene.publish(time, row, still)
         self._published = tick

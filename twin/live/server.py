@@ -15,6 +15,7 @@ from twin.execution.viewer import Stream
 from twin.execution.watch import Event
 from twin.live.listener import Listener
 from twin.live.publisher import Publisher
+from twin.scene.scene import Scene
 
 HOST = "127.0.0.1"
 FAREWELL = 0.2
@@ -62,7 +63,7 @@ class LiveServer:
             time.sleep(FAREWELL)
         self._server.stop()
 
-    def begin(self, streams: Sequence[Stream], tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
         """Announce the topics; the first run waits here until somebody has subscribed to one."""
         if self._publisher:
             self._publisher.finish()
@@ -70,7 +71,7 @@ class LiveServer:
             # time begins again at 0
             self._server.clear_session()
         self._listener.tuning = tuning
-        self._publisher = Publisher(self._server, self._context, streams, tick)
+        self._publisher = Publisher(self._server, self._context, streams, scene, tick, self._listener.newcomer)
         self._listener.watched.wait()
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
