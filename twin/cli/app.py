@@ -16,7 +16,7 @@ app = typer.Typer(
     add_completion=False,
     pretty_exceptions_enable=False,
 )
-app.command("run")(run.run)
+app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
 app.command("faults")(faults.faults)
 app.add_typer(drive.app, name="drive")

@@ -1,5 +1,6 @@
 """`twin run`: experiments in, recordings out."""
 
+import importlib
 import json
 import math
 import os
@@ -10,6 +11,7 @@ from pathlib import Path
 from typing import Annotated, Any
 
 import typer
+from typer.core import TyperCommand
 
 from twin.errors import ComponentFailed, InputRefused
 from twin.guard.guard import GRACE, JobDied, guarded
@@ -17,6 +19,15 @@ from twin.guard.limits import Limits
 from twin.guard.remains import remains, seen_from_here
 
 JOB = "twin.guard.runs:recorded_runs"
+LIVE_JOB = "twin.live.runs:served_runs"
+PORT = 8765
+
+
+class Command(TyperCommand):
+    """`--realtime` without a factor means 1; Typer knows no options whose value may be left out."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        return super().parse_args(ctx, ["--realtime=1" if arg == "--realtime" else arg for arg in args])
 
 
 class Isolation(StrEnum):
@@ -55,6 +66,14 @@ def run(
     limit_memory: Annotated[
         float, typer.Option(metavar="MB", min=0.0, help="Most memory of the run's process.")
     ] = 4000.0,
+    live: Annotated[
+        bool, typer.Option("--live", help="Serve the run to Lichtblick or Foxglove; starts with the first viewer.")
+    ] = False,
+    port: Annotated[int, typer.Option(min=0, max=65535, help="Of --live; 0: any that is free.")] = PORT,
+    realtime: Annotated[
+        float | None,
+        typer.Option(metavar="[=FACTOR]", min=0.0, help="Times real time; 1 with --live. 0: as fast as it goes."),
+    ] = None,
 ) -> None:
     """Run experiments and record them.
 
@@ -66,6 +85,8 @@ def run(
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
     if isolate != Isolation.NONE and os.name != "posix":
         raise InputRefused(f"--isolate {isolate}: needs Linux or macOS; use --isolate none here")
+    if realtime is not None and not math.isfinite(realtime):
+        raise InputRefused(f"--realtime={realtime}: expected a finite factor; 0 runs as fast as it goes")
     arguments = {
         "experiments": [str(path) for path in experiments],
         "settings": settings or [],
@@ -74,16 +95,19 @@ def run(
         "out": str(out) if out else None,
         "isolate_drives": isolate == Isolation.DRIVE,
         "limit_step": limit_step,
+        "factor": realtime if realtime is not None or not live else 1.0,
+        **({"port": port} if live else {}),
     }
+    job = LIVE_JOB if live else JOB
     with Display(as_json) as display:
         try:
             if isolate == Isolation.NONE:
-                _run_here(arguments, display)
+                _run_here(job, arguments, display)
             else:
                 # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
                 patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
                 limits = Limits(patience, limit_wall, 1e6 * limit_memory)
-                guarded(JOB, arguments, limits, display.hear, display.show)
+                guarded(job, arguments, limits, display.hear, display.show)
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(display.folder)}") from None
         except KeyboardInterrupt:
@@ -94,11 +118,11 @@ def run(
             raise SystemExit(130) from None
 
 
-def _run_here(arguments: dict[str, Any], display: "Display") -> None:
-    from twin.guard.runs import recorded_runs
+def _run_here(job: str, arguments: dict[str, Any], display: "Display") -> None:
     from twin.guard.voice import DirectVoice
 
-    recorded_runs(DirectVoice(display.hear, display.show), **arguments)
+    module, _, function = job.partition(":")
+    getattr(importlib.import_module(module), function)(DirectVoice(display.hear, display.show), **arguments)
 
 
 class Display:
@@ -138,6 +162,9 @@ class Display:
             facts["recording"] = seen_from_here(Path(facts["recording"]))
             told = json.dumps(_facts(facts)) if self._as_json else _sentence(facts)
             (self._bar.console.print if self._bar else print)(told)
+        elif "serving" in note:
+            # not on standard output, which --json keeps for the result
+            print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
         else:
             self._name, self.folder = note["experiment"], Path(note["folder"])
             if self._bar:
@@ -151,6 +178,7 @@ class Display:
 
 def _sentence(run: dict[str, Any]) -> str:
     lines = [f"{run['experiment']}  {run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"]
+    lines += [f"  {remark}" for remark in run["remarks"]]
     for t, level, text in run["events"]:
         if level != "DEBUG":
             lines += textwrap.wrap(f"{t:8.3f} s  {text}", 80, subsequent_indent=" " * 12)
@@ -173,5 +201,7 @@ def _facts(run: dict[str, Any]) -> dict[str, object]:
         "real_time_factor": run["real_time_factor"],
         "drives": list(run["drives"]),
         "trip": run["trip"],
+        "changed": run["changed"],
+        "punctuality": run["punctuality"],
         "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
     }
