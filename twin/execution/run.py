@@ -14,6 +14,7 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 from twin.execution.block import Block
+from twin.execution.outcome import Outcome, Tally
 from twin.execution.pacing import Pace, Punctuality
 from twin.execution.provenance import provenance
 from twin.execution.tuning import Tuning
@@ -40,6 +41,7 @@ class Run:
         events: (time in s, level, text).
         trip: why the safety monitor tripped; "" if it did not.
         drives: what stood behind each joint: file, FMI version, hash, mapping, warnings.
+        outcome: what it came to.
         microseconds: wall time per tick of each component, if it was measured.
         changed: whether parameters were changed while it ran; the events say which and when.
         punctuality: how its deadlines were kept; None if it was not paced.
@@ -52,6 +54,7 @@ class Run:
     events: tuple[tuple[float, str, str], ...]
     trip: str
     drives: tuple[str, ...]
+    outcome: Outcome
     microseconds: dict[str, float]
     changed: bool
     punctuality: Punctuality | None
@@ -110,7 +113,7 @@ def _recorded(
     slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
     simulation = Simulation(system, experiment.duration_ticks, slice_ticks, timed)
     streams = [Stream(_topic(component), _span(system, c)) for c, component in enumerate(system.components)]
-    watch = Watch(assembly, experiment)
+    watch, tally = Watch(assembly, experiment), Tally(system)
     tuning = Tuning(experiment, assembly)
     events: list[Event] = []
     block = Block(SLICE_TICKS, system.outputs_width)
@@ -132,6 +135,7 @@ def _recorded(
             stepped = time.perf_counter()
             happened = [*changes, *watch.events(first, rows)]
             block.add(rows, happened)
+            tally.take(rows)
             events += happened
             if block.full or simulation.finished:
                 _write(writer, streams, block)
@@ -158,6 +162,7 @@ def _recorded(
         events=tuple((event.tick * system.tick, event.level, event.text) for event in events),
         trip=watch.trip,
         drives=tuple(_told(plan) for plan in assembly.drives),
+        outcome=tally.outcome,
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
         changed=tuning.changed,
         punctuality=pace.punctuality() if pace else None,
