@@ -11,6 +11,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from twin.cli.completion import body_names, drive_names, experiment_files, setting_keys
 from twin.cli.display import Display
 from twin.errors import ComponentFailed, InputRefused
 from twin.guard.guard import GRACE, JobDied, guarded
@@ -38,15 +39,29 @@ class Isolation(StrEnum):
 
 
 def run(
-    experiments: Annotated[list[Path], typer.Argument(metavar="EXPERIMENT...", help="Experiment files (TOML).")],
+    experiments: Annotated[
+        list[Path],
+        typer.Argument(metavar="EXPERIMENT...", help="Experiment files (TOML).", autocompletion=experiment_files),
+    ],
     drive: Annotated[
-        str | None, typer.Option(metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.")
+        str | None,
+        typer.Option(
+            metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.", autocompletion=drive_names
+        ),
     ] = None,
     body: Annotated[
-        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/, such as back.")
+        str | None,
+        typer.Option(
+            metavar="BODY",
+            help="What to press on: a file of experiments/bodies/, such as back.",
+            autocompletion=body_names,
+        ),
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/EXPERIMENT/TIME.")
@@ -79,6 +94,8 @@ def run(
     Exit code: 0 done, 3 a component failed while running (error, crash, hang),
     2 input refused (also an FMU that crashes before the first step), 4 the safety
     monitor tripped although the experiment has no faults, 130 interrupted.
+
+    Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
     """
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")

@@ -5,6 +5,7 @@ What a whole experiment needs, and what its tables owe one another, only `load_e
 anything to the file that it extends.
 """
 
+import json
 from typing import Any
 
 from pydantic import BaseModel
@@ -22,6 +23,11 @@ SCHEMA_FILE = "experiment.schema.json"
 """How the schema's file is called where nobody says otherwise."""
 
 Node = dict[str, Any]
+
+
+def schema_text() -> str:
+    """The schema as a file."""
+    return json.dumps(experiment_json_schema(), indent=1) + "\n"
 
 
 def experiment_json_schema() -> Node:
