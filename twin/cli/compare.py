@@ -44,6 +44,8 @@ def compare(
 
     A run is its folder, its .mcap file, or results/EXPERIMENT for the latest one.
     Exit code: 0 no claim fails, 1 one does, 2 input refused.
+
+    Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
     if paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")

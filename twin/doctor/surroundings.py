@@ -27,11 +27,13 @@ def drives_finding(here: Path) -> Finding:
     except InputRefused as refusal:
         return Finding("drives", "bad", str(refusal))
     wrong = [drive for drive in drives if drive.problem]
+    if not drives:
+        return Finding("drives", "lacks", "fmus/ is empty; the default drive is taken from the repository")
     if not wrong:
         return Finding("drives", "ok", f"all {len(drives)} of fmus/ fit, with binaries for this machine")
     text = f"{len(wrong)} of {len(drives)} do not fit: " + "; ".join(f"{d.name}: {d.problem}" for d in wrong)
-    default_fits = DEFAULT_DRIVE in {drive.name for drive in drives if not drive.problem}
-    return Finding("drives", "lacks" if default_fits else "bad", text)
+    needed = DEFAULT_DRIVE in {drive.name for drive in wrong}
+    return Finding("drives", "bad" if needed else "lacks", text)
 
 
 def compiled_finding() -> Finding:
