@@ -7,7 +7,6 @@ from twin.execution.outcome import Tally
 from twin.metrics.tracking import rms
 from twin.recording.recording import Recording
 
-
 COLUMNS = {
     "plant.F_ee_B": slice(0, 3), "plant.p_B": slice(3, 6), "controller.p_ref_B": slice(6, 9),
     "controller.triggered": slice(9, 10), "controller.F_z_ref": slice(10, 11),

@@ -72,7 +72,9 @@ def list_(as_json: Json = False) -> None:
 def new(fmu: Fmu) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
 
-    What is in doubt stands in it as comments. An existing mapping.toml is never touched.
+    What is in doubt stands in it as comments. An existing mapping.toml is never
+    touched.
+
     Exit code: 0 written, 2 refused.
 
     Example: twin drive new fmus/stepper/stepper.fmu

@@ -13,8 +13,8 @@ def schema(
 ) -> None:
     """Print the JSON Schema of the experiment file, for editors.
 
-    An editor that knows TOML schemas (Even Better TOML, taplo) completes and checks
-    a file that begins with the line `#:schema experiment.schema.json`.
+    An editor that knows TOML schemas (Even Better TOML, taplo) completes and
+    checks a file that begins with the line `#:schema experiment.schema.json`.
 
     Exit code: 0 done, 2 it cannot be written.
 
