@@ -23,7 +23,7 @@ class Monitor(Section):
     A command counts as saturated at `command_limit`, by default the controller's own limit.
     """
 
-    enabled: bool = Field(True, description="false: nobody watches")
+    enabled: bool = Field(default=True, description="false: nobody watches")
     period: float = quantity("period_ms", 2.0, gt=0, description="time between two looks")
     force_limit: float = quantity(
         "force_limit_N", 15.0, gt=0, description="length of the force, in any direction, that trips"

@@ -51,7 +51,7 @@ def commented_experiment(name: str, base: Path) -> str:
     """
     own = read_source(base)
     page = _Page(own, _values_of_body_and_robot(base), _values_of_others(base))
-    models = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
+    models: dict[str, type[BaseModel]] = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
     lines = [
         f"#:schema {SCHEMA_FILE}",
         f"# Run this: twin run {name}",
@@ -153,7 +153,7 @@ def _values_of_others(base: Path) -> Table:
 
 def _fault() -> Table:
     kind = CATALOGUE[FAULT]
-    assert kind.magnitudes is not None
+    assert kind.magnitudes is not None and kind.magnitude_key is not None
     return {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
 
 
