@@ -29,8 +29,8 @@ def recorded_runs(
 ) -> None:
     """Run each experiment and record it.
 
-    Notes: {"experiment", "folder"} before a run, {"run": the fields of `twin.execution.Run` and `remarks`, sentences
-    about it} after it.
+    Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.execution.Run` and
+    `remarks`, sentences about it} after it.
 
     Args:
         experiments: files. settings, drive, body: see `load_experiment`, for all of them.
@@ -50,9 +50,10 @@ def recorded_runs(
         folder = (
             claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
         )
+        duration = experiment.duration_ticks * experiment.cosim.tick
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
-        voice.note(experiment=experiment.name, folder=str(folder))
+        voice.note(experiment=experiment.name, folder=str(folder), duration=duration)
         if isolate_drives:
             run = _with_isolated_drives(voice, experiment, folder, limit_step, factor, viewer)
         else:
