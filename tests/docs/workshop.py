@@ -1,6 +1,5 @@
 """A folder in which the code of a page runs as it would from the repository's root."""
 
-import linecache
 import os
 import re
 import shlex
@@ -10,6 +9,8 @@ import sys
 import tomllib
 from pathlib import Path
 from typing import Any
+
+import pytest
 
 from tests.docs.code_blocks import Block
 from twin.experiment.experiment import load_experiment
@@ -32,9 +33,9 @@ class Workshop:
             shutil.copytree(root / name, folder / name)
         for name in ("examples", "benchmarks"):
             (folder / name).symlink_to(root / name)
-        # the drive that docs/drives.md brings in: foreign names and units, no mapping beside it
+        # the drive that docs/drives.md brings in
         (folder / "supplier").mkdir()
-        shutil.copy(root / "fmus" / "smart_servo" / "smart_servo.fmu", folder / "supplier" / "servo.fmu")
+        shutil.copy(root / "fmus" / "pmsm_foc" / "pmsm_foc.fmu", folder / "supplier" / "servo.fmu")
         self._programs = programs = folder / "programs"
         programs.mkdir()
         for name, start in (("twin", "-m twin"), ("python", "")):
@@ -123,10 +124,7 @@ class Workshop:
         source = "\n" * block.line + block.text
         path = self.folder / f"{Path(block.page).stem}_{block.line}.py"
         path.write_text(source)
-        linecache.checkcache(str(path))
-        before = Path.cwd()
-        os.chdir(self.folder)
-        try:
+        with pytest.MonkeyPatch.context() as here:
+            here.chdir(self.folder)
+            here.setenv("PYTHONPATH", self._environment["PYTHONPATH"])
             exec(compile(source, str(path), "exec"), namespace)
-        finally:
-            os.chdir(before)
