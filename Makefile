@@ -38,7 +38,7 @@ tasks: $(VENV)/.run  ## the four massage tasks of Fig. 5, scored
 	$(TWIN) compare --paper fig5
 
 docs: $(VENV)/.test-$(EXTRAS)  ## the site: build/site/index.html
-	$(VENV)/bin/python -m mkdocs build --strict --quiet
+	$(VENV)/bin/python -m mkdocs build --strict
 
 picture: run tasks  ## redraw the README's pictures
 	cp results/fig4/fig4.png docs/fig4.png

@@ -29,6 +29,7 @@ class Workshop:
     def __init__(self, root: Path, folder: Path):
         self.folder = folder
         self._root = root
+        self._refusal = ""
         for name in ("experiments", "fmus"):
             shutil.copytree(root / name, folder / name)
         for name in ("examples", "benchmarks"):
@@ -63,7 +64,10 @@ class Workshop:
         """
         if block.file_name:
             (self.folder / block.file_name).write_text(block.text)
+        refusal, self._refusal = self._refusal, ""
         match block.language:
+            case "text" if refusal:
+                assert block.text in refusal, f"{block.place}: not what the commands before it say:\n{refusal}"
             case "sh":
                 self._shell(block)
             case "toml":
@@ -84,6 +88,7 @@ class Workshop:
             ["bash", "-c", "\n".join(script).replace(".venv/bin/", "")],
             cwd=self.folder, env=self._environment, capture_output=True, text=True, timeout=900,
         )  # fmt: skip
+        self._refusal = done.stderr if any(expected for _, expected in block.commands) else ""
         assert done.returncode == 0, f"{block.place}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
 
     def _setup(self, block: Block, command: str) -> None:
