@@ -37,7 +37,7 @@ tasks: $(VENV)/.run  ## the four massage tasks of Fig. 5, scored
 	$(TWIN) run $(TASKS)
 	$(TWIN) compare --paper fig5
 
-docs: $(VENV)/.test-$(EXTRAS)  ## the site: build/site/index.html
+docs: $(VENV)/.test-$(EXTRAS)  ## the site: site/index.html
 	$(VENV)/bin/python -m mkdocs build --strict
 
 picture: run tasks  ## redraw the README's pictures
@@ -61,4 +61,4 @@ $(VENV)/.test-%: $(VENV)/bin/python pyproject.toml constraints.txt
 	@touch $@ $(VENV)/.run
 
 clean:  ## remove the environment and all results
-	rm -rf $(VENV) build results/*/
+	rm -rf $(VENV) site results/*/

@@ -40,13 +40,13 @@ class _Blocks(Preprocessor):
 
 
 class _Inline(InlineProcessor):
-    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element | str | None, int | None, int | None]:  # noqa: N802
+    def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element | str | None, int | None, int | None]:
         return self.md.htmlStash.store(mathml(m[1])), m.start(0), m.end(0)
 
 
 class Equations(Extension):
     """Markdown extension: see the module."""
 
-    def extendMarkdown(self, md: Markdown) -> None:  # noqa: N802
+    def extendMarkdown(self, md: Markdown) -> None:
         md.preprocessors.register(_Blocks(md), "equations", BEFORE_FENCES)
         md.inlinePatterns.register(_Inline(INLINE, md), "equation", BEFORE_BACKTICKS)

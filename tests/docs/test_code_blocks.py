@@ -1,6 +1,5 @@
 """Every code block of the README and of docs/ does what the page says."""
 
-from pathlib import Path
 from typing import Any
 
 import pytest

@@ -4,11 +4,11 @@ import re
 from pathlib import Path
 
 import pytest
-
-from docs.builder.equations import BLOCK, INLINE, Equations, block_of
 from markdown import markdown
 
-NUMBERS = ("3–6", "7, 8", "11, 12", "14, 15", "16, 17", "18, 20", "19", "25", "26, 27", *(f"P{n}" for n in (1, 5, 7)))
+from docs.builder.equations import BLOCK, INLINE, Equations, block_of
+
+NUMBERS = ("3-6", "7, 8", "11, 12", "14, 15", "16, 17", "18, 20", "19", "25", "26, 27", *(f"P{n}" for n in (1, 5, 7)))
 
 
 def html(text: str) -> str:

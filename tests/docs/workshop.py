@@ -7,6 +7,7 @@ import shutil
 import subprocess
 import sys
 import tomllib
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -97,7 +98,7 @@ class Workshop:
         if words[0] == "make":
             targets = re.findall(r"^([a-z]+):", (self._root / "Makefile").read_text(), re.MULTILINE)
             assert set(words[1:2]) <= set(targets), f"{block.place}: make has no target {words[1:]}"
-        for name in (word for before, word in zip(words, words[1:], strict=False) if before in ("-c", "-r")):
+        for name in (word for before, word in pairwise(words) if before in ("-c", "-r")):
             assert (self._root / name).is_file(), f"{block.place}: no file {name}"
         for extras in re.findall(r"\[([a-z,]+)\]", command):
             known = tomllib.loads((self._root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
