@@ -20,15 +20,10 @@ TAG = re.compile(r"\\tag\{([^}]*)\}")
 BEFORE_FENCES, BEFORE_BACKTICKS = 30, 195
 
 
-def mathml(latex: str, display: str = "inline") -> str:
-    """MathML of `latex`; a dot is set close above its letter, as browsers do for an accent only."""
-    return convert(latex, display=display).replace("<mover>", '<mover accent="true">')
-
-
 def block_of(latex: str) -> str:
     """HTML of one equation on a line of its own, its number at the right."""
     number = "".join(f'<span class="number">({escape(found)})</span>' for found in TAG.findall(latex))
-    return f'<div class="equation">{mathml(TAG.sub("", latex).strip(), "block")}{number}</div>'
+    return f'<div class="equation">{convert(TAG.sub("", latex).strip(), display="block")}{number}</div>'
 
 
 class _Blocks(Preprocessor):
@@ -41,7 +36,7 @@ class _Blocks(Preprocessor):
 
 class _Inline(InlineProcessor):
     def handleMatch(self, m: re.Match[str], data: str) -> tuple[Element | str | None, int | None, int | None]:
-        return self.md.htmlStash.store(mathml(m[1])), m.start(0), m.end(0)
+        return self.md.htmlStash.store(convert(m[1])), m.start(0), m.end(0)
 
 
 class Equations(Extension):
