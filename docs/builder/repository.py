@@ -8,7 +8,9 @@ from pathlib import Path
 from posixpath import dirname, normpath, relpath
 
 LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)#\s:]+)(#[^)\s]*)?\)")
+DOCS = "docs"
 SHELF = "repository"
+"""Folder of the site for what lies outside docs/."""
 LANGUAGES = {".py": "python", ".toml": "toml", ".c": "c", ".h": "c", ".mo": "modelica"}
 
 
@@ -17,20 +19,20 @@ class Repository:
 
     Attributes:
         root: the repository.
-        docs: the folder of the pages, relative to it.
     """
 
-    def __init__(self, root: Path, docs: str = "docs"):
-        self.root, self.docs = root, docs
+    def __init__(self, root: Path):
+        self.root = root
 
     def pages(self) -> dict[str, str]:
         """Path in the site -> Markdown, of every file outside docs/ that some page leads to."""
-        waiting = [f"{self.docs}/{path.name}" for path in sorted((self.root / self.docs).glob("*.md"))]
+        waiting = [f"{DOCS}/{path.name}" for path in sorted((self.root / DOCS).glob("*.md"))]
         found: dict[str, str] = {}
+        # the list grows while it is walked: a Markdown file leads further
         for path in waiting:
             for target in self._targets(path):
                 page = self._page(target)
-                if not target.startswith(f"{self.docs}/") and page not in found and (self.root / target).is_file():
+                if not target.startswith(f"{DOCS}/") and page not in found and (self.root / target).is_file():
                     found[page] = self._shown(target)
                     if target.endswith(".md"):
                         waiting.append(target)
@@ -38,7 +40,7 @@ class Repository:
 
     def linked(self, page: str, markdown: str) -> str:
         """`markdown` of the site's `page` with its links led to the site's pages."""
-        home = page.removeprefix(f"{SHELF}/") if page.startswith(f"{SHELF}/") else f"{self.docs}/{page}"
+        home = page.removeprefix(f"{SHELF}/") if page.startswith(f"{SHELF}/") else f"{DOCS}/{page}"
         if not (self.root / home).is_file():
             # a page that shows the text of another file: its brackets are code
             return markdown
@@ -56,8 +58,8 @@ class Repository:
         return [normpath(f"{dirname(path)}/{found[1]}") for found in LINK.finditer(text)]
 
     def _page(self, target: str) -> str:
-        if target.startswith(f"{self.docs}/"):
-            return target.removeprefix(f"{self.docs}/")
+        if target.startswith(f"{DOCS}/"):
+            return target.removeprefix(f"{DOCS}/")
         return f"{SHELF}/{target}" if target.endswith(".md") else f"{SHELF}/{target}.md"
 
     def _shown(self, target: str) -> str:
