@@ -5,12 +5,14 @@ import math
 import os
 import sys
 import textwrap
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.guard.guard import GRACE, JobDied, guarded
 from twin.guard.limits import Limits
@@ -42,6 +44,7 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/EXPERIMENT/TIME.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per run instead of text.")] = False,
+    report: Annotated[bool, typer.Option("--report", help="Then write an HTML page, as twin report does.")] = False,
     isolate: Annotated[
         Isolation,
         typer.Option(help="Processes: one for the run; one for each drive besides; none, for debuggers, but this one."),
@@ -75,15 +78,16 @@ def run(
         "isolate_drives": isolate == Isolation.DRIVE,
         "limit_step": limit_step,
     }
-    with Display(as_json) as display:
+    with Reported(report, as_json) as reported, Display(as_json) as display:
+        hear = reported.noting(display.hear)
         try:
             if isolate == Isolation.NONE:
-                _run_here(arguments, display)
+                _run_here(arguments, hear, display.show)
             else:
                 # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
                 patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
                 limits = Limits(patience, limit_wall, 1e6 * limit_memory)
-                guarded(JOB, arguments, limits, display.hear, display.show)
+                guarded(JOB, arguments, limits, hear, display.show)
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(display.folder)}") from None
         except KeyboardInterrupt:
@@ -94,11 +98,11 @@ def run(
             raise SystemExit(130) from None
 
 
-def _run_here(arguments: dict[str, Any], display: "Display") -> None:
+def _run_here(arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
     from twin.guard.runs import recorded_runs
     from twin.guard.voice import DirectVoice
 
-    recorded_runs(DirectVoice(display.hear, display.show), **arguments)
+    recorded_runs(DirectVoice(hear, show), **arguments)
 
 
 class Display:

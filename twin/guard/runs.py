@@ -51,7 +51,7 @@ def recorded_runs(
         if isolate_drives:
             run = _with_isolated_drives(voice, experiment, folder, limit_step)
         else:
-            run = execute(experiment, folder, voice.progress)
+            run = execute(experiment, folder, voice.progress, timed=True)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         voice.note(run=facts)
         if run.trip and not experiment.faults:
@@ -66,6 +66,6 @@ def _with_isolated_drives(voice: Voice, experiment: Experiment, folder: Path, li
 
     with IsolatedDrives(voice, limit_step) as drives:
         try:
-            return execute(experiment, folder, voice.progress, drive_maker=drives.drive)
+            return execute(experiment, folder, voice.progress, timed=True, drive_maker=drives.drive)
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(folder)}") from None

@@ -14,6 +14,7 @@ from twin.report.page.run import ReportRun
 BAND = 0.05
 """Share of the reference within which a force has settled, as in the paper's Fig. 4."""
 MM = 1e3
+END = "force at the end, mean of the last second"
 
 
 class Measure(NamedTuple):
@@ -27,17 +28,23 @@ class Measure(NamedTuple):
     true: float
     believed: float = math.nan
 
-    @property
-    def told(self) -> str:
-        """`4.88 N`, `never`, or "" if there is none."""
-        return number(self.true, self.unit)
-
 
 def number(value: float, unit: str = "") -> str:
     """`value` with four digits; `never` for infinity, "" for NaN."""
     if math.isnan(value):
         return ""
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "never"
+
+
+def outcome(run: ReportRun) -> str:
+    """What a constant force came to, as half a sentence; "" where no force was asked for."""
+    found = {measure.text: measure for measure in measures(run)}
+    settled = next((measure for text, measure in found.items() if text.startswith("within ")), None)
+    if settled is None:
+        return ""
+    band = settled.text.removesuffix(" to the end from")
+    when = f"stays {band} from {number(settled.true, 's')} on" if math.isfinite(settled.true) else f"never stays {band}"
+    return f"The true force {when} and ends at {number(found[END].true, 'N')}"
 
 
 def measures(run: ReportRun) -> list[Measure]:
@@ -84,10 +91,10 @@ def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching:
         return Measure(text, unit, of(F_z), of(believed))
 
     return [
-        both(f"within {BAND:.0%} of {target:g} N to the end from", "s",
+        both(f"within {100.0 * BAND:g} % of {target:g} N to the end from", "s",
              lambda F: settling_time(t, F, target, BAND * target)),
         both("overshoot of the force", "%", lambda F: 100.0 * overshoot(F, target)),
-        both("force at the end, mean of the last second", "N", lambda F: float(np.mean(F[t >= t[-1] - 1.0]))),
+        both(END, "N", lambda F: float(np.mean(F[t >= t[-1] - 1.0]))),
         both(f"rms of {target:g} N - F_z, second half of the contact", "N", lambda F: rms(F[late] - F_z_ref[late])),
     ]  # fmt: skip
 
@@ -98,8 +105,10 @@ def _path(run: ReportRun) -> list[Measure]:
     if run.has("controller.p_ref_B"):
         off = MM * (p_B - run.held("controller.p_ref_B", t))
         found += [
-            Measure("sideways off the pre-defined path, rms", "mm", rms(np.hypot(off[:, 0], off[:, 1]))),
-            Measure("sideways off the pre-defined path, worst", "mm", float(np.hypot(off[:, 0], off[:, 1]).max())),
+            Measure("horizontal distance from the reference, rms", "mm", rms(np.hypot(off[:, 0], off[:, 1]))),
+            Measure(
+                "horizontal distance from the reference, largest", "mm", float(np.hypot(off[:, 0], off[:, 1]).max())
+            ),
         ]
     if run.has("estimator.p_B"):
         error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)

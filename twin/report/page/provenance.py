@@ -54,12 +54,16 @@ def provenance(run: ReportRun) -> Markup:
 
 def drives(run: ReportRun) -> Markup:
     """Every FMU: which joint, file, model, FMI version, tool, hash, what was set, how its names were mapped."""
-    rows = []
+    joints: dict[str, list[str]] = {}
     for name, fmu in run.fmus.items():
+        joints.setdefault(json.dumps(fmu), []).append(name.removeprefix("drive_"))
+    rows = []
+    for text, names in joints.items():
+        fmu = json.loads(text)
         settings = ", ".join(f"{key} = {told(value)}" for key, value in fmu["set"].items())
         rows.append(
             (
-                name.replace("_", " "),
+                ", ".join(names),
                 fmu["file"],
                 fmu["model"],
                 fmu["fmi"],
@@ -86,7 +90,7 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
     shares = [run.summary.get("microseconds") or {} for run in runs]
     for name in dict.fromkeys(name for share in shares for name in share):
         rows.append((f"{name}, per tick", *(_told(share.get(name), "us") for share in shares)))
-    text = "Time by component was not measured: twin run --report does." if not any(shares) else ""
+    text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
     head = ("", *(run.label if len(runs) > 1 else "time" for run in runs))
     return joined([table(head, rows, "time that the runs took"), element("p", text)])
 

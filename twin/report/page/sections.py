@@ -21,6 +21,9 @@ MARKS = {
 }
 
 
+LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
+
+
 class Section(NamedTuple):
     """A section of the page, and what the list of contents calls it."""
 
@@ -44,12 +47,12 @@ def sections(runs: Sequence[ReportRun], picture: Markup | None) -> list[Section]
 
 def verdict_section(runs: Sequence[ReportRun], verdict: Verdict) -> Markup:
     """The first section: the sentence, the remarks, what differs, the measures, the claims."""
-    mark, look = ("✗", "bad") if verdict.bad else ("✓", "good")
-    parts = [element("p", f"{mark} {verdict.headline}", class_=f"headline {look}")]
+    mark, look = LOOKS[verdict.good]
+    parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
     if verdict.remarks:
         parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
     parts += [_claims(group) for group in verdict.groups]
-    parts += [element("h3", "Measures of the truth; what the robot believed in small print"), _measures(runs)]
+    parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
     if len(runs) > 1:
         head = ("what differs", "unit", *(run.label for run in runs))
         rows = differences(runs)
@@ -89,7 +92,9 @@ def _claims(group: Group) -> Markup:
 def _claim(finding: Finding) -> tuple[str, ...]:
     claim = finding.claim
     text, look = MARKS[finding.verdict]
-    quoted = joined([element("small", f"Fig. {claim.figure}: {claim.quote}" if claim.figure[0].isdigit() else claim.quote)])
+    quoted = joined(
+        [element("small", f"Fig. {claim.figure}: {claim.quote}" if claim.figure[0].isdigit() else claim.quote)]
+    )
     expected = f"{finding.expected} {claim.unit}".rstrip() if finding.expected else ""
     return (
         joined([claim.text, quoted]),
@@ -104,9 +109,11 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
     """A measure per line, a run per column."""
     found = [{(m.text, m.unit): m for m in measures(run)} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
-    head = ("measure", "unit", *(run.label for run in runs)) if len(runs) > 1 else ("measure", "unit", "true")
+    if len(runs) == 1:
+        told = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        return table(("measure", "true", "believed", "unit"), told, "measures")
     rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
-    return table(head, rows, "measures")
+    return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
 
 
 def _measure(measure: Measure | None) -> Markup:

@@ -5,14 +5,17 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin.errors import InputRefused
-from twin.paper.claim import Finding
-from twin.paper.fig4_runs import Fig4Runs, fig4_runs
+from twin.paper.claim import Finding, judged
+from twin.paper.fig4 import QUALITY
+from twin.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs, fig4_runs
 from twin.paper.fig5_score import Fig5Score, fig5_score
-from twin.paper.score import fig4_score, tally
+from twin.paper.score import failed, fig4_score, tally
+from twin.report.page.measures import outcome
 from twin.report.page.run import ReportRun
 
 FIG4 = "fig4"
 """How the names of experiments begin that follow the paper's Fig. 4."""
+ON_TRUTH = "Judged on the true contact force, force-position run"
 
 
 @dataclass(frozen=True)
@@ -28,13 +31,13 @@ class Verdict:
     """How the runs went.
 
     Attributes:
-        headline: one sentence. bad: whether anything is wrong. remarks: what one has to know besides, worst first.
+        headline: one sentence. good: whether all is well; None if there was nothing to judge. remarks: what one has to know besides, worst first.
         groups: claims that were judged, empty if the runs are none that the paper says anything about.
         fig4, fig5: what the paper's picture is drawn from, if it applies.
     """
 
     headline: str
-    bad: bool
+    good: bool | None
     remarks: tuple[str, ...]
     groups: tuple[Group, ...]
     fig4: Fig4Runs | None
@@ -50,33 +53,49 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
     if pair is not None:
         score = fig4_score(pair)
         groups.append(Group("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
-        groups.append(Group("Judged on the true contact force, force-position run", score.quality))
+        groups.append(Group(ON_TRUTH, score.quality))
+    elif len(runs) == 1 and _is_fig4(runs[0], "force_position") and runs[0].end >= WHOLE:
+        # what we ask of the true force concerns this run alone
+        run = Fig4Run(runs[0].recording)
+        groups.append(Group(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
         for task in fig5.tasks:
-            of = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
-            groups.append(Group(f"Task {task.name}{of}: {task.manner}; {task.drive} on {task.body}", task.findings))
+            whose = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
+            groups.append(Group(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings))
     alarms = [remark for run in runs for remark in _alarms(run, len(runs) > 1)]
     findings = [finding for group in groups for finding in group.findings]
-    held, judged = tally(findings)
-    said = [f"{held} of {judged} claims hold" if held == judged else f"{judged - held} of {judged} claims fail"]
-    said = said if judged else []
-    if alarms:
-        said += ["something went wrong" if len(alarms) > 1 else alarms[0]]
-    headline = "; ".join(said) or "No claim of the paper applies; no run tripped, failed or is incomplete"
-    remarks = [*(alarms if len(alarms) > 1 or judged else ()), *why_not]
+    remarks = [*alarms[1:], *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
     remarks += [remark for run in runs for remark in _faults(run, len(runs) > 1)]
-    return Verdict(headline, held < judged or bool(alarms), tuple(remarks), tuple(groups), pair, fig5)
+    good = None if not findings and not alarms else not failed(findings) and not alarms
+    return Verdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
+
+
+def _headline(runs: Sequence[ReportRun], findings: Sequence[Finding], alarms: Sequence[str]) -> str:
+    said = []
+    held, of = tally(findings)
+    failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
+    if failing:
+        named = f": {failing[0]}" if len(failing) == 1 else ""
+        said.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
+    elif of:
+        said.append(f"{held} of {of} claims hold")
+    said += alarms[:1]
+    outcomes = [outcome(run) for run in runs]
+    if not said and len(runs) == 1 and outcomes[0]:
+        return outcomes[0]
+    return (
+        "; ".join(said) or f"{_numbered(len(runs))} complete, without failure or trip; the paper claims nothing of it"
+    )
+
+
+def _numbered(count: int) -> str:
+    return "The run is" if count == 1 else f"All {count} runs are"
 
 
 def _fig4_pair(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
     """The two runs of Fig. 4, and what is to be said if there is only one of them, or if they do not reach its end."""
-    modes: dict[str, list[ReportRun]] = {"force_position": [], "position": []}
-    for run in runs:
-        mode = run.values.get("controller", {}).get("mode")
-        if run.name.startswith(FIG4) and mode in modes and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B"):
-            modes[mode].append(run)
-    with_force, without = modes["force_position"], modes["position"]
+    with_force, without = ([run for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position"))
     if not with_force and not without:
         return None, []
     if len(with_force) != 1 or len(without) != 1:
@@ -85,6 +104,12 @@ def _fig4_pair(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
         return fig4_runs(with_force[0].recording, without[0].recording), []
     except InputRefused as problem:
         return None, [str(problem)]
+
+
+def _is_fig4(run: ReportRun, mode: str) -> bool:
+    """Whether `run` follows the paper's Fig. 4 in a mode of the controller."""
+    asked = run.name.startswith(FIG4) and run.values.get("controller", {}).get("mode") == mode
+    return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B")
 
 
 def _alarms(run: ReportRun, several: bool) -> list[str]:

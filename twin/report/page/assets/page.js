@@ -3,7 +3,7 @@
 /** Switches for the runs: each hides its run's curves in all plots. */
 function runSwitches(plots) {
   const box = document.getElementById("runs");
-  if (!box) return;
+  if (page.runs.length < 2) return;
   page.runs.forEach((run, number) => {
     const tick = made("input", { type: "checkbox", checked: true });
     const name = made("span", {}, run.label);
@@ -53,9 +53,12 @@ async function begin() {
     player.draw();
   });
   plots.all();
-  clock.set(page.start);
+  clock.set(0);
   document.getElementById("replay").classList.add("ready");
-  requestAnimationFrame(() => performance.mark("twin-ready"));
+  requestAnimationFrame(() => {
+    performance.mark("twin-ready");
+    setTimeout(() => plots.drawAll());
+  });
 }
 
 if ("DecompressionStream" in window) begin();

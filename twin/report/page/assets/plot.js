@@ -28,7 +28,7 @@ class Plot {
     this.stage.setAttribute("aria-label", `${panel.title}: arrow keys move the time, + and - zoom, 0 shows all`);
     this.values = [];
     const title = made("figcaption", {}, panel.title, panel.unit ? made("span", {}, ` ${panel.unit}`) : "");
-    const legend = made("div", { className: "legend" }, ...panel.rows.map((row) => this.entry(row)));
+    const legend = made("div", { className: page.runs.length > 1 ? "legend several" : "legend" }, ...panel.rows.map((row) => this.entry(row)));
     this.figure = made("figure", { className: "plot" }, title, this.stage, legend);
     this.canvas.setAttribute("aria-label", `${panel.title} over time: ${panel.rows.map((r) => r.label).join(", ")}`);
     this.decimals = this.fittingDecimals();

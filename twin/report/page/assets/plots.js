@@ -44,7 +44,9 @@ class Plots {
     });
   }
 
+  /** Also what is not on the screen: for paper, and so that scrolling finds everything there. */
   drawAll() {
+    this.stale.clear();
     for (const plot of this.plots) {
       plot.draw();
       plot.point(this.clock.time);

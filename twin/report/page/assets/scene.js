@@ -35,7 +35,7 @@ class Scene {
     const ring = Array.from({ length: 36 }, (_, i) => [
       56 * Math.cos((i * Math.PI) / 18), 56 * Math.sin((i * Math.PI) / 18), 0,
     ]);
-    parts.push({ points: ring, fill: "--base", line: "--ink", width: 0.6, bias: -30 });
+    parts.push({ points: ring, fill: "--base", line: "--ink", width: 0.6, bias: -30, alpha: 0.75 });
     const hexagon = this.platform.flatMap((P, i) => [plus(P, this.axis[i], -9), plus(P, this.axis[i], 9)]);
     parts.push({ points: hexagon.map((corner) => plus(p, corner)), fill: "--platform", line: "--ink", width: 0.6 });
     this.B.forEach((B, i) => {
@@ -50,8 +50,8 @@ class Scene {
       for (const side of [-ROD, ROD])
         parts.push({ points: [plus(A, axis, side), plus(P, axis, side)], line: "--rod", width: 2.2 });
     });
-    if (this.frames.estimated) parts.push(...this.arrowParts(p, this.read(t, 18, 3), "--orange", 5));
-    return [...parts, ...this.arrowParts(p, this.read(t, 15, 3), "--ink", 2)];
+    if (this.frames.estimated) parts.push(...this.arrowParts(p, this.read(t, 18, 3), "--orange", 5, 60));
+    return [...parts, ...this.arrowParts(p, this.read(t, 15, 3), "--ink", 2.2, 90)];
   }
 
   /** Fields of the surface where they are at displacement s. */
@@ -61,7 +61,7 @@ class Scene {
       for (let k = 0; k + 1 < this.surface[i].length; k++) {
         const corners = [this.surface[i][k], this.surface[i + 1][k], this.surface[i + 1][k + 1], this.surface[i][k + 1]];
         const points = corners.map((corner) => plus(corner, s));
-        parts.push({ points, fill: "--surface", line: "--surface-line", width: 0.4, bias: -20 });
+        parts.push({ points, fill: "--surface", line: "--surface-line", width: 0.4, surface: true });
       }
     return parts;
   }
@@ -77,7 +77,7 @@ class Scene {
   }
 
   /** The force that the robot exerts on the surface, from where it acts. */
-  arrowParts(p, F, line, width) {
+  arrowParts(p, F, line, width, bias) {
     const size = Math.hypot(...F);
     if (size < 0.05) return [];
     const tip = plus(p, F, MM_PER_N);
@@ -85,7 +85,7 @@ class Scene {
     const across = Math.hypot(along[0], along[1]) < 0.9 ? [1, 0, 0] : [0, 1, 0];
     const back = plus(tip, along, -Math.min(7, 0.5 * MM_PER_N * size));
     const head = [plus(back, across, -3), tip, plus(back, across, 3)];
-    return [{ points: [p, tip], line, width, bias: 60 }, { points: head, line, width, bias: 60 }];
+    return [{ points: [p, tip], line, width, bias }, { points: head, line, width, bias }];
   }
 
   /** Draw the pose at time t, seen from `yaw` and `pitch` (rad), enlarged by `zoom`. */
@@ -101,15 +101,19 @@ class Scene {
       return [width / 2 + scale * right, height / 2 - scale * (z * away + depth * up), depth * away - z * up];
     };
     const parts = this.parts(t).map((part) => ({ ...part, points: part.points.map(seen) }));
-    for (const part of parts)
-      part.far = part.points.reduce((sum, point) => sum + point[2], 0) / part.points.length - (part.bias || 0) * away;
+    for (const part of parts) {
+      part.far = part.points.reduce((sum, point) => sum + point[2], 0) / part.points.length - (part.bias || 0);
+      // the robot is above its surface: from above it hides the surface, from below it is seen through it
+      if (part.surface) part.far += up > 0 ? 1000 : -1000;
+      if (part.surface && up <= 0) part.alpha = 0.6;
+    }
     parts.sort((a, b) => b.far - a.far);
     pen.lineCap = pen.lineJoin = "round";
     for (const part of parts) this.drawPart(pen, part, scale);
     this.drawAxes(pen, height, sin, cos, up, away);
   }
 
-  drawPart(pen, { points, fill, line, width, text }, scale) {
+  drawPart(pen, { points, fill, line, width, text, alpha }, scale) {
     if (text) {
       pen.fillStyle = color("--muted");
       pen.font = "12px system-ui, sans-serif";
@@ -121,7 +125,9 @@ class Scene {
     if (fill) {
       pen.closePath();
       pen.fillStyle = color(fill);
+      pen.globalAlpha = alpha || 1;
       pen.fill();
+      pen.globalAlpha = 1;
     }
     pen.strokeStyle = color(line);
     pen.lineWidth = Math.max(0.6, 0.5 * width * scale);
