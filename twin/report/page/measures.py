@@ -104,11 +104,10 @@ def _path(run: ReportRun) -> list[Measure]:
     found = []
     if run.has("controller.p_ref_B"):
         off = MM * (p_B - run.held("controller.p_ref_B", t))
+        across = np.hypot(off[:, 0], off[:, 1])
         found += [
-            Measure("horizontal distance from the reference, rms", "mm", rms(np.hypot(off[:, 0], off[:, 1]))),
-            Measure(
-                "horizontal distance from the reference, largest", "mm", float(np.hypot(off[:, 0], off[:, 1]).max())
-            ),
+            Measure("horizontal distance from the reference, rms", "mm", rms(across)),
+            Measure("horizontal distance from the reference, largest", "mm", float(across.max())),
         ]
     if run.has("estimator.p_B"):
         error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)

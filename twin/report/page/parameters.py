@@ -41,9 +41,9 @@ def name_and_unit(key: str) -> tuple[str, str]:
 
 def source(key: str, origins: Mapping[str, str]) -> str:
     """Where the value of `key` comes from; the robot's own source where a table was filled from it."""
-    for table in FROM_ROBOT:
-        if key not in origins and key.startswith(f"{table}."):
-            said = origins.get(f"robot{key.removeprefix(table)}")
+    for filled in FROM_ROBOT:
+        if key not in origins and key.startswith(f"{filled}."):
+            said = origins.get(f"robot{key.removeprefix(filled)}")
             return f"robot: {said}" if said else ""
     item, _, field = key.rpartition(".")
     return origins.get(key) or (origins.get(item, "") if field else "")
@@ -88,8 +88,8 @@ def _facts(run: ReportRun) -> dict[str, str]:
 
 def _follows(key: str, facts: Sequence[Mapping[str, str]]) -> bool:
     """Whether a value differs only because the robot's own does, which is told once."""
-    for table in FROM_ROBOT:
-        own = f"robot{key.removeprefix(table)}"
-        if key.startswith(f"{table}.") and all(one.get(own) == one.get(key) for one in facts):
+    for filled in FROM_ROBOT:
+        own = f"robot{key.removeprefix(filled)}"
+        if key.startswith(f"{filled}.") and all(one.get(own) == one.get(key) for one in facts):
             return True
     return False

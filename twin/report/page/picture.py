@@ -22,10 +22,9 @@ def picture(runs: Sequence[ReportRun], verdict: Verdict) -> Markup | None:
     if verdict.fig4 is not None:
         from twin.report.fig4 import draw_fig4
 
-        text = "Fig. 4 of the paper from these runs: A height, B pressing force, C and D force along x and y. "
-        return _figure(
-            partial(draw_fig4, verdict.fig4), text + "Forces are the controller's estimates, dotted the truth."
-        )
+        text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
+        text += "Forces are the controller's estimates, dotted the truth."
+        return _figure(partial(draw_fig4, verdict.fig4), text)
     if verdict.fig5 is not None:
         from twin.report.fig5 import draw_fig5, shown_tasks
 

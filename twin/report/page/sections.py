@@ -16,8 +16,8 @@ from twin.report.page.verdict import Group, Verdict
 MARKS = {
     "holds": ("✓ holds", "good"),
     "fails": ("✗ fails", "bad"),
-    "trivial": ("– trivial", ""),
-    "not reproducible": ("– not reproducible", ""),
+    "trivial": ("- trivial", ""),
+    "not reproducible": ("- not reproducible", ""),
 }
 
 
@@ -92,9 +92,8 @@ def _claims(group: Group) -> Markup:
 def _claim(finding: Finding) -> tuple[str, ...]:
     claim = finding.claim
     text, look = MARKS[finding.verdict]
-    quoted = joined(
-        [element("small", f"Fig. {claim.figure}: {claim.quote}" if claim.figure[0].isdigit() else claim.quote)]
-    )
+    place = f"Fig. {claim.figure}: " if claim.figure[0].isdigit() else ""
+    quoted = element("small", f"{place}{claim.quote}")
     expected = f"{finding.expected} {claim.unit}".rstrip() if finding.expected else ""
     return (
         joined([claim.text, quoted]),
@@ -118,7 +117,7 @@ def _measures(runs: Sequence[ReportRun]) -> Markup:
 
 def _measure(measure: Measure | None) -> Markup:
     if measure is None:
-        return Markup("–")
+        return Markup("-")
     believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number(measure.believed)}")]
     return joined([number(measure.true), *believed])
 
