@@ -31,7 +31,7 @@ def curves(runs: Sequence[ReportRun], blocks: Sequence[Block]) -> tuple[list[dic
                 {
                     "label": quantity.label,
                     "role": quantity.role,
-                    "index": quantity.index,
+                    "member": quantity.member,
                     "shown": quantity.shown and (len(runs) == 1 or quantity.role in ("truth", "reference")),
                     "curves": [_curve(one, block, factor) for one, block in zip(samples, blocks, strict=True)],
                 }

@@ -6,6 +6,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twin.metrics.response import Curve
 from twin.paper.fig4_runs import Fig4Run
 from twin.report.fig4 import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH
 
@@ -36,5 +37,5 @@ def draw_one_run(run: Fig4Run, path: Path) -> None:
     figure.savefig(path, metadata={"Software": None})
 
 
-def _dotted(axes: Axes, t: object, values: object) -> None:
+def _dotted(axes: Axes, t: Curve, values: Curve) -> None:
     axes.plot(t, values, color=TRUTH, lw=0.9, ls=":", label="true")

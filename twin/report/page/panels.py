@@ -26,14 +26,14 @@ class Quantity(NamedTuple):
     Attributes:
         role: what it is to the others; decides colour and line.
         read: its samples.
-        index: joint or axis, 0..2, if the panel shows several; decides the colour then. -1: neither.
+        member: joint or axis, 0..2, if the panel shows several; decides the colour then. -1: neither.
         shown: at first; one that is not can be switched on.
     """
 
     label: str
     role: Role
     read: Reader
-    index: int = -1
+    member: int = -1
     shown: bool = True
 
 
@@ -184,10 +184,11 @@ def _own_panels(runs: Sequence[ReportRun]) -> list[Panel]:
     """What drives say beyond the contract: a panel per name, a curve per joint."""
     fields = {key: field for run in runs for key, field in run.recording.fields().items() if key.startswith("drive/")}
     names = {field.name: field.unit for field in fields.values() if field.name not in KNOWN and field.size == 1}
-    return [
-        Panel(f"Drives: {name}", unit, _of_joints("joint", "truth", lambda i, n=name: series(f"drive/{i + 1}.{n}")))
-        for name, unit in names.items()
-    ]
+
+    def read(name: str) -> Callable[[int], Reader]:
+        return lambda joint: series(f"drive/{joint + 1}.{name}")
+
+    return [Panel(f"Drives: {name}", unit, _of_joints("joint", "truth", read(name))) for name, unit in names.items()]
 
 
 def _shows_something(panel: Panel, runs: Sequence[ReportRun]) -> bool:

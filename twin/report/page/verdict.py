@@ -31,7 +31,8 @@ class Verdict:
     """How the runs went.
 
     Attributes:
-        headline: one sentence. good: whether all is well; None if there was nothing to judge. remarks: what one has to know besides, worst first.
+        headline: one sentence. good: whether all is well; None if there was nothing to judge.
+        remarks: what one has to know besides, worst first.
         groups: claims that were judged, empty if the runs are none that the paper says anything about.
         fig4, fig5: what the paper's picture is drawn from, if it applies.
     """
@@ -84,9 +85,7 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[Finding], alarms: Se
     outcomes = [outcome(run) for run in runs]
     if not said and len(runs) == 1 and outcomes[0]:
         return outcomes[0]
-    return (
-        "; ".join(said) or f"{_numbered(len(runs))} complete, without failure or trip; the paper claims nothing of it"
-    )
+    return "; ".join(said) or f"{_numbered(len(runs))} complete, without failure or trip; no claim applies"
 
 
 def _numbered(count: int) -> str:

@@ -9,7 +9,7 @@ const ROLES = {
   display: { color: "--purple", width: 1.4, dash: [2, 3] },
 };
 const OF_SEVERAL = { truth: [], belief: [8, 3], reference: [2, 3], shifted: [7, 3, 2, 3], display: [1, 4] };
-const INDEX_DASHES = [[], [9, 3], [2, 2]];
+const MEMBER_DASHES = [[], [9, 3], [2, 2]];
 
 function color(name) {
   return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -22,12 +22,12 @@ function runColor(run) {
 /** How the curve of a row is drawn for a run: {color, width, dash}. */
 function look(row, run) {
   if (page.runs.length > 1) {
-    const dash = row.index >= 0 && row.role === "truth" ? INDEX_DASHES[row.index] : OF_SEVERAL[row.role];
+    const dash = row.member >= 0 && row.role === "truth" ? MEMBER_DASHES[row.member] : OF_SEVERAL[row.role];
     return { color: runColor(run), width: run < SERIES.length ? 1.5 : 2.6, dash };
   }
-  if (row.index >= 0) {
+  if (row.member >= 0) {
     const dash = row.role === "truth" ? [] : row.role === "belief" ? [8, 3] : [2, 3];
-    return { color: SERIES[row.index], width: 1.5, dash };
+    return { color: SERIES[row.member], width: 1.5, dash };
   }
   return ROLES[row.role];
 }
