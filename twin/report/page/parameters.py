@@ -1,13 +1,14 @@
 """The experiment's values with unit and source, and which of them differ between runs."""
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import cache
 from typing import Any
 
+from twin.experiment import experiment
+from twin.faults.catalogue import CATALOGUE
 from twin.report.page.markup import Markup, element, table
 from twin.report.page.run import ReportRun
 
-UNITS = ("mm", "ms", "min", "deg", "rad", "kg", "m2", "Nm", "Hz", "s2", "N", "m", "s", "g")
-"""Words that stand for units in keys, besides `per`."""
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that hold the robot's own values wherever they do not say otherwise."""
 
@@ -24,19 +25,29 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield f"{prefix}{key}", value
 
 
+@cache
+def _names() -> dict[str, str]:
+    """Key of an experiment file -> its name without the unit, of every key that has one."""
+    # that module loads every table there is
+    models = [experiment.Section]
+    for model in models:
+        models += model.__subclasses__()
+    fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
+    magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
+    return fields | magnitudes
+
+
 def name_and_unit(key: str) -> tuple[str, str]:
-    """`kp_mm_per_N` as `kp`, `mm/N`: the words for units at the end of a key, those after `per` divided."""
-    table, dot, last = key.rpartition(".")
-    words = last.split("_")
-    start = len(words)
-    while start > 1 and words[start - 1] in (*UNITS, "per"):
-        start -= 1
-    units = words[start:]
-    above = units[: units.index("per")] if "per" in units else units
-    below = units[units.index("per") + 1 :] if "per" in units else []
+    """`controller.force.kp_mm_per_N` as `controller.force.kp`, `mm/N`; a drive's parameters keep names of their own."""
+    tables, dot, last = key.rpartition(".")
+    name = _names().get(last, last) if ".parameters" not in tables else last
+    words = last.removeprefix(f"{name}_").split("_") if name != last else []
+    above, below = words, []
+    if "per" in words:
+        above, below = words[: words.index("per")], words[words.index("per") + 1 :]
     unit = " ".join(above) or "1" * bool(below)
     unit += f"/{' '.join(below)}" if len(below) == 1 else f"/({' '.join(below)})" if below else ""
-    return f"{table}{dot}{'_'.join(words[:start])}", unit.replace("Nm", "N m").replace("m2", "m²").replace("s2", "s²")
+    return f"{tables}{dot}{name}", unit.replace("Nm", "N m").replace("m2", "m²").replace("s2", "s²")
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:
