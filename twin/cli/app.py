@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import compare, doctor, drive, export, faults, init, replay, run, schema
+from twin.cli import compare, doctor, drive, export, faults, init, replay, report, run, schema
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -35,6 +35,7 @@ def twin(
 app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
 app.command("faults")(faults.faults)
+app.command("report")(report.report)
 app.command("replay")(replay.replay)
 app.command("export")(export.export)
 app.add_typer(drive.app, name="drive")

@@ -4,6 +4,7 @@ import importlib
 import math
 import os
 import sys
+from collections.abc import Callable
 from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
@@ -13,6 +14,7 @@ from typer.core import TyperCommand
 
 from twin.cli.completion import body_names, drive_names, experiment_files, setting_keys
 from twin.cli.display import Display
+from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.guard.guard import GRACE, JobDied, guarded
 from twin.guard.limits import Limits
@@ -67,6 +69,7 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/EXPERIMENT/TIME.")
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per run instead of text.")] = False,
+    report: Annotated[bool, typer.Option("--report", help="Then write an HTML page, as twin report does.")] = False,
     isolate: Annotated[
         Isolation,
         typer.Option(help="Processes: one for the run; one for each drive besides; none, for debuggers, but this one."),
@@ -115,15 +118,16 @@ def run(
         **({"port": port} if live else {}),
     }
     job = LIVE_JOB if live else JOB
-    with Display(as_json) as display:
+    with Reported(report, as_json) as reported, Display(as_json) as display:
+        hear = reported.noting(display.hear)
         try:
             if isolate == Isolation.NONE:
-                _run_here(job, arguments, display)
+                _run_here(job, arguments, hear, display.show)
             else:
                 # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
                 patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
                 limits = Limits(patience, limit_wall, 1e6 * limit_memory)
-                guarded(job, arguments, limits, display.hear, display.show)
+                guarded(job, arguments, limits, hear, display.show)
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(display.folder)}") from None
         except KeyboardInterrupt:
@@ -134,8 +138,8 @@ def run(
             raise SystemExit(130) from None
 
 
-def _run_here(job: str, arguments: dict[str, Any], display: Display) -> None:
+def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
     from twin.guard.voice import DirectVoice
 
     module, _, function = job.partition(":")
-    getattr(importlib.import_module(module), function)(DirectVoice(display.hear, display.show), **arguments)
+    getattr(importlib.import_module(module), function)(DirectVoice(hear, show), **arguments)

@@ -57,7 +57,7 @@ def recorded_runs(
         if isolate_drives:
             run = _with_isolated_drives(voice, experiment, folder, limit_step, factor, viewer)
         else:
-            run = execute(experiment, folder, voice.progress, factor=factor, viewer=viewer)
+            run = execute(experiment, folder, voice.progress, timed=True, factor=factor, viewer=viewer)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         remarks = [run.punctuality.sentence] if run.punctuality else []
         if run.changed:
@@ -78,6 +78,8 @@ def _with_isolated_drives(
 
     with IsolatedDrives(voice, limit_step) as drives:
         try:
-            return execute(experiment, folder, voice.progress, drive_maker=drives.drive, factor=factor, viewer=viewer)
+            return execute(
+                experiment, folder, voice.progress, timed=True, drive_maker=drives.drive, factor=factor, viewer=viewer
+            )
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(folder)}") from None
