@@ -47,7 +47,11 @@ app.command("doctor")(doctor.doctor)
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     try:
-        sys.exit(app(prog_name="twin", standalone_mode=False))
+        code = app(prog_name="twin", standalone_mode=False)
+        # Typer makes this of Ctrl-C where no command has more to say about it
+        if code == INTERRUPTED:
+            print("interrupted", file=sys.stderr)
+        sys.exit(code)
     except TwinError as error:
         print(error, file=sys.stderr)
         sys.exit(error.exit_code)
@@ -56,9 +60,6 @@ def main() -> None:
         if told:
             print(told, file=sys.stderr)
         sys.exit(InputRefused.exit_code)
-    except (KeyboardInterrupt, typer.Abort):
-        print("interrupted", file=sys.stderr)
-        sys.exit(INTERRUPTED)
 
 
 def _sentence(mistake: typer.TyperException) -> str:

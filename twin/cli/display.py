@@ -31,7 +31,7 @@ class Display:
         return self
 
     def __exit__(self, *failure: object) -> None:
-        self._progress.clear()
+        self.clear()
         if self._done and not self._as_json:
             print(f"  next       twin report {' '.join(map(str, self._done))}")
 
@@ -50,6 +50,10 @@ class Display:
         else:
             self._name, self.folder = note["experiment"], Path(note["folder"])
             self._progress.begin(self._name, note["duration"])
+
+    def clear(self) -> None:
+        """Leave the terminal to whoever has something to say."""
+        self._progress.clear()
 
     def show(self, done: int, total: int) -> None:
         """Move the bar."""

@@ -7,7 +7,7 @@ import time
 from typing import Any, Protocol
 
 NARROW = 60
-"""Terminals with fewer columns have no room for a bar."""
+"""A line of so many columns has no room for a bar."""
 
 
 class Progress(Protocol):
@@ -106,8 +106,9 @@ class Bar:
         from rich.console import Console
         from rich.table import Column
 
-        console = Console(stderr=True)
-        self._roomy = console.width >= NARROW
+        # leaves room for the ^C that a terminal echoes: on the next line it would keep this one from being erased
+        console = Console(stderr=True, width=Console(stderr=True).width - 3)
+        self._roomy = console.width > NARROW
         name = Column(no_wrap=True, overflow="ellipsis", ratio=None if self._roomy else 1)
         text = rich_progress.TextColumn
         columns: list[Any] = [text("{task.description}", table_column=name)]

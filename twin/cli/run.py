@@ -134,6 +134,7 @@ def run(
             if display.folder is None:
                 raise
             folder = seen_from_here(display.folder)
+            display.clear()
             print(f"interrupted; recorded until then: {folder}/run.mcap.partial", file=sys.stderr)
             raise SystemExit(130) from None
 
