@@ -111,7 +111,9 @@ def test_a_links_and_a_rods_cylinder_reach_from_joint_to_joint(force_position: R
             ends = np.array([[0.0, 0.0, -bar.size.z / 2], [0.0, 0.0, bar.size.z / 2]])
             x, y, z, *q = numbers(bar.pose.position, bar.pose.orientation)
             np.testing.assert_allclose(
-                Rotation.from_quat(q).apply(ends) + np.array([x, y, z]), [[0, 0, 0], [length, 0, 0]], atol=ROUNDING
+                Rotation.from_quat(q).apply(ends) + np.array([x, y, z]),
+                np.array([[0, 0, 0], [length, 0, 0]]),
+                atol=ROUNDING,
             )
 
 
