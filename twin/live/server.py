@@ -25,6 +25,8 @@ logging.getLogger("foxglove").setLevel(logging.CRITICAL)
 HOST = "127.0.0.1"
 FAREWELL = 0.2
 """Time (s) to send what has been published: the SDK cannot be asked when it is done, and drops the rest at the end."""
+PATIENCE = 5.0
+"""Time (s) in which a port has to become free again."""
 
 
 class LiveServer:
@@ -51,7 +53,7 @@ class LiveServer:
             self._held.close()
             raise _refusal(port, problem) from None
         self._port = self._held.getsockname()[1]
-        self._on_air: tuple[foxglove.WebSocketServer, Publisher] | None = None
+        self._on_air: tuple[foxglove.WebSocketServer, Publisher, Listener] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -73,19 +75,9 @@ class LiveServer:
         context = foxglove.Context()
         publisher = Publisher(context, streams, scene, tick)
         listener = Listener(tuning)
-        try:
-            server = foxglove.start_server(
-                name="twin",
-                host=HOST,
-                port=self._port,
-                capabilities=[Capability.Time, Capability.Parameters],
-                server_listener=listener,
-                context=context,
-            )
-        except RuntimeError as problem:
-            raise _refusal(self._port, problem) from None
+        server = self._listening(listener, context)
         listener.refuse = lambda text: server.publish_status(text, StatusLevel.Warning)
-        self._on_air = server, publisher
+        self._on_air = server, publisher, listener
         self._announce(f"ws://{HOST}:{self._port}")
         listener.watched.wait()
         publisher.start(server, listener.newcomer)
@@ -95,11 +87,31 @@ class LiveServer:
         if self._on_air and len(rows):
             self._on_air[1].put(first + len(rows) - 1, rows[-1], events)
 
+    def _listening(self, listener: Listener, context: foxglove.Context) -> foxglove.WebSocketServer:
+        """A server at our port, as soon as the one of the run before has let go of it."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return foxglove.start_server(
+                    name="twin",
+                    host=HOST,
+                    port=self._port,
+                    capabilities=[Capability.Time, Capability.Parameters],
+                    server_listener=listener,
+                    context=context,
+                )
+            except RuntimeError as problem:
+                if time.monotonic() > deadline:
+                    raise _refusal(self._port, problem) from None
+                time.sleep(0.05)
+
     def _sign_off(self) -> None:
         if self._on_air:
-            server, publisher = self._on_air
+            server, publisher, listener = self._on_air
             publisher.finish()
             time.sleep(FAREWELL)
+            # a server that is being stopped cannot be asked for anything
+            listener.refuse = lambda text: None
             server.stop()
             self._on_air = None
 
