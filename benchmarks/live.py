@@ -5,7 +5,6 @@ import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from contextlib import ExitStack
 from functools import partial
 from importlib.util import find_spec
 from pathlib import Path
@@ -81,17 +80,21 @@ class Cost(NamedTuple):
 
 
 def _run(experiment: Experiment, factor: float | None, live: bool) -> Cost:
-    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
-        watch, client = Stopwatch(), None
-        if live:
-            from twin.live.server import LiveServer
+    with tempfile.TemporaryDirectory() as scratch:
+        if not live:
+            watch = Stopwatch()
+            execute(experiment, Path(scratch), factor=factor, viewer=watch)
+            return Cost(time.perf_counter() - watch.began, 0.0, 0)
+        from twin.live.server import LiveServer
 
-            server = stack.enter_context(LiveServer(port=0))
-            command = [sys.executable, "-m", "benchmarks.live_viewer", server.address]
-            client = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        clients: list[subprocess.Popen[str]] = []
+        with LiveServer(0, lambda address: clients.append(_client(address))) as server:
             watch = Stopwatch(server)
-        execute(experiment, Path(scratch), factor=factor, viewer=watch)
-        seconds = time.perf_counter() - watch.began
-        stack.close()
-        messages = int(client.communicate()[0]) if client else 0
-        return Cost(seconds, watch.shown, messages)
+            execute(experiment, Path(scratch), factor=factor, viewer=watch)
+            seconds = time.perf_counter() - watch.began
+        return Cost(seconds, watch.shown, int(clients[0].communicate()[0]))
+
+
+def _client(address: str) -> "subprocess.Popen[str]":
+    command = [sys.executable, "-m", "benchmarks.live_viewer", address]
+    return subprocess.Popen(command, stdout=subprocess.PIPE, text=True)

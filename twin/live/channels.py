@@ -1,6 +1,6 @@
 """What a viewer can subscribe to: the topics of the recording."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import foxglove
 import numpy as np
@@ -34,13 +34,18 @@ class FormChannel:
 
     def __init__(self, context: foxglove.Context, form: Form):
         descriptor = form.example.DESCRIPTOR
-        self.channel = _channel(context, form.name, descriptor.full_name, descriptors_of(descriptor), {})
+        self._channel = _channel(context, form.name, descriptor.full_name, descriptors_of(descriptor), {})
         self._layout = form_layout(0, form)
+
+    @property
+    def watched(self) -> bool:
+        """Whether anybody has subscribed to it."""
+        return self._channel.has_sinks()
 
     def publish(self, time: int, rows: np.ndarray) -> None:
         """Send what the form looks like with `rows`, (1, width), at simulated `time` (ns)."""
         record = form_records(self._layout, np.array([time]), 0, rows)
-        self.channel.log(record[0, HEAD_SIZE:].tobytes(), log_time=time)
+        self._channel.log(record[0, HEAD_SIZE:].tobytes(), log_time=time)
 
 
 class SceneChannels:
@@ -50,12 +55,9 @@ class SceneChannels:
         self._scene = scene
         self._forms = {form.name: FormChannel(context, form) for form in scene.forms}
 
-    def __iter__(self) -> Iterator[foxglove.Channel]:
-        return (form.channel for form in self._forms.values())
-
     def publish(self, time: int, row: np.ndarray, still: bool) -> None:
         """Send what is to be seen of `row` at simulated `time` (ns); `still`: also what never changes."""
-        if not any(channel.has_sinks() for channel in self):
+        if not any(form.watched for form in self._forms.values()):
             return
         # tick 0 is one at which everything is drawn
         for name, _, rows in self._scene.drawings(0, row[None, :]):
@@ -67,13 +69,13 @@ class EventChannel:
     """`/events`, each at the tick at which it happened."""
 
     def __init__(self, context: foxglove.Context):
-        self.channel = _channel(context, EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})
+        self._channel = _channel(context, EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})
 
     def publish(self, time: int, event: Event) -> None:
         """Send it, at simulated `time` (ns)."""
         log = Log(level=Log.Level.Value(event.level), message=event.text, name=event.source)
         log.timestamp.FromNanoseconds(time)
-        self.channel.log(log.SerializeToString(), log_time=time)
+        self._channel.log(log.SerializeToString(), log_time=time)
 
 
 def nanoseconds(tick_number: int, tick: float) -> int:

@@ -11,20 +11,20 @@ from twin.execution.tuning import Tuning
 
 
 class Listener(ServerListener):
-    """Answers viewers.
+    """Answers viewers of one run.
 
     Args:
-        refuse: told the sentence about a value that cannot be.
+        tuning: of the run.
 
     Attributes:
-        tuning: of the run that is on; None before the first.
+        refuse: told the sentence about a value that cannot be.
         watched: set as soon as somebody has subscribed to a topic. newcomer: likewise, for whoever clears it.
     """
 
-    def __init__(self, refuse: Callable[[str], None]):
-        self.tuning: Tuning | None = None
+    def __init__(self, tuning: Tuning):
+        self.refuse: Callable[[str], None] = lambda text: None
         self.watched, self.newcomer = threading.Event(), threading.Event()
-        self._refuse = refuse
+        self._tuning = tuning
 
     def on_subscribe(self, client: Client, channel: ChannelView) -> None:
         self.newcomer.set()
@@ -41,19 +41,16 @@ class Listener(ServerListener):
         """Ask for each; what the answer says of a refused one is the value that it keeps."""
         for parameter in parameters:
             try:
-                if self.tuning is None:
-                    raise InputRefused(f"{parameter.name}: no run is on yet; its parameters come with it")
-                self.tuning.request(parameter.name, parameter.get_value())
+                self._tuning.request(parameter.name, parameter.get_value())
             except InputRefused as refusal:
-                self._refuse(f"refused: {refusal}")
+                self.refuse(f"refused: {refusal}")
         return self._parameters([parameter.name for parameter in parameters])
 
     def _parameters(self, names: list[str]) -> list[Parameter]:
         """Those of `names` that there are; all of them if there are no names."""
-        values = self.tuning.values() if self.tuning else {}
         # a whole number would come back as one, and then never again take a fraction
         return [
             Parameter(name, value=value, type=ParameterType.Float64)
-            for name, value in values.items()
+            for name, value in self._tuning.values().items()
             if name in names or not names
         ]

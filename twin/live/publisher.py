@@ -26,21 +26,13 @@ class Publisher:
     """Publishes the rows of one run while it goes on.
 
     Args:
-        server, context: what its channels belong to.
+        context: in which the topics are announced at once.
         streams, scene, tick: see `twin.execution.viewer.Viewer.begin`.
-        newcomer: set when somebody has subscribed to something, cleared when what never changes has been sent again.
     """
 
-    def __init__(
-        self,
-        server: foxglove.WebSocketServer,
-        context: foxglove.Context,
-        streams: Sequence[Stream],
-        scene: Scene,
-        tick: float,
-        newcomer: threading.Event,
-    ):
-        self._server, self._tick, self._newcomer = server, tick, newcomer
+    def __init__(self, context: foxglove.Context, streams: Sequence[Stream], scene: Scene, tick: float):
+        # the channels live as long as it does
+        self._context, self._tick = context, tick
         self._encoder = Encoder(streams)
         self._streams = stream_channels(context, [stream.topic for stream in streams])
         self._scene = SceneChannels(context, scene)
@@ -49,7 +41,16 @@ class Publisher:
         self._newest: tuple[int, np.ndarray] | None = None
         self._published = -1
         self._finished = threading.Event()
-        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread: threading.Thread | None = None
+
+    def start(self, server: foxglove.WebSocketServer, newcomer: threading.Event) -> None:
+        """Begin to publish.
+
+        Args:
+            server: told the time. newcomer: set when somebody has subscribed to something; cleared when what never
+                changes has been sent again.
+        """
+        self._thread = threading.Thread(target=self._work, args=(server, newcomer), daemon=True)
         self._thread.start()
 
     def put(self, tick: int, row: np.ndarray, events: Sequence[Event]) -> None:
@@ -60,35 +61,31 @@ class Publisher:
         self._newest = (tick, row.copy())
 
     def finish(self) -> None:
-        """Publish the last row and stop; the topics stay announced."""
+        """Publish the last row and stop."""
         self._finished.set()
-        self._thread.join()
+        if self._thread:
+            self._thread.join()
 
-    def withdraw(self) -> None:
-        """Take the topics off the list."""
-        for channel in (*self._streams, *self._scene, self._events.channel):
-            channel.close()
-
-    def _work(self) -> None:
+    def _work(self, server: foxglove.WebSocketServer, newcomer: threading.Event) -> None:
         while not self._finished.wait(SPACING):
-            self._publish()
-        self._publish()
+            self._publish(server, newcomer)
+        self._publish(server, newcomer)
 
-    def _publish(self) -> None:
+    def _publish(self, server: foxglove.WebSocketServer, newcomer: threading.Event) -> None:
         newest = self._newest
         if newest is None or newest[0] == self._published:
             return
         tick, row = newest
         time = nanoseconds(tick, self._tick)
         # first, because viewers stamp what they receive with it
-        self._server.broadcast_time(time)
+        server.broadcast_time(time)
         while self._happened:
             event = self._happened.popleft()
             self._events.publish(nanoseconds(event.tick, self._tick), event)
         # sampled outputs stay valid until the next sample, so all of the row is what is valid now
         for channel, message in zip(self._streams, self._encoder.messages(row), strict=True):
             channel.log(message, log_time=time)
-        still = self._newcomer.is_set()
-        self._newcomer.clear()
+        still = newcomer.is_set()
+        newcomer.clear()
         self._scene.publish(time, row, still)
         self._published = tick

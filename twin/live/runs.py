@@ -8,9 +8,9 @@ from twin.guard.voice import Voice
 
 
 def served_runs(voice: Voice, port: int, **arguments: Any) -> None:
-    """Run experiments as `recorded_runs` does while viewers watch; the first begins when somebody does.
+    """Run experiments as `recorded_runs` does while viewers watch; each begins when somebody does.
 
-    Notes: {"serving": address} before all others.
+    Notes: {"serving": address} when a run waits for its first viewer; the others are those of `recorded_runs`.
 
     Args:
         port: see `LiveServer`.
@@ -26,6 +26,5 @@ def served_runs(voice: Voice, port: int, **arguments: Any) -> None:
         if missing.name != "foxglove":
             raise
         raise InputRefused("--live: foxglove-sdk is not installed; pip install 'twin[live]'") from None
-    with LiveServer(port) as server:
-        voice.note(serving=server.address)
+    with LiveServer(port, lambda address: voice.note(serving=address)) as server:
         recorded_runs(voice, **arguments, viewer=server)

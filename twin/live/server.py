@@ -1,7 +1,9 @@
 """The server that runs are watched through: Foxglove's WebSocket protocol on this machine's own address."""
 
+import logging
+import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from types import TracebackType
 from typing import Self
 
@@ -17,40 +19,41 @@ from twin.live.listener import Listener
 from twin.live.publisher import Publisher
 from twin.scene.scene import Scene
 
+# what a client does wrong is told to the client; here it would only look like a failure of the run
+logging.getLogger("foxglove").setLevel(logging.CRITICAL)
+
 HOST = "127.0.0.1"
 FAREWELL = 0.2
 """Time (s) to send what has been published: the SDK cannot be asked when it is done, and drops the rest at the end."""
+PATIENCE = 5.0
+"""Time (s) in which a port has to become free again."""
 
 
 class LiveServer:
     """A `twin.execution.viewer.Viewer`; a context manager at whose exit what was published has been sent.
 
+    Each run has a server of its own, which listens as soon as all topics of the run are there: whoever subscribes in
+    the moment in which the SDK announces a topic may hear that it is unknown. Viewers come back by themselves, and
+    before the first run the port is held by a socket that does not listen.
+
     Args:
         port: to listen at; 0: any that is free.
-
-    Attributes:
-        address: for a viewer, `ws://127.0.0.1:8765`.
+        announce: told the address, `ws://127.0.0.1:8765`, whenever a run waits there for its first viewer.
 
     Raises:
         InputRefused: the port is taken.
     """
 
-    def __init__(self, port: int):
-        self._context = foxglove.Context()
-        self._listener = Listener(self._warn)
+    def __init__(self, port: int, announce: Callable[[str], None]):
+        self._announce = announce
+        self._held = socket.socket()
         try:
-            self._server = foxglove.start_server(
-                name="twin",
-                host=HOST,
-                port=port,
-                capabilities=[Capability.Time, Capability.Parameters],
-                server_listener=self._listener,
-                context=self._context,
-            )
-        except RuntimeError as problem:
-            raise InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free") from None
-        self.address = f"ws://{HOST}:{self._server.port}"
-        self._publisher: Publisher | None = None
+            self._held.bind((HOST, port))
+        except OSError as problem:
+            self._held.close()
+            raise _refusal(port, problem) from None
+        self._port = self._held.getsockname()[1]
+        self._on_air: tuple[foxglove.WebSocketServer, Publisher, Listener] | None = None
 
     def __enter__(self) -> Self:
         return self
@@ -58,26 +61,60 @@ class LiveServer:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        if self._publisher:
-            self._publisher.finish()
-            time.sleep(FAREWELL)
-        self._server.stop()
+        self._held.close()
+        self._sign_off()
 
     def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
-        """Announce the topics; the first run waits here until somebody has subscribed to one."""
-        if self._publisher:
-            self._publisher.finish()
-            self._publisher.withdraw()
-            # time begins again at 0
-            self._server.clear_session()
-        self._listener.tuning = tuning
-        self._publisher = Publisher(self._server, self._context, streams, scene, tick, self._listener.newcomer)
-        self._listener.watched.wait()
+        """Wait until somebody has subscribed to one of the topics.
+
+        Raises:
+            InputRefused: somebody has taken the port in the meantime.
+        """
+        self._held.close()
+        self._sign_off()
+        context = foxglove.Context()
+        publisher = Publisher(context, streams, scene, tick)
+        listener = Listener(tuning)
+        server = self._listening(listener, context)
+        listener.refuse = lambda text: server.publish_status(text, StatusLevel.Warning)
+        self._on_air = server, publisher, listener
+        self._announce(f"ws://{HOST}:{self._port}")
+        listener.watched.wait()
+        publisher.start(server, listener.newcomer)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
         """Hand the newest row and every event to the publisher."""
-        if self._publisher and len(rows):
-            self._publisher.put(first + len(rows) - 1, rows[-1], events)
+        if self._on_air and len(rows):
+            self._on_air[1].put(first + len(rows) - 1, rows[-1], events)
 
-    def _warn(self, text: str) -> None:
-        self._server.publish_status(text, StatusLevel.Warning)
+    def _listening(self, listener: Listener, context: foxglove.Context) -> foxglove.WebSocketServer:
+        """A server at our port, as soon as the one of the run before has let go of it."""
+        deadline = time.monotonic() + PATIENCE
+        while True:
+            try:
+                return foxglove.start_server(
+                    name="twin",
+                    host=HOST,
+                    port=self._port,
+                    capabilities=[Capability.Time, Capability.Parameters],
+                    server_listener=listener,
+                    context=context,
+                )
+            except RuntimeError as problem:
+                if time.monotonic() > deadline:
+                    raise _refusal(self._port, problem) from None
+                time.sleep(0.05)
+
+    def _sign_off(self) -> None:
+        if self._on_air:
+            server, publisher, listener = self._on_air
+            publisher.finish()
+            time.sleep(FAREWELL)
+            # a server that is being stopped cannot be asked for anything
+            listener.refuse = lambda text: None
+            server.stop()
+            self._on_air = None
+
+
+def _refusal(port: int, problem: Exception) -> InputRefused:
+    return InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free")
