@@ -60,10 +60,16 @@ class Opened:
         page.wait_for_selector("#replay.ready")
         self.requests = [url for url in self.requests if not url.startswith(("data:", path.as_uri()))]
 
-    def spans(self) -> set[tuple[str, str]]:
-        """(from, to) of every plot that has been drawn."""
-        read = "nodes => nodes.map(n => [n.dataset.from, n.dataset.to])"
-        return {(start, end) for start, end in self.page.eval_on_selector_all(".stage[data-from]", read)}
+    def go(self, time: str) -> None:
+        """Move the time line, with the plots in sight."""
+        self.page.locator("#plots").scroll_into_view_if_needed()
+        self.settle()
+        self.page.fill("#time", time)
+        self.settle()
+
+    def wait_for_span(self, start: str, end: str) -> None:
+        """Wait until a plot shows the times from `start` to `end`."""
+        self.page.locator(f".stage[data-from='{start}'][data-to='{end}']").first.wait_for()
 
     def time(self) -> float:
         """Of the player."""

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from twin.experiment import experiment
+from twin.experiment import contact, fault, monitor, schema, task
+from twin.experiment.quantity import Section
 from twin.faults.catalogue import CATALOGUE
 from twin.report.page.markup import Markup, element, table
 from twin.report.page.run import ReportRun
@@ -28,10 +29,8 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 @cache
 def _names() -> dict[str, str]:
     """Key of an experiment file -> its name without the unit, of every key that has one."""
-    # that module loads every table there is
-    models = [experiment.Section]
-    for model in models:
-        models += model.__subclasses__()
+    tables = [table for module in (contact, fault, monitor, schema, task) for table in vars(module).values()]
+    models = [table for table in tables if isinstance(table, type) and issubclass(table, Section)]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
     return fields | magnitudes

@@ -1,6 +1,7 @@
 """The figure of the paper that fits the runs, as a picture in the page."""
 
 import base64
+import struct
 import tempfile
 from collections.abc import Callable, Sequence
 from functools import partial
@@ -44,6 +45,9 @@ def _figure(draw: Callable[[Path], None], text: str) -> Markup:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "picture.png"
         draw(path)
-        data = base64.b64encode(path.read_bytes()).decode("ascii")
-    image = element("img", src=f"data:image/png;base64,{data}", alt=text, class_="picture").removesuffix("</img>")
+        content = path.read_bytes()
+    # a PNG file says its size right after its signature and the head of its first chunk; the page keeps that room free
+    width, height = map(str, struct.unpack_from(">II", content, 16))
+    source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
+    image = element("img", src=source, alt=text, width=width, height=height, class_="picture").removesuffix("</img>")
     return element("figure", Markup(image), element("figcaption", text))

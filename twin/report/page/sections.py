@@ -21,6 +21,8 @@ MARKS = {
 }
 
 
+FEW = 5
+"""Claims that are shown at once even if all of them hold."""
 LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
 
 
@@ -85,7 +87,7 @@ def _claims(group: Group) -> Markup:
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
     told = element("summary", f"{group.title}: {held} of {judged} hold")
-    unfolded = {"open": ""} if held < judged else {}
+    unfolded = {"open": ""} if held < judged or len(rows) <= FEW else {}
     return element("details", told, table(head, rows, group.title), **unfolded)
 
 

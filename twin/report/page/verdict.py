@@ -116,7 +116,8 @@ def _alarms(run: ReportRun, several: bool) -> list[str]:
     who = f"{run.label}: " if several else ""
     note = run.recording.note
     texts = [f"{note[0].upper()}{note[1:]}"] if note else []
-    texts += [f"{event.text} ({event.time:.3f} s)" for event in run.recording.events if event.level == "error"]
+    serious = [event for event in run.recording.events if event.level in ("error", "fatal")]
+    texts += [f"{event.text} ({event.time:.3f} s)" for event in serious]
     return [f"{who}{text}" for text in texts]
 
 

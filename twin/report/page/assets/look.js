@@ -19,6 +19,12 @@ function runColor(run) {
   return SERIES[run % SERIES.length];
 }
 
+/** Underline what belongs to a run in its colour; double where the colours begin again and lines are thick. */
+function mark(node, run) {
+  node.style.setProperty("--mark", `var(${runColor(run)})`);
+  node.style.setProperty("--edge-style", run < SERIES.length ? "solid" : "double");
+}
+
 /** How the curve of a row is drawn for a run: {color, width, dash}. */
 function look(row, run) {
   if (page.runs.length > 1) {

@@ -7,7 +7,7 @@ function runSwitches(plots) {
   page.runs.forEach((run, number) => {
     const tick = made("input", { type: "checkbox", checked: true });
     const name = made("span", {}, run.label);
-    name.style.setProperty("--mark", `var(${runColor(number)})`);
+    mark(name, number);
     tick.addEventListener("change", () => {
       run.hidden = !tick.checked;
       plots.redraw();

@@ -39,7 +39,7 @@ class Plot {
     const swatch = made("canvas", { className: "swatch" });
     const values = page.runs.map((_, run) => made("output", { className: "value", hidden: !row.curves[run] }));
     if (page.runs.length > 1)
-      values.forEach((value, run) => value.style.setProperty("--mark", `var(${runColor(run)})`));
+      values.forEach(mark);
     const button = made("button", { type: "button" }, swatch, made("span", {}, row.label), ...values);
     button.setAttribute("aria-pressed", String(row.shown));
     button.addEventListener("click", () => {

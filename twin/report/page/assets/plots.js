@@ -17,7 +17,7 @@ class Plots {
         else this.seen.delete(plot);
       }
       this.refresh();
-    });
+    }, { rootMargin: "50% 0px" });
     for (const plot of this.plots) {
       watcher.observe(plot.figure);
       this.hear(plot);

@@ -1,7 +1,7 @@
 // The robot in space, drawn back to front. Lengths in mm, frame B: z up.
 
 const CENTRE = [0, 0, -62];
-const ROOM = 105;
+const ROOM = 118;
 const ROD = 7;
 const MM_PER_N = 6;
 const TRACE_STEP = 3;
