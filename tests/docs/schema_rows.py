@@ -21,6 +21,7 @@ TABLES: dict[str, type[Section]] = {
     "[contact.breathing]": contact.Breathing,
     "[contact.shift]": contact.Shift,
     "[scale]": schema.Scale,
+    "[recording]": schema.Recording,
     "[controller]": schema.Controller,
     "[controller.position]": schema.PositionLoop,
     "[controller.force]": schema.ForceLoop,
