@@ -40,9 +40,7 @@ class Encoder:
     def messages(self, row: np.ndarray) -> Iterator[bytes]:
         """The message of each stream at `row`, (width of the system's outputs,) float64."""
         for kind, columns in self._columns.items():
-            numbers = row[columns]
-            typed = numbers != 0.0 if kind == "bool" else numbers.astype(VALUE_TYPES[kind])
-            self._bytes[self._places[kind]] = typed.view(np.uint8)
+            self._bytes[self._places[kind]] = row[columns].astype(VALUE_TYPES[kind]).view(np.uint8)
         content = self._bytes.tobytes()
         return (content[start:end] for start, end in self._spans)
 
