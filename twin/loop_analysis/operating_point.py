@@ -1,0 +1,142 @@
+"""Where an experiment's loops are looked at: the robot at rest, in free air and pressing."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.optimize import brentq
+
+from twin.errors import InputRefused, Unreachable
+from twin.experiment.experiment import Experiment
+from twin.experiment.task import Push, Tap
+from twin.experiment.true_parameters import plant_parameters
+from twin.plant.contact import contact_force
+from twin.plant.equilibrium import resting
+from twin.plant.parameters import PlantParameters
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.geometry import Geometry
+
+CLEARANCE = 1e-3
+"""Height (m) over the surface at which a pose is looked at in free air, too."""
+DEEPEST = 0.1
+"""Depth (m) beyond which no surface is pressed."""
+SMALLEST_WINDING = 2e-5
+"""Least wind-up (rad) of a spring with backlash: ten times the steps by which the plant is differentiated."""
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """The robot at rest.
+
+    Attributes:
+        name: for people. p_B: platform position (m).
+        F_z: pressing force (N); 0 in free air.
+        force_on: whether the force loop is closed.
+        parameters: what is true. x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its
+            bristle straight.
+    """
+
+    name: str
+    p_B: tuple[float, float, float]
+    F_z: float
+    force_on: bool
+    parameters: PlantParameters
+    x: np.ndarray
+    theta_m: np.ndarray
+
+    @property
+    def in_contact(self) -> bool:
+        return self.F_z > 0.0
+
+
+def operating_points(experiment: Experiment) -> list[OperatingPoint]:
+    """The start, and each point that is pressed on: touching, and 1 mm above.
+
+    A surface that moves is taken where it is at the beginning.
+
+    Raises:
+        InputRefused: a point cannot be rested at, or a spring is slack there.
+    """
+    parameters = plant_parameters(experiment.plant, experiment.contact)
+    points = [resting_point("start", parameters, experiment.start)]
+    for x, y, F_z, z, force_on in _touches(experiment, parameters):
+        touching = surface_height(parameters, x, y)
+        height = touching + CLEARANCE
+        if not any(np.allclose(p.p_B, (x, y, height)) for p in points):
+            points.append(resting_point("above", parameters, (x, y, height)))
+        p_z = z if F_z is None else pressing_height(parameters, x, y, F_z)
+        points.append(resting_point("pressing", parameters, (x, y, p_z), force_on))
+    return points
+
+
+def resting_point(
+    name: str, parameters: PlantParameters, p_B: tuple[float, float, float], force_on: bool = False
+) -> OperatingPoint:
+    """The robot at rest at `p_B` (m).
+
+    Raises:
+        InputRefused: `p_B` is out of reach, or a spring carries so little there that it hangs in its backlash.
+    """
+    where = "({:g}, {:g}, {:g}) mm".format(*(round(1e3 * value, 3) for value in p_B))
+    try:
+        x, theta_m = resting(parameters, p_B)
+    except Unreachable as refusal:
+        raise InputRefused(f"no operating point at {where}: {refusal}") from None
+    theta_l = joint_angles(Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b), p_B)
+    backlash = parameters.backlash + np.array(parameters.backlash_added)
+    wound = np.abs(theta_m - parameters.N * theta_l - np.array(parameters.slip)) - backlash
+    slack = np.flatnonzero((wound < SMALLEST_WINDING) & (backlash > 0.0))
+    if len(slack):
+        raise InputRefused(
+            f"no linear model at {where}: the spring of leg {slack[0] + 1} carries nothing there and hangs free in its "
+            "backlash. Choose a point or a force a little different, or --set plant.backlash_deg=0"
+        )
+    return OperatingPoint(name, p_B, -_force(parameters, p_B), force_on, parameters, x, theta_m)
+
+
+def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
+    """Height (m) of the surface at (x, y)."""
+    top = parameters.z_s + 0.05
+    stiff = parameters._replace(K=1.0) if parameters.K == 0.0 else parameters
+    low, high = parameters.z_s - DEEPEST, top
+    for _ in range(60):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if _force(stiff, (x, y, middle)) < 0.0 else (low, middle)
+    return high
+
+
+def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
+    """Height (m) of the platform at which the surface answers with the vertical force `F_z` (N) at rest.
+
+    Raises:
+        InputRefused: the surface does not, down to `DEEPEST`.
+    """
+    top = surface_height(parameters, x, y)
+    lack = F_z + _force(parameters, (x, y, top - DEEPEST))
+    if not lack < 0.0:
+        raise InputRefused(
+            f"no operating point at ({1e3 * x:g}, {1e3 * y:g}) mm: the surface does not answer with {F_z:g} N down to "
+            f"{1e3 * DEEPEST:g} mm; press less, or raise [contact] stiffness_N_per_m"
+        )
+    return float(brentq(lambda z: F_z + _force(parameters, (x, y, z)), top - DEEPEST, top, xtol=1e-12))
+
+
+def _force(parameters: PlantParameters, p: tuple[float, float, float]) -> float:
+    """F_ee_B_z (N) at rest at `p`."""
+    return float(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0)[2])
+
+
+def _touches(
+    experiment: Experiment, parameters: PlantParameters
+) -> list[tuple[float, float, float | None, float, bool]]:
+    """(x, y, F_z, z, force_on) of each place that is pressed on, once; F_z None: as deep as z says."""
+    found: list[tuple[float, float, float | None, float, bool]] = []
+    for task in experiment.tasks:
+        places = [task.point, task.to] if isinstance(task, Push) else [task.point]
+        found += [(x, y, task.force, 0.0, not isinstance(task, Tap)) for x, y in places]
+    if experiment.reference is not None:
+        force_on = experiment.controller.mode == "force_position"
+        F_ref = experiment.controller.force.reference if force_on else None
+        for x, y, z in experiment.reference.p:
+            if _force(parameters, (x, y, z)) < 0.0:
+                found.append((x, y, F_ref, 0.0 if force_on else z, force_on))
+    return list(dict.fromkeys(found))
