@@ -46,7 +46,7 @@ class Linearised:
         points: the drives are identified under the mean load of these.
 
     Attributes:
-        drives: one model per joint.
+        drives: one model per joint. labels: what the drives are called.
 
     Raises:
         InputRefused: a drive has no linear model, or a rate is not one that the analysis knows.
@@ -59,10 +59,11 @@ class Linearised:
         load = float(np.mean([_loads(point) for point in points]))
         models: list[DriveModel] = []
         tables = experiment.drives
+        plans = [planned(table) for table in tables]
         for i, table in enumerate(tables):
             same = tables.index(table)
-            models.append(models[same] if same < i else identified(planned(table), experiment.cosim.tick, load))
-        self.drives = tuple(models)
+            models.append(models[same] if same < i else identified(plans[i], experiment.cosim.tick, load))
+        self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
 
     def at(self, point: OperatingPoint) -> LinearPoint:
         """The loops at `point`."""

@@ -1,6 +1,8 @@
 """Where an experiment's loops are looked at: the robot at rest, in free air and pressing."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
@@ -12,8 +14,9 @@ from twin.experiment.true_parameters import plant_parameters
 from twin.plant.contact import contact_force
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
-from twin.robot.inverse_kinematics import joint_angles
+from twin.plant.surface import surface_frame
 from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
 
 CLEARANCE = 1e-3
 """Height (m) over the surface at which a pose is looked at in free air, too."""
@@ -48,24 +51,34 @@ class OperatingPoint:
         return self.F_z > 0.0
 
 
-def operating_points(experiment: Experiment) -> list[OperatingPoint]:
-    """The start, and each point that is pressed on: touching, and 1 mm above.
+def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list[str]]:
+    """(points, sentences about those that have no linear model): the start, and each place that is pressed on, touching
+    and 1 mm above.
 
     A surface that moves is taken where it is at the beginning.
 
     Raises:
-        InputRefused: a point cannot be rested at, or a spring is slack there.
+        InputRefused: there is not one point with a linear model.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
-    points = [resting_point("start", parameters, experiment.start)]
-    for x, y, F_z, z, force_on in _touches(experiment, parameters):
-        touching = surface_height(parameters, x, y)
-        height = touching + CLEARANCE
-        if not any(np.allclose(p.p_B, (x, y, height)) for p in points):
-            points.append(resting_point("above", parameters, (x, y, height)))
-        p_z = z if F_z is None else pressing_height(parameters, x, y, F_z)
-        points.append(resting_point("pressing", parameters, (x, y, p_z), force_on))
-    return points
+    points: list[OperatingPoint] = []
+    problems: list[str] = []
+
+    def look_at(make: Callable[[], OperatingPoint]) -> None:
+        try:
+            points.append(make())
+        except InputRefused as refusal:
+            problems.append(str(refusal))
+
+    look_at(lambda: resting_point("start", parameters, experiment.start))
+    for place in _touches(experiment, parameters):
+        above = (place.x, place.y, surface_height(parameters, place.x, place.y) + CLEARANCE)
+        if not any(np.allclose(point.p_B, above) for point in points):
+            look_at(lambda above=above: resting_point("above", parameters, above))  # type: ignore[misc]
+        look_at(lambda place=place: _pressing(parameters, place))  # type: ignore[misc]
+    if not points:
+        raise InputRefused(problems[0])
+    return points, list(dict.fromkeys(problems))
 
 
 def resting_point(
@@ -95,13 +108,11 @@ def resting_point(
 
 def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
     """Height (m) of the surface at (x, y)."""
-    top = parameters.z_s + 0.05
-    stiff = parameters._replace(K=1.0) if parameters.K == 0.0 else parameters
-    low, high = parameters.z_s - DEEPEST, top
-    for _ in range(60):
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if _force(stiff, (x, y, middle)) < 0.0 else (low, middle)
-    return high
+
+    def depth(z: float) -> float:
+        return float(surface_frame(parameters, x, y, z)[0])
+
+    return float(brentq(depth, parameters.z_s - DEEPEST, parameters.z_s + DEEPEST, xtol=1e-12))
 
 
 def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
@@ -120,23 +131,54 @@ def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float)
     return float(brentq(lambda z: F_z + _force(parameters, (x, y, z)), top - DEEPEST, top, xtol=1e-12))
 
 
+def on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
+    """The same pose and force on a surface of stiffness `K` (N/m), which is moved up or down for it.
+
+    Raises:
+        InputRefused: it would have to be pressed in deeper than `DEEPEST`.
+    """
+    parameters, (x, y, z) = point.parameters._replace(K=K), point.p_B
+
+    def excess(up: float) -> float:
+        return -_force(parameters._replace(z_s=parameters.z_s + up), (x, y, z)) - point.F_z
+
+    gap = z - surface_height(parameters, x, y)
+    if not excess(gap + DEEPEST) > 0.0:
+        raise InputRefused(f"a surface of {K:g} N/m does not answer with {point.F_z:g} N within {1e3 * DEEPEST:g} mm")
+    moved = parameters._replace(z_s=parameters.z_s + brentq(excess, gap, gap + DEEPEST, xtol=1e-12))
+    return resting_point(point.name, moved, point.p_B, point.force_on)
+
+
 def _force(parameters: PlantParameters, p: tuple[float, float, float]) -> float:
     """F_ee_B_z (N) at rest at `p`."""
     return float(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0)[2])
 
 
-def _touches(
-    experiment: Experiment, parameters: PlantParameters
-) -> list[tuple[float, float, float | None, float, bool]]:
-    """(x, y, F_z, z, force_on) of each place that is pressed on, once; F_z None: as deep as z says."""
-    found: list[tuple[float, float, float | None, float, bool]] = []
+class Place(NamedTuple):
+    """A place that is pressed on: with the force F_z (N), or, if that is None, as deep as z (m) says."""
+
+    x: float
+    y: float
+    z: float
+    F_z: float | None
+    force_on: bool
+
+
+def _pressing(parameters: PlantParameters, place: Place) -> OperatingPoint:
+    z = place.z if place.F_z is None else pressing_height(parameters, place.x, place.y, place.F_z)
+    return resting_point("pressing", parameters, (place.x, place.y, z), place.force_on)
+
+
+def _touches(experiment: Experiment, parameters: PlantParameters) -> list[Place]:
+    """Each place that is pressed on, once. In a tap the force loop is off."""
+    found: list[Place] = []
     for task in experiment.tasks:
-        places = [task.point, task.to] if isinstance(task, Push) else [task.point]
-        found += [(x, y, task.force, 0.0, not isinstance(task, Tap)) for x, y in places]
+        corners = [task.point, task.to] if isinstance(task, Push) else [task.point]
+        found += [Place(x, y, 0.0, task.force, not isinstance(task, Tap)) for x, y in corners]
     if experiment.reference is not None:
         force_on = experiment.controller.mode == "force_position"
         F_ref = experiment.controller.force.reference if force_on else None
         for x, y, z in experiment.reference.p:
             if _force(parameters, (x, y, z)) < 0.0:
-                found.append((x, y, F_ref, 0.0 if force_on else z, force_on))
+                found.append(Place(x, y, 0.0 if force_on else z, F_ref, force_on))
     return list(dict.fromkeys(found))
