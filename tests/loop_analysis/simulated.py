@@ -40,7 +40,7 @@ AIR, PRESSING = held(-0.1), held(-0.105)
 
 
 def pressing_with_force_loop(overrides: Sequence[str] = (), drive: str | None = None) -> tuple[str, ...]:
-    """As `PRESSING`, but the force loop starts when the platform is nudged, with the force that is there as reference."""
+    """As `PRESSING`, but when it is nudged the force loop starts, with the force that is there as its reference."""
     rested = co_simulated(fig4([*PRESSING, *overrides], drive), RESTED - 0.01)
     F_z = float(rested["controller.F_z"][-1])
     return (

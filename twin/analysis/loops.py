@@ -10,8 +10,11 @@ from twin.analysis.drive_model import Matrix
 from twin.analysis.sampled_law import ESTIMATED, LOOPS, REFERENCES, LinearLaw
 from twin.analysis.sampled_robot import COMMANDS, MEASURED
 
+Loops = control.StateSpace
+"""All loops of the robot, open, as `open_loops` names their inputs and outputs."""
 
-def open_loops(robot: control.StateSpace, law: LinearLaw) -> control.StateSpace:
+
+def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
     """All loops open: inputs `LOOPS` and `REFERENCES`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS`, then the robot's truth.
 
     Args:
@@ -38,7 +41,14 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> control.StateSpace:
     outputs = [*LOOPS, *ESTIMATED, *COMMANDS, *robot.output_labels[angles:]]
     kept = _connected(A, B, C)
     return control.ss(
-        A[np.ix_(kept, kept)], B[kept], C[:, kept], D, robot.dt, inputs=[*LOOPS, *REFERENCES], outputs=outputs, name="loops"
+        A[np.ix_(kept, kept)],
+        B[kept],
+        C[:, kept],
+        D,
+        robot.dt,
+        inputs=[*LOOPS, *REFERENCES],
+        outputs=outputs,
+        name="loops",
     )
 
 
@@ -55,7 +65,7 @@ def _connected(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
     return np.flatnonzero(reached & seen)
 
 
-def closed_loops(loops: control.StateSpace, gains: Mapping[str, float]) -> control.StateSpace:
+def closed_loops(loops: Loops, gains: Mapping[str, float]) -> Loops:
     """`loops` with some of `LOOPS` closed, each with a gain that multiplies all gains of its law; 1: as it is.
 
     Inputs and outputs stay: what comes in at a closed loop is added there.
@@ -75,12 +85,12 @@ def closed_loops(loops: control.StateSpace, gains: Mapping[str, float]) -> contr
     return control.ss(A, B, C, D, loops.dt, inputs=loops.input_labels, outputs=loops.output_labels)
 
 
-def spectral_radius(loops: control.StateSpace, gains: Mapping[str, float]) -> float:
+def spectral_radius(loops: Loops, gains: Mapping[str, float]) -> float:
     """Largest magnitude of a pole with the loops closed; below 1: stable."""
     return float(np.abs(closed_poles(loops, gains)).max())
 
 
-def closed_poles(loops: control.StateSpace, gains: Mapping[str, float]) -> Matrix:
+def closed_poles(loops: Loops, gains: Mapping[str, float]) -> Matrix:
     """Poles in z with the loops closed (n,), complex."""
     n = len(LOOPS)
     K = np.diag([gains.get(name, 0.0) for name in LOOPS])

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.analysis.drive_model import Matrix
-from twin.analysis.loops import closed_loops, spectral_radius
+from twin.analysis.loops import Loops, closed_loops, spectral_radius
 from twin.analysis.sampled_law import LOOPS
 
 Complex = NDArray[np.complex128]
@@ -62,14 +62,14 @@ def response(system: control.StateSpace, omega: Matrix) -> Complex:
     return system.C @ inner + system.D
 
 
-def loop_response(loops: control.StateSpace, gains: dict[str, float], name: str, omega: Matrix) -> Complex:
+def loop_response(loops: Loops, gains: dict[str, float], name: str, omega: Matrix) -> Complex:
     """L (n,) of one loop, opened at its law's output while the others stay closed with `gains`; 1 + L = 0 is critical."""
     others = closed_loops(loops, {loop: gain for loop, gain in gains.items() if loop != name})
     i = LOOPS.index(name)
     return -gains[name] * response(others[i, i], omega)[:, 0, 0]
 
 
-def margins(loops: control.StateSpace, gains: dict[str, float], name: str) -> Margins:
+def margins(loops: Loops, gains: dict[str, float], name: str) -> Margins:
     """Margins of the loop `name` of a system that is stable with all loops closed with `gains`."""
     omega = frequencies(loops.dt)
     L = loop_response(loops, gains, name, omega)
@@ -93,7 +93,7 @@ def margins(loops: control.StateSpace, gains: dict[str, float], name: str) -> Ma
     return _confirmed(loops, gains, name, found)
 
 
-def _confirmed(loops: control.StateSpace, gains: dict[str, float], name: str, found: Margins) -> Margins:
+def _confirmed(loops: Loops, gains: dict[str, float], name: str, found: Margins) -> Margins:
     """The margins if the eigenvalues agree with the gain margin, else without it."""
 
     def stable(factor: float) -> bool:
@@ -109,14 +109,14 @@ def _confirmed(loops: control.StateSpace, gains: dict[str, float], name: str, fo
     return found._replace(gain=None, gain_frequency=None, reduction=None, remark=remark)
 
 
-def worst_sensitivity(loops: control.StateSpace, gains: dict[str, float]) -> float:
+def worst_sensitivity(loops: Loops, gains: dict[str, float]) -> float:
     """Largest singular value, over all frequencies, of the sensitivity (1 + L)^-1 of all closed loops at once."""
     closed = [i for i, name in enumerate(LOOPS) if gains.get(name)]
     whole = response(closed_loops(loops, gains), frequencies(loops.dt))[:, closed][:, :, closed]
     return float(np.linalg.svd(np.eye(len(closed)) + whole, compute_uv=False).max())
 
 
-def gain_limit(loops: control.StateSpace, gains: dict[str, float], names: tuple[str, ...]) -> float | None:
+def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) -> float | None:
     """Factor at which the system becomes unstable if the gains of all of `names` grow together, by eigenvalues.
 
     None: not up to `LARGEST_GAIN`.

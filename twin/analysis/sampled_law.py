@@ -5,7 +5,6 @@ Within its limits the law is linear, so its matrices are its values at the unit 
 is not, and is differentiated at the operating point.
 """
 
-
 from typing import NamedTuple
 
 import numpy as np
@@ -107,9 +106,7 @@ def linear_law(settings: Settings, estimation: Estimation) -> LinearLaw:
     inputs = 6 + len(LOOPS) + len(REFERENCES)
     columns = [_call(settings, estimation, z[:STATES], z[STATES:]) for z in np.eye(STATES + inputs)]
     whole = np.stack(columns, axis=1)
-    return LinearLaw(
-        whole[:STATES, :STATES], whole[:STATES, STATES:], whole[STATES:, :STATES], whole[STATES:, STATES:]
-    )
+    return LinearLaw(whole[:STATES, :STATES], whole[:STATES, STATES:], whole[STATES:, :STATES], whole[STATES:, STATES:])
 
 
 def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
@@ -125,7 +122,17 @@ def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Mat
     lead, slow = _damped(settings, state[13:], estimation.tau_l @ angles)
     omega_ref = settings.N * estimation.J @ u_in + estimation.turned @ angles + lead
     return np.concatenate(
-        [*(kept for _, kept in position), force_state, [F_z], slow, omega_ref, [u for u, _ in position], [-force], p, [F_z]]
+        [
+            *(kept for _, kept in position),
+            force_state,
+            [F_z],
+            slow,
+            omega_ref,
+            [u for u, _ in position],
+            [-force],
+            p,
+            [F_z],
+        ]
     )
 
 
@@ -145,5 +152,3 @@ def _damped(settings: Settings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Ma
     damper = np.array([(*settings.damping, slow, 1)], dtype=DAMPER)[0]
     damp(damper, settings.N * settings.eta, tau_l, settings.period, lead)
     return lead, damper["slow"].copy()
-
-

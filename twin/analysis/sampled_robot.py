@@ -112,5 +112,12 @@ def period_map(tick: control.StateSpace, stepping: Stepping) -> control.StateSpa
         B_[n : n + 3] = np.eye(3)
     C = np.hstack([tick.C, np.zeros((len(tick.C), 3 * kept))])
     return control.ss(
-        A_, B_, C, tick.D, stepping.period * stepping.tick, inputs=list(COMMANDS), outputs=tick.output_labels, name="robot"
+        A_,
+        B_,
+        C,
+        tick.D,
+        stepping.period * stepping.tick,
+        inputs=list(COMMANDS),
+        outputs=tick.output_labels,
+        name="robot",
     )

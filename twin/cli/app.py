@@ -4,7 +4,7 @@ import sys
 
 import typer
 
-from twin.cli import compare, drive, faults, run
+from twin.cli import analyse, compare, drive, faults, run
 from twin.errors import TwinError
 
 INTERRUPTED = 130
@@ -19,6 +19,7 @@ app = typer.Typer(
 app.command("run")(run.run)
 app.command("compare")(compare.compare)
 app.command("faults")(faults.faults)
+app.command("analyse")(analyse.analyse)
 app.add_typer(drive.app, name="drive")
 
 

@@ -2,11 +2,10 @@
 
 from dataclasses import dataclass, field
 
-import control
 import numpy as np
 
 from twin.analysis.drive_model import DriveModel
-from twin.analysis.loops import open_loops
+from twin.analysis.loops import Loops, open_loops
 from twin.analysis.plant_system import linear_plant
 from twin.analysis.sampled_law import LOOPS, Estimation, Settings, estimation, linear_law
 from twin.analysis.sampled_robot import Stepping, period_map, tick_map
@@ -34,7 +33,7 @@ class LinearPoint:
     """
 
     point: OperatingPoint
-    loops: control.StateSpace
+    loops: Loops
     gains: dict[str, float] = field(default_factory=dict)
 
 
@@ -96,7 +95,9 @@ class Linearised:
             -drive.steady_gain[1] / drive.steady_gain[0] * load
             for drive, load in zip(self.drives, _loads(point), strict=True)
         ]
-        return estimation(belief(self.experiment), self.experiment.controller.gravity_compensation, read, np.array(standing))
+        return estimation(
+            belief(self.experiment), self.experiment.controller.gravity_compensation, read, np.array(standing)
+        )
 
 
 def _loads(point: OperatingPoint) -> np.ndarray:
