@@ -1,6 +1,7 @@
 """Robot and controller as one sampled system, whose loops can be opened one at a time."""
 
 from collections.abc import Mapping
+from typing import TypeAlias
 
 import control
 import numpy as np
@@ -10,12 +11,12 @@ from twin.analysis.drive_model import Matrix
 from twin.analysis.sampled_law import ESTIMATED, LOOPS, REFERENCES, LinearLaw
 from twin.analysis.sampled_robot import COMMANDS, MEASURED
 
-Loops = control.StateSpace
+Loops: TypeAlias = control.StateSpace
 """All loops of the robot, open, as `open_loops` names their inputs and outputs."""
 
 
 def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
-    """All loops open: inputs `LOOPS` and `REFERENCES`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS`, then the robot's truth.
+    """All loops open: inputs `LOOPS` and `REFERENCES`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS` and the truth.
 
     Args:
         robot: `period_map`, of which no output depends directly on an input. law: with the same period.
@@ -40,16 +41,8 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
     D = np.vstack([law.D[rest, angles:], law.D[omega, angles:], np.zeros((len(C_true), B.shape[1]))])
     outputs = [*LOOPS, *ESTIMATED, *COMMANDS, *robot.output_labels[angles:]]
     kept = _connected(A, B, C)
-    return control.ss(
-        A[np.ix_(kept, kept)],
-        B[kept],
-        C[:, kept],
-        D,
-        robot.dt,
-        inputs=[*LOOPS, *REFERENCES],
-        outputs=outputs,
-        name="loops",
-    )
+    A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
+    return control.ss(A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCES], outputs=outputs, name="loops")
 
 
 def _connected(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
@@ -90,9 +83,9 @@ def spectral_radius(loops: Loops, gains: Mapping[str, float]) -> float:
     return float(np.abs(closed_poles(loops, gains)).max())
 
 
-def closed_poles(loops: Loops, gains: Mapping[str, float]) -> Matrix:
-    """Poles in z with the loops closed (n,), complex."""
+def closed_poles(loops: Loops, gains: Mapping[str, float]) -> NDArray[np.complex128]:
+    """Poles in z with the loops closed (n,)."""
     n = len(LOOPS)
     K = np.diag([gains.get(name, 0.0) for name in LOOPS])
     back = np.linalg.solve(np.eye(n) - K @ loops.D[:n, :n], K @ loops.C[:n])
-    return np.linalg.eigvals(loops.A + loops.B[:, :n] @ back)
+    return np.linalg.eigvals(loops.A + loops.B[:, :n] @ back).astype(complex)

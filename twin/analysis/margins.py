@@ -1,8 +1,8 @@
 """Margins, sensitivity and bandwidth of a loop, from its frequency response and cross-checked by eigenvalues.
 
 The frequency response is evaluated point by point and handed to python-control as data. Its margins of a state-space
-loop go through a transfer function's coefficients, which rounding ruins with a dozen states near z = 1: a stable loop of
-this robot came out with a gain margin of 0.9 where it is 90.
+loop go through a transfer function's coefficients, which rounding ruins with a dozen states near z = 1: for a stable
+loop of this robot the gain margin came out as 0.9 where it is 90.
 """
 
 from typing import NamedTuple
@@ -63,7 +63,7 @@ def response(system: control.StateSpace, omega: Matrix) -> Complex:
 
 
 def loop_response(loops: Loops, gains: dict[str, float], name: str, omega: Matrix) -> Complex:
-    """L (n,) of one loop, opened at its law's output while the others stay closed with `gains`; 1 + L = 0 is critical."""
+    """L (n,) of one loop, opened at its law's output, the others closed with `gains`; 1 + L = 0 is critical."""
     others = closed_loops(loops, {loop: gain for loop, gain in gains.items() if loop != name})
     i = LOOPS.index(name)
     return -gains[name] * response(others[i, i], omega)[:, 0, 0]
@@ -145,6 +145,6 @@ class Pole(NamedTuple):
 
 def poles(z: Complex, period: float) -> list[Pole]:
     """`z` (n,) as poles of swings, slowest decay first; one of each conjugate pair; without those of pure delays."""
-    lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)].astype(complex)
+    lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)]
     s = np.log(lasting) / period
     return [Pole(float(abs(pole)), float(-pole.real / abs(pole))) for pole in s[np.argsort(-s.real)]]

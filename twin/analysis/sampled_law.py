@@ -1,8 +1,8 @@
 """The robot's computer as a linear difference equation: estimator, force-position law, damping.
 
 Nothing of the law is written here a second time: the equations are those of `twin/controller/`, called as they are.
-Within its limits the law is linear, so its matrices are its values at the unit vectors, without any error. The estimator
-is not, and is differentiated at the operating point.
+Within its limits the law is linear, so its matrices are its values at the unit vectors, without any error. The
+estimator is not, and is differentiated at the operating point.
 """
 
 from typing import NamedTuple
@@ -16,7 +16,7 @@ from twin.controller.estimator import ESTIMATES, estimate
 from twin.controller.pid import PID, Gains, accept, low_pass_share, proposal
 
 STEP = 1e-6
-"""Of the central differences (rad): their error is below 1e-9 of the result, and no spring is that near its backlash."""
+"""Of the central differences (rad): their error is below 1e-9, and no spring is that near its backlash."""
 
 LOOPS = ("position_x", "position_y", "position_z", "force")
 """Where the loops can be opened: the three outputs of the position law (m/s), and dp_z of the force law (m)."""
@@ -121,19 +121,8 @@ def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Mat
     position = [_pid(settings.position, state[3 * i : 3 * i + 3], error[i], h) for i in range(3)]
     lead, slow = _damped(settings, state[13:], estimation.tau_l @ angles)
     omega_ref = settings.N * estimation.J @ u_in + estimation.turned @ angles + lead
-    return np.concatenate(
-        [
-            *(kept for _, kept in position),
-            force_state,
-            [F_z],
-            slow,
-            omega_ref,
-            [u for u, _ in position],
-            [-force],
-            p,
-            [F_z],
-        ]
-    )
+    u_out, pid_states = [u for u, _ in position], [kept for _, kept in position]
+    return np.concatenate([*pid_states, force_state, [F_z], slow, omega_ref, u_out, [-force], p, [F_z]])
 
 
 def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:

@@ -111,13 +111,5 @@ def period_map(tick: control.StateSpace, stepping: Stepping) -> control.StateSpa
     if kept:
         B_[n : n + 3] = np.eye(3)
     C = np.hstack([tick.C, np.zeros((len(tick.C), 3 * kept))])
-    return control.ss(
-        A_,
-        B_,
-        C,
-        tick.D,
-        stepping.period * stepping.tick,
-        inputs=list(COMMANDS),
-        outputs=tick.output_labels,
-        name="robot",
-    )
+    T = stepping.period * stepping.tick
+    return control.ss(A_, B_, C, tick.D, T, inputs=list(COMMANDS), outputs=tick.output_labels, name="robot")

@@ -107,9 +107,8 @@ def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
     signals = playback("signals", ports, np.repeat(inputs, plan.axes, axis=1))
     component = drive("drive", plan, tick, 0.0, float(inputs[0, 1]))
     try:
-        system = System(
-            [signals, component], [(f"signals.{p.name}", f"drive.{p.name}") for p in component.inputs], tick
-        )
+        wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
+        system = System([signals, component], wires, tick)
         rows = Simulation(system, len(inputs), len(inputs) + 1).run()
         return np.diff(rows[:, system.columns("drive.theta_m").start])
     finally:

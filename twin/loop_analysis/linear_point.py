@@ -91,13 +91,10 @@ class Linearised:
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
         read = angles + np.concatenate([plant.motor_zero, plant.joint_zero])
         # the command with which a drive stands still under its load
-        standing = [
-            -drive.steady_gain[1] / drive.steady_gain[0] * load
-            for drive, load in zip(self.drives, _loads(point), strict=True)
-        ]
-        return estimation(
-            belief(self.experiment), self.experiment.controller.gravity_compensation, read, np.array(standing)
-        )
+        gains = np.array([drive.steady_gain for drive in self.drives])
+        standing = -gains[:, 1] / gains[:, 0] * _loads(point)
+        compensation = self.experiment.controller.gravity_compensation
+        return estimation(belief(self.experiment), compensation, read, standing)
 
 
 def _loads(point: OperatingPoint) -> np.ndarray:

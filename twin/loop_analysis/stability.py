@@ -16,9 +16,9 @@ from twin.loop_analysis.operating_point import on_stiffness, operating_points
 POSITION, FORCE = LOOPS[:3], LOOPS[3:]
 NEUTRAL = 1e-9
 """What rounding may add to the magnitude of a pole."""
-STIFFNESSES = np.geomspace(100.0, 50_000.0, 31)
+STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
 """N/m: from fat to a table."""
-FACTORS = np.geomspace(0.1, 1000.0, 49)
+FACTORS = np.geomspace(0.1, 300.0, 61)
 POLES_TOLD = 6
 
 
@@ -87,7 +87,7 @@ class StabilityMap:
             "F_z": self.at.point.F_z,
             "stiffness": self.stiffness.tolist(),
             "factors": self.factors.tolist(),
-            "zeta": np.where(np.isnan(self.zeta), None, self.zeta).tolist(),
+            "zeta": [[None if np.isnan(value) else value for value in row] for row in self.zeta.tolist()],
         }
 
 

@@ -17,6 +17,8 @@ COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 GREY, NOW = "#8c8c8c", "#1c1c1c"
 LOCUS = np.geomspace(1e-2, 1.0, 60)
 """Gains of a root locus below the present or critical one, as a share of its largest."""
+SWINGING = 0.3
+"""Damping ratio below which a pole is one of the platform on its springs, which a root locus shows."""
 
 Curve = tuple[PointStability, str]
 
@@ -45,7 +47,7 @@ def draw_analysis(done: Stability, path: Path) -> None:
     magnitude.axhline(1.0, color=GREY, lw=0.8)
     _dress(phase, "Phase of L", "frequency (Hz)", "degrees")
     phase.axhline(-180.0, color=GREY, lw=0.8)
-    phase.set_ylim(-720.0, 20.0)
+    phase.set_ylim(-450.0, 20.0)
     _dress(sensitivity, "|1/(1+L)|, dotted |L/(1+L)|", "frequency (Hz)", "")
     sensitivity.set_ylim(1e-2, 5.0)
     _dress_nyquist(nyquist)
@@ -81,18 +83,12 @@ def _draw_locus(axes: Axes, done: Stability, law: str, names: tuple[str, ...]) -
         s = np.log(z[np.abs(z) > 1e-6].astype(complex)) / loops.dt
         mark = {1.0: ("o", 28, NOW), limit: ("x", 40, COLORS[4])}.get(factor, (".", 5, COLORS[0]))
         axes.scatter(s.real, s.imag / (2.0 * np.pi), marker=mark[0], s=mark[1], color=mark[2], linewidths=1.2)
-    swing = critical.margins.get(names[0])
-    top = 2.0 * max(pole.omega for pole in critical.poles if pole.zeta < 0.3) if _swings(critical) else 100.0
-    del swing
+    top = 2.0 * max((pole.omega for pole in critical.poles if pole.zeta < SWINGING), default=50.0)
     axes.set(xlim=(-0.6 * top, 0.2 * top), ylim=(0.0, top / (2.0 * np.pi)))
     axes.axvspan(0.0, 0.2 * top, color=COLORS[4], alpha=0.08, lw=0)
     axes.axvline(0.0, color=GREY, lw=0.8)
     title = f"Root locus, {law} gains\no now, x at the limit of {limit:.3g} times"
     _dress(axes, title, "real part of s (1/s)", "imaginary part / 2 pi (Hz)")
-
-
-def _swings(judged: PointStability) -> bool:
-    return any(pole.zeta < 0.3 for pole in judged.poles)
 
 
 def _dress_nyquist(axes: Axes) -> None:

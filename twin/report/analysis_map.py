@@ -24,26 +24,20 @@ def draw_stability_maps(done: Stability, path: Path) -> None:
     panels = figure.subplots(1, len(done.maps), squeeze=False)[0]
     for axes, chart in zip(panels, done.maps, strict=True):
         axes.set_facecolor(NO_POINT)
-        drawn = axes.pcolormesh(
-            chart.stiffness, _gain(done, chart), chart.zeta, cmap=shades, norm=norm, shading="nearest"
-        )
+        gain = _gain(done, chart)
+        drawn = axes.pcolormesh(chart.stiffness, gain, chart.zeta, cmap=shades, norm=norm, shading="nearest")
         _mark(axes, done, chart)
-    bar = figure.colorbar(
-        drawn, ax=list(panels), ticks=LEVELS, label="smallest damping ratio of the closed loops' poles"
-    )
+    bar = figure.colorbar(drawn, ax=list(panels), ticks=LEVELS, label="smallest damping ratio of a closed-loop pole")
     bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in LEVELS[1:])])
     name = point_name(done.maps[0].at.point)
-    figure.suptitle(
-        f"{done.experiment.name}: {name}, on surfaces of other stiffness", x=0.01, ha="left", fontweight="bold"
-    )
+    title = f"{done.experiment.name}: {name}, on surfaces of other stiffness"
+    figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
     figure.savefig(path, metadata={"Software": None})
 
 
 def _mark(axes: Axes, done: Stability, chart: StabilityMap) -> None:
     gain, K = _gain(done, chart), chart.at.point.parameters.K
-    axes.contour(
-        chart.stiffness, gain, np.nan_to_num(chart.zeta, nan=1.0), levels=[0.0], colors="#1c1c1c", linewidths=1.2
-    )
+    axes.contour(chart.stiffness, gain, chart.zeta, levels=[0.0], colors="#1c1c1c", linewidths=1.2)
     axes.plot(K, np.interp(1.0, chart.factors, gain), "o", color="#1c1c1c", mfc="white", ms=8)
     axes.annotate("as it is", (K, np.interp(1.0, chart.factors, gain)), (8, 4), textcoords="offset points")
     together = ", ki with it" if chart.law == "force" and done.experiment.controller.force.ki else ""

@@ -21,7 +21,7 @@ def analysis_text(done: Stability) -> str:
     if any(m.crossover is None for judged in done.points for m in judged.margins.values()):
         lines += [
             "",
-            *_wrapped("", "- where the loop's gain never reaches 1: sticking friction holds the platform there"),
+            *_wrapped("", "- where a loop's gain never reaches 1: sticking friction holds the platform there"),
         ]
     remarks = [f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark]
     lines += ["", *_drives(done)]
@@ -55,7 +55,8 @@ def _verdict(done: Stability) -> Iterator[str]:
         worst = min(unstable, key=lambda judged: judged.least_damped.zeta)
         yield from _wrapped("  ", f"worst {point_name(worst.linear.point)}: {_growth(worst.poles[0])}")
     else:
-        yield f"{done.experiment.name}  STABLE at {'the' if count == 1 else f'all {count}'} operating point{'s'[: count > 1]}"
+        points = "the operating point" if count == 1 else f"all {count} operating points"
+        yield f"{done.experiment.name}  STABLE at {points}"
     for law in ("position", "force"):
         critical = done.critical(law)
         if critical is not None:
