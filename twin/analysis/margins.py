@@ -117,19 +117,22 @@ def worst_sensitivity(loops: Loops, gains: dict[str, float]) -> float:
 
 
 def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) -> float | None:
-    """Factor at which the system becomes unstable if the gains of all of `names` grow together, by eigenvalues.
+    """Factor up to which the gains of all of `names` together keep the system stable, by eigenvalues.
 
-    None: not up to `LARGEST_GAIN`.
+    It is above 1 for a stable system and below 1 for one that smaller gains make stable; 0 if none do down to
+    1 / `LARGEST_GAIN`; None if nothing happens up to `LARGEST_GAIN`.
     """
 
     def stable(factor: float) -> bool:
         return spectral_radius(loops, gains | {name: factor * gains[name] for name in names}) < 1.0
 
-    factors = np.geomspace(1.0, LARGEST_GAIN, 100)
-    beyond = next((i for i, factor in enumerate(factors) if not stable(factor)), None)
-    if beyond is None:
-        return None
-    low, high = factors[max(0, beyond - 1)], factors[beyond]
+    as_it_is = stable(1.0)
+    last = LARGEST_GAIN if as_it_is else 1.0 / LARGEST_GAIN
+    factors = np.geomspace(1.0, last, 100)
+    turned = next((i for i, factor in enumerate(factors) if stable(factor) != as_it_is), None)
+    if turned is None:
+        return None if as_it_is else 0.0
+    low, high = sorted(factors[turned - 1 : turned + 1])
     while high > low * 1.0001:
         middle = np.sqrt(low * high)
         low, high = (middle, high) if stable(middle) else (low, middle)
@@ -147,4 +150,6 @@ def poles(z: Complex, period: float) -> list[Pole]:
     """`z` (n,) as poles of swings, slowest decay first; one of each conjugate pair; without those of pure delays."""
     lasting = z[(np.abs(z) > 1e-6) & (z.imag >= 0.0)]
     s = np.log(lasting) / period
-    return [Pole(float(abs(pole)), float(-pole.real / abs(pole))) for pole in s[np.argsort(-s.real)]]
+    # a pole at z = 1, rounding aside, neither grows nor decays
+    magnitude = np.maximum(np.abs(s), 1e-9)
+    return [Pole(float(magnitude[i]), float(-s.real[i] / magnitude[i])) for i in np.argsort(-s.real)]

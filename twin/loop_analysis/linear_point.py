@@ -68,8 +68,9 @@ class Linearised:
         """The loops at `point`."""
         plant = linear_plant(point.parameters, point.x, point.theta_m)
         robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
-        law = linear_law(self._settings(point.force_on), self._estimation(point))
-        closed = LOOPS if point.force_on else LOOPS[:3]
+        settings = self._settings(point.force_on)
+        law = linear_law(settings, self._estimation(point))
+        closed = LOOPS if any(settings.force[:3]) else LOOPS[:3]
         return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed, 1.0))
 
     def _settings(self, force_on: bool) -> Settings:

@@ -24,14 +24,14 @@ POLES_TOLD = 6
 
 @dataclass(frozen=True)
 class PointStability:
-    """One operating point, judged; margins and limits only where it is stable, for elsewhere they mean nothing.
+    """One operating point, judged; margins only where it is stable, for elsewhere they mean nothing.
 
     Attributes:
         linear: its loops. stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
         margins: by loop. sensitivity: of all loops at once, largest singular value; None if unstable.
-        limits: "position", "force" -> factor on all gains of that law at which the point becomes unstable; None: beyond
-            `twin.analysis.margins.LARGEST_GAIN`.
+        limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
+            `twin.analysis.margins.gain_limit`.
     """
 
     linear: LinearPoint
@@ -112,9 +112,9 @@ class Stability:
         return all(point.stable for point in self.points)
 
     def critical(self, law: str) -> PointStability | None:
-        """The stable point at which the gains of `law` can be raised least; None if there is none."""
-        limited = [point for point in self.points if point.limits.get(law) is not None]
-        return min(limited, key=lambda point: point.limits[law] or np.inf, default=None)
+        """The point at which the gains of `law` can be raised least; None if nothing limits them."""
+        limits = [(limit, point) for point in self.points if (limit := point.limits.get(law)) is not None]
+        return min(limits, key=lambda pair: pair[0])[1] if limits else None
 
     def facts(self) -> dict[str, Any]:
         """For JSON, SI."""
@@ -150,13 +150,18 @@ def stability(experiment: Experiment) -> Stability:
 def _maps(shared: Linearised, judged: list[PointStability]) -> list[StabilityMap]:
     """Of the pressing point with the least room for its gains, of those with a force loop if there are any."""
     pressing = [point for point in judged if point.linear.point.in_contact]
-    with_force = [point for point in pressing if point.linear.point.force_on]
+    with_force = [point for point in pressing if "force" in point.linear.gains]
     law = "force" if with_force else "position"
-    at = min(with_force or pressing, key=lambda point: point.limits.get(law) or np.inf, default=None)
+    at = min(with_force or pressing, key=lambda point: _room(point, law), default=None)
     if at is None:
         return []
     maps = [stability_map(shared, at.linear, "position", POSITION)]
     return [*maps, stability_map(shared, at.linear, "force", FORCE)] if with_force else maps
+
+
+def _room(point: PointStability, law: str) -> float:
+    limit = point.limits[law]
+    return np.inf if limit is None else limit
 
 
 def judged_point(linear: LinearPoint) -> PointStability:
@@ -164,11 +169,11 @@ def judged_point(linear: LinearPoint) -> PointStability:
     loops, gains = linear.loops, linear.gains
     stable = spectral_radius(loops, gains) < 1.0 - NEUTRAL
     found = poles(closed_poles(loops, gains), loops.dt)
-    if not stable:
-        return PointStability(linear, False, found, {}, None, {})
     limits = {"position": gain_limit(loops, gains, POSITION)}
-    if linear.point.force_on:
+    if "force" in gains:
         limits["force"] = gain_limit(loops, gains, FORCE)
+    if not stable:
+        return PointStability(linear, False, found, {}, None, limits)
     each = {name: margins(loops, gains, name) for name in gains}
     return PointStability(linear, True, found, each, worst_sensitivity(loops, gains), limits)
 

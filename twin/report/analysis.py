@@ -26,7 +26,7 @@ Curve = tuple[PointStability, str]
 def draw_analysis(done: Stability, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
-    Shown are the loops of the two stable points that leave the gains least room, one in air and one pressing.
+    Shown are the points that leave the gains of the two laws least room; an unstable one only as a root locus.
     """
     figure = Figure(figsize=(13, 8.5), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
@@ -55,7 +55,7 @@ def draw_analysis(done: Stability, path: Path) -> None:
     _draw_locus(force, done, "force", FORCE)
     if curves:
         figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    verdict = "stable" if done.stable else "UNSTABLE: loops are drawn of stable points only"
+    verdict = "stable" if done.stable else "UNSTABLE"
     figure.suptitle(f"Loops of {done.experiment.name}: {verdict}", x=0.01, ha="left", fontweight="bold")
     figure.savefig(path, metadata={"Software": None})
 
@@ -65,7 +65,7 @@ def shown_loops(done: Stability) -> list[Curve]:
     curves: list[Curve] = []
     for law, names in (("position", POSITION), ("force", ("position_z", *FORCE))):
         critical = done.critical(law)
-        if critical is not None:
+        if critical is not None and critical.stable:
             curves += [(critical, name) for name in names]
     return curves
 
@@ -73,10 +73,10 @@ def shown_loops(done: Stability) -> list[Curve]:
 def _draw_locus(axes: Axes, done: Stability, law: str, names: tuple[str, ...]) -> None:
     """Closed-loop poles s = ln(z) / T while all gains of a law grow from nothing to 1.5 times their limit."""
     critical = done.critical(law)
-    if critical is None:
+    limit = critical.limits[law] if critical else None
+    if critical is None or not limit:
         axes.set_axis_off()
         return
-    limit = critical.limits[law] or 1.0
     loops, gains = critical.linear.loops, critical.linear.gains
     for factor in (*(1.5 * limit * LOCUS), limit, 1.0):
         z = closed_poles(loops, gains | dict.fromkeys(names, factor))

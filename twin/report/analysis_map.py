@@ -40,11 +40,20 @@ def _mark(axes: Axes, done: Stability, chart: StabilityMap) -> None:
     axes.contour(chart.stiffness, gain, chart.zeta, levels=[0.0], colors="#1c1c1c", linewidths=1.2)
     axes.plot(K, np.interp(1.0, chart.factors, gain), "o", color="#1c1c1c", mfc="white", ms=8)
     axes.annotate("as it is", (K, np.interp(1.0, chart.factors, gain)), (8, 4), textcoords="offset points")
-    together = ", ki with it" if chart.law == "force" and done.experiment.controller.force.ki else ""
-    unit = "mm/N" if chart.law == "force" else "1/s"
-    axes.set(xscale="log", yscale="log", xlabel="contact stiffness (N/m)", ylabel=f"{chart.law} kp ({unit}){together}")
+    axes.set(xscale="log", yscale="log", xlabel="contact stiffness (N/m)", ylabel=_gain_label(done, chart))
+
+
+def _gain_label(done: Stability, chart: StabilityMap) -> str:
+    force = done.experiment.controller.force
+    if not _kp(done, chart):
+        return f"{chart.law} gains, times what is set"
+    return f"force kp (mm/N){', ki with it' if force.ki else ''}" if chart.law == "force" else "position kp (1/s)"
+
+
+def _kp(done: Stability, chart: StabilityMap) -> float:
+    c = done.experiment.controller
+    return 1e3 * c.force.kp if chart.law == "force" else c.position.kp
 
 
 def _gain(done: Stability, chart: StabilityMap) -> np.ndarray:
-    c = done.experiment.controller
-    return chart.factors * (1e3 * c.force.kp if chart.law == "force" else c.position.kp)
+    return chart.factors * (_kp(done, chart) or 1.0)

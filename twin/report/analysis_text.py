@@ -1,6 +1,7 @@
 """The loops of an experiment as text of at most 80 columns: the verdict, then each operating point."""
 
 import math
+import re
 import textwrap
 from collections.abc import Iterator
 
@@ -11,6 +12,8 @@ from twin.loop_analysis.stability import PointStability, Stability
 WIDTH = 80
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
+TIE = "\xa0"
+BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
 
 
 def analysis_text(done: Stability) -> str:
@@ -33,7 +36,8 @@ def analysis_text(done: Stability) -> str:
 def point_name(point: OperatingPoint) -> str:
     """`pressing with 5 N at (0, 20, -105) mm`."""
     x, y, z = (round(1e3 * value, 2) + 0.0 for value in point.p_B)
-    return f"{_doing(point)} ({x:g}, {y:g}, {z:g}) mm"
+    doing = f"pressing with {point.F_z:.3g} N" if point.in_contact else "in air"
+    return f"{doing} at ({x:g}, {y:g}, {z:g}) mm"
 
 
 def loop_name(name: str) -> str:
@@ -41,33 +45,27 @@ def loop_name(name: str) -> str:
     return name.replace("_", " ")
 
 
-def _doing(point: OperatingPoint) -> str:
-    if point.in_contact:
-        return f"pressing with {point.F_z:.3g} N at"
-    return "in air, start" if point.name == "start" else "in air, over the surface"
-
-
 def _verdict(done: Stability) -> Iterator[str]:
     unstable = [judged for judged in done.points if not judged.stable]
     count = len(done.points)
+    left_out = f"; {len(done.problems)} left out" if done.problems else ""
+    points = "the operating point" if count == 1 else f"all {count} operating points"
     if unstable:
-        yield f"{done.experiment.name}  UNSTABLE at {len(unstable)} of {count} operating points"
-        worst = min(unstable, key=lambda judged: judged.least_damped.zeta)
-        yield from _wrapped("  ", f"worst {point_name(worst.linear.point)}: {_growth(worst.poles[0])}")
-    else:
-        points = "the operating point" if count == 1 else f"all {count} operating points"
-        yield f"{done.experiment.name}  STABLE at {points}"
+        points = f"{len(unstable)} of {count} operating points"
+    yield f"{done.experiment.name}  {'UNSTABLE' if unstable else 'STABLE'} at {points}{left_out}"
     for law in ("position", "force"):
         critical = done.critical(law)
         if critical is not None:
-            factor = critical.limits[law] or math.inf
-            yield from _wrapped(
-                f"  {law:8}  ",
-                f"its gains may grow {factor:.3g} times, to {_gains(done, law, factor)}; then it shakes "
-                f"{point_name(critical.linear.point)}",
-            )
+            yield from _wrapped(f"  {law:8}  ", _limit(done, law, critical))
         elif any(law in judged.limits for judged in done.points):
-            yield f"  {law:8}  no limit of its gains up to {LARGEST_GAIN:g} times"
+            yield f"  {law:8}  nothing limits its gains up to {LARGEST_GAIN:g} times what is set"
+
+
+def _limit(done: Stability, law: str, critical: PointStability) -> str:
+    where, factor = point_name(critical.linear.point), critical.limits[law]
+    if not factor:
+        return f"no gain of it makes the robot stable {where}"
+    return f"stable up to {_gains(done, law, factor)}, {factor:.3g} times what is set; beyond, it shakes {where}"
 
 
 def _gains(done: Stability, law: str, factor: float) -> str:
@@ -118,9 +116,8 @@ def _drives(done: Stability) -> Iterator[str]:
     for label, model in fits.items():
         doubt = "; take the numbers with that doubt" if model.residual > DOUBT else ""
         states = f"{len(model.A)} state{'s'[: len(model.A) != 1]}"
-        yield from _wrapped(
-            "drive  ", f"{label}: {states}, {100 * model.residual:.2g} % off its measured frequency response{doubt}"
-        )
+        off = "less than 0.1" if model.residual < 0.001 else f"{100 * model.residual:.2g}"
+        yield from _wrapped("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
 
 
 def _hertz(omega: float | None) -> str:
@@ -128,4 +125,7 @@ def _hertz(omega: float | None) -> str:
 
 
 def _wrapped(head: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)))
+    """`text` after `head` in lines of `WIDTH`; numbers stay with their units, and what stands in brackets together."""
+    kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
+    lines = textwrap.wrap(kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)))
+    return [line.replace(TIE, " ") for line in lines]
