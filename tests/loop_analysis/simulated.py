@@ -73,20 +73,28 @@ def grows(overrides: Sequence[str], drive: str | None, duration: float = 3.0) ->
 
 
 def simulated_limit(
-    base: Sequence[str], gains: dict[str, float], predicted: float, drive: str | None = None, within: float = 0.01
+    base: Sequence[str],
+    gains: dict[str, float],
+    predicted: float,
+    drive: str | None = None,
+    spread: float = 1.3,
+    within: float = 0.01,
 ) -> float:
-    """The factor on `gains` (override key -> value) from which on a run grows, bisected in +-30 % of `predicted`."""
+    """The factor on `gains` (override key -> value) from which on a run grows, bisected around `predicted`.
+
+    Infinity or 0 if it is not between `predicted` / `spread` and `predicted` * `spread`.
+    """
 
     def unstable(factor: float) -> bool:
         changed = [f"{key}={factor * value!r}" for key, value in gains.items()]
         return grows([*base, *changed], drive)
 
-    low, high = 0.7 * predicted, 1.3 * predicted
-    assert not unstable(low) and unstable(high), "the limit is not within 30 % of the prediction"
+    low, high = predicted / spread, predicted * spread
+    if unstable(low):
+        return 0.0
+    if not unstable(high):
+        return np.inf
     while high > (1.0 + within) * low:
         middle = float(np.sqrt(low * high))
         low, high = (low, middle) if unstable(middle) else (middle, high)
     return float(np.sqrt(low * high))
-
-
-Curve = NDArray[np.float64]
