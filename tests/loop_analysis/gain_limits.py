@@ -25,7 +25,8 @@ def limits(base: Sequence[str], drive: str, gains: dict[str, float], names: tupl
     shared = Linearised(experiment, points)
     point = shared.at(points[-1] if names == FORCE else points[0])
     predicted = gain_limit(point.loops, point.gains, names)
-    gain, residual = next(iter(gains.values())), f"{100 * max(drive.residual for drive in shared.drives):.1f}"
+    model, gain = shared.drives[0], next(iter(gains.values()))
+    residual = f"{100 * model.residual:.1f}{', turning' if model.turning else ''}"
     if predicted is None:
         return residual, "none", "-"
     simulated = simulated_limit(base, gains, predicted, drive, SPREAD)

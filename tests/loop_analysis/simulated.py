@@ -3,7 +3,6 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from tests.laws.runs import EXACT_ENCODERS, EXPERIMENTS, Rows, co_simulated
 from twin.errors import ComponentFailed

@@ -38,3 +38,8 @@ def test_a_sum_of_sines_has_its_lines_and_nothing_else():
     np.testing.assert_allclose(spectrum[lines] / spectrum[1], 1.0 / np.sqrt(lines), rtol=1e-9)
     assert np.delete(spectrum, lines).max() < 1e-9 * spectrum[1]
     assert np.max(np.abs(wave)) == pytest.approx(1.0)
+
+
+def test_a_drive_whose_registers_swallow_small_signals_is_measured_while_it_turns(root):
+    assert identified(planned(lone_drive("smart_servo", root)), TICK, 0.05).turning
+    assert not identified(planned(lone_drive("velocity_servo", root)), TICK, 0.05).turning

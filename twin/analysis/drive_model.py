@@ -42,6 +42,7 @@ class DriveModel:
         residual: rms distance of the model from the measured response, the command's or the load's, whichever is worse.
             It is relative to the response at each frequency, to a tenth of the largest, or to ten times the
             measurement's uncertainty, whichever is largest.
+        turning: it was measured while the shaft turned, because at rest it does not answer in proportion.
     """
 
     A: Matrix
@@ -49,6 +50,7 @@ class DriveModel:
     C: Matrix
     D: Matrix
     residual: float = 0.0
+    turning: bool = False
 
     @property
     def steady_gain(self) -> Matrix:

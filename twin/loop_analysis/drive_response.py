@@ -5,13 +5,15 @@ gives those of its outputs at one instant, not of the step that the master makes
 delays inside are left out, and its states cannot be listed. None of the drives of fmus/ offers them. So the step itself
 is measured, which every FMU has.
 
-The shaft turns at a steady command under the load of the operating point, so that friction does not change sign. On it
-comes a periodic sum of sines with random phases, once on the command and once on the load, for several draws of the
-phases: of a drive that is not quite linear their mean is the best linear approximation (Pintelon and Schoukens 2012,
-System Identification, Ch. 3).
+On the steady command comes a periodic sum of sines with random phases, once on the command and once on the load, for
+several draws of the phases: of a drive that is not quite linear their mean is the best linear approximation (Pintelon
+and Schoukens 2012, System Identification, Ch. 3). It is taken at rest and with small sines, as the operating point
+asks: friction that is smooth about zero speed brakes there much more than while the shaft turns. A drive whose small
+signals drown in the steps of its registers, or in friction that sticks, is measured while it turns instead.
 """
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +23,7 @@ from twin.assembly.drives import OMEGA_REF, DrivePlan, drive
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.contract import LOAD
+from twin.errors import InputRefused
 from twin.metrics.response import Curve
 from twin.qualification.operating_range import LOAD_IN_USE, SPEED_IN_USE
 from twin.qualification.signals import playback
@@ -33,8 +36,21 @@ HIGHEST = 0.2
 """Highest frequency over the rate of ticks."""
 DRAWS = 4
 SEED = 1
-STEADY_SPEED = 3.0 * SPEED_IN_USE
-"""rad/s. Steady command under the sines: with these on it and under load, friction does not change sign."""
+PROPORTIONAL = 0.05
+"""Residual up to which a drive answers small signals in proportion."""
+
+
+class Excitation(NamedTuple):
+    """What a drive is measured with: steady command, largest added command (rad/s), largest added load (N m)."""
+
+    steady: float
+    command: float
+    load: float
+
+
+AT_REST = Excitation(0.0, 0.02 * SPEED_IN_USE, 0.02 * LOAD_IN_USE)
+TURNING = Excitation(3.0 * SPEED_IN_USE, SPEED_IN_USE, LOAD_IN_USE)
+"""Fast enough that, with the sines and under load, friction does not change sign."""
 
 Inputs = tuple[float, float]
 """Command (rad/s) and load (N m)."""
@@ -49,10 +65,20 @@ def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
         InputRefused: the drive cannot be loaded, or no linear model describes it.
         ComponentFailed: the drive failed.
     """
-    return fitted_drive(*frequency_response(plan, tick, tau_load), tick, plan.label)
+    frequencies, *measured = frequency_response(plan, tick, tau_load, AT_REST)
+    try:
+        at_rest = fitted_drive(frequencies, *measured, tick, plan.label)
+    except InputRefused:
+        at_rest = None
+    if at_rest is not None and at_rest.residual <= PROPORTIONAL:
+        return at_rest
+    turning = fitted_drive(*frequency_response(plan, tick, tau_load, TURNING), tick, plan.label)
+    return replace(turning, turning=True)
 
 
-def frequency_response(plan: DrivePlan, tick: float, tau_load: float) -> tuple[Curve, NDArray[np.complex128], Curve]:
+def frequency_response(
+    plan: DrivePlan, tick: float, tau_load: float, excitation: Excitation
+) -> tuple[Curve, NDArray[np.complex128], Curve]:
     """(frequencies (n,) in Hz from 0, advance of the shaft per tick over command and load (n, 2), its uncertainty), SI.
 
     The uncertainty (n, 2) is the standard deviation of the mean over the draws.
@@ -62,9 +88,9 @@ def frequency_response(plan: DrivePlan, tick: float, tau_load: float) -> tuple[C
     """
     samples = round(PERIOD / tick)
     lines = np.unique(np.round(np.geomspace(1.0, HIGHEST * samples, LINES)).astype(int))
-    steady = (STEADY_SPEED, tau_load)
+    steady = (excitation.steady, tau_load)
     drawn = np.zeros((DRAWS, 1 + len(lines), 2), dtype=complex)
-    for channel, step in enumerate((SPEED_IN_USE, LOAD_IN_USE)):
+    for channel, step in enumerate((excitation.command, excitation.load)):
         drawn[:, 0, channel] = _steady_gain(plan, tick, samples, steady, channel, step)
         random = np.random.default_rng(SEED)
         for draw in range(DRAWS):

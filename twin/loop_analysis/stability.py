@@ -125,7 +125,7 @@ class Stability:
             "period": self.shared.stepping.period * self.shared.stepping.tick,
             "gains": {"position": {"kp": c.position.kp}, "force": {"kp": c.force.kp, "ki": c.force.ki}},
             "drives": [
-                {"drive": label, "states": len(model.A), "residual": model.residual}
+                {"drive": label, "states": len(model.A), "residual": model.residual, "turning": model.turning}
                 for label, model in zip(self.shared.labels, self.shared.drives, strict=True)
             ],
             "points": [point.facts() for point in self.points],

@@ -12,6 +12,10 @@ from twin.loop_analysis.stability import PointStability, Stability
 WIDTH = 80
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
+TURNING = (
+    "measured while it turns: at rest its small signals drown in steps or sticking friction, "
+    "so the numbers are those of swings that are larger than these"
+)
 TIE = "\xa0"
 BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
 
@@ -118,6 +122,8 @@ def _drives(done: Stability) -> Iterator[str]:
         states = f"{len(model.A)} state{'s'[: len(model.A) != 1]}"
         off = "less than 0.1" if model.residual < 0.001 else f"{100 * model.residual:.2g}"
         yield from _wrapped("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
+        if model.turning:
+            yield from _wrapped("       ", TURNING)
 
 
 def _hertz(omega: float | None) -> str:
