@@ -44,7 +44,7 @@ def test_margins_of_an_integrator_are_those_of_its_formula(k):
 def test_the_gain_limit_is_where_the_pole_leaves_the_circle(k):
     # pole 1 - k f; bisected to 1e-4
     limit = gain_limit(integrators(k), CLOSED, ("force",))
-    assert limit == pytest.approx(2.0 / k, rel=2e-4)
+    assert limit is not None and limit == pytest.approx(2.0 / k, rel=2e-4)
     assert spectral_radius(integrators(k), {"force": limit}) <= 1.0
 
 

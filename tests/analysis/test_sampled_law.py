@@ -30,7 +30,7 @@ def real_commands(deviations: np.ndarray) -> np.ndarray:
     """omega_ref (n, 3) of the real estimator and controller for `ANGLES` + `deviations` (n, 6), reference at rest."""
     limits = Law(BELIEF.N, math.inf, F_REF, math.inf, 0.0, math.inf, CORNER)
     estimator = Sampled(Estimator(BELIEF))
-    controller = Sampled(Controller(limits, POSITION, FORCE, [0.0], [X[:3]]))
+    controller = Sampled(Controller(limits, POSITION, FORCE, [0.0], [X[:3].tolist()]))
     commands = []
     for angles in ANGLES + deviations:
         estimated = estimator.named(np.round(angles * 2.0**40 / (2.0 * np.pi)))

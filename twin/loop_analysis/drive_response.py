@@ -12,6 +12,7 @@ asks: friction that is smooth about zero speed brakes there much more than while
 signals drown in the steps of its registers, or in friction that sticks, is measured while it turns instead.
 """
 
+from contextlib import suppress
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -65,13 +66,12 @@ def identified(plan: DrivePlan, tick: float, tau_load: float) -> DriveModel:
         InputRefused: the drive cannot be loaded, or no linear model describes it.
         ComponentFailed: the drive failed.
     """
-    frequencies, *measured = frequency_response(plan, tick, tau_load, AT_REST)
-    try:
-        at_rest = fitted_drive(frequencies, *measured, tick, plan.label)
-    except InputRefused:
-        at_rest = None
-    if at_rest is not None and at_rest.residual <= PROPORTIONAL:
-        return at_rest
+    measured = frequency_response(plan, tick, tau_load, AT_REST)
+    # whatever it refuses, the measurement of the turning shaft may still be told
+    with suppress(InputRefused):
+        at_rest = fitted_drive(*measured, tick, plan.label)
+        if at_rest.residual <= PROPORTIONAL:
+            return at_rest
     turning = fitted_drive(*frequency_response(plan, tick, tau_load, TURNING), tick, plan.label)
     return replace(turning, turning=True)
 

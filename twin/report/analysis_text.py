@@ -75,9 +75,9 @@ def _limit(done: Stability, law: str, critical: PointStability) -> str:
 def _gains(done: Stability, law: str, factor: float) -> str:
     c = done.experiment.controller
     if law == "position":
-        return f"kp = {factor * c.position.kp:.3g} 1/s"
-    told = [f"kp = {1e3 * factor * c.force.kp:.3g} mm/N"] if c.force.kp else []
-    return ", ".join([*told, f"ki = {1e3 * factor * c.force.ki:.3g} mm/(N s)"] if c.force.ki else told)
+        return f"kp = {_digits(factor * c.position.kp)} 1/s"
+    told = [f"kp = {_digits(1e3 * factor * c.force.kp)} mm/N"] if c.force.kp else []
+    return ", ".join([*told, f"ki = {_digits(1e3 * factor * c.force.ki)} mm/(N s)"] if c.force.ki else told)
 
 
 def _damping(judged: PointStability) -> str:
@@ -124,6 +124,10 @@ def _drives(done: Stability) -> Iterator[str]:
         yield from _wrapped("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
         if model.turning:
             yield from _wrapped("       ", TURNING)
+
+
+def _digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"
 
 
 def _hertz(omega: float | None) -> str:
