@@ -6,6 +6,8 @@ Run it with `python -m tests.loop_analysis.gain_limits`; it takes a minute.
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+
 from tests.loop_analysis.simulated import AIR, fig4, pressing_with_force_loop, simulated_limit
 from twin.analysis.margins import gain_limit
 from twin.loop_analysis.linear_point import Linearised
@@ -19,7 +21,7 @@ SPREAD = 4.0
 
 
 def limits(base: Sequence[str], drive: str, gains: dict[str, float], names: tuple[str, ...]) -> tuple[str, str, str]:
-    """(predicted, simulated, their ratio) of the first gain of `gains`, and how far off the drive's model is."""
+    """(how far off the drive's model is, the first gain of `gains` at the limit as predicted, as simulated)."""
     experiment = fig4(base, drive)
     points, _ = operating_points(experiment)
     shared = Linearised(experiment, points)
@@ -30,7 +32,11 @@ def limits(base: Sequence[str], drive: str, gains: dict[str, float], names: tupl
     if predicted is None:
         return residual, "none", "-"
     simulated = simulated_limit(base, gains, predicted, drive, SPREAD)
-    told = f"> {predicted * SPREAD * gain:.0f}" if simulated > 1e9 else f"{simulated * gain:.1f}"
+    told = f"{simulated * gain:.1f}"
+    if simulated == 0.0:
+        told = f"< {predicted / SPREAD * gain:.1f}"
+    elif np.isinf(simulated):
+        told = f"> {predicted * SPREAD * gain:.0f}"
     return residual, f"{predicted * gain:.1f}", told
 
 
