@@ -14,7 +14,6 @@ TABLES: dict[str, type[Section]] = {
     "[robot]": schema.Robot,
     "[plant]": schema.Plant,
     "[cosim]": schema.Cosim,
-    "[recording]": schema.Recording,
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
     "[drive.parts.NAME]": schema.Part,
