@@ -49,6 +49,7 @@ def poses(
     joints = skeleton(geometry, theta_l, p_B)
     leg_turn = turn(Z, PHI)
     found = np.empty((len(p_B), len(FRAMES), 7))
+    # views of it, in the order of FRAMES: an axis is split without a copy
     links, rods = found[:, :3], found[:, 3:9].reshape(-1, 3, 2, 7)
     links[..., :3] = joints.B
     links[..., 3:] = product(leg_turn, turn(Y, theta_l))
