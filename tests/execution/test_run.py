@@ -39,6 +39,20 @@ def test_every_signal_is_recorded_at_its_rate(force_position: Recording):
     assert np.array_equal(force_position.time("plant"), np.arange(20_001) * 1_000_000 / 1e9)
 
 
+def test_at_the_controllers_rate_every_topic_holds_what_was_valid_when_the_controller_acted(
+    root: Path, tmp_path: Path, force_position: Recording
+):
+    overrides = [*SHORT, "recording.rate='controller'"]
+    experiment = load_experiment(root / "experiments/fig4_force_position.toml", overrides)
+    recording = read(execute(experiment, tmp_path).recording)
+    for topic in ("plant", "drive/1", "drive/2", "drive/3", "controller"):
+        assert np.array_equal(recording.time(topic), np.arange(1001) * 2_000_000 / 1e9)
+    assert np.array_equal(recording["plant.p_B"], force_position["plant.p_B"][:2001:2])
+    assert np.array_equal(recording["drive/3.omega_m"], force_position["drive/3.omega_m"][:2001:2])
+    # slower ones keep their own rate
+    assert np.array_equal(recording["scale.F_z"], force_position["scale.F_z"][:201])
+
+
 def test_a_row_holds_only_what_was_valid_at_its_tick(force_position: Recording):
     counts = np.floor(force_position["plant.theta_l"][::2] * (16384 / (2 * np.pi)) + 0.5)
     assert np.array_equal(force_position["encoder.count_l"], counts)

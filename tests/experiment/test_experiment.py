@@ -87,6 +87,7 @@ def test_all_mistakes_are_told_at_once(fig4: Path):
         ("reference.t_s=[0, 1]", "2 times and 6 points"),
         ("reference.t_s=[0, 2, 1, 3, 4, 5]", "expected times that increase"),
         ("reference.p_mm=[[0, 20]]", "has too few values"),
+        ("recording.rate='fast'", "[recording] rate = \"fast\": expected 'tick' or 'controller'"),
         ("sead=1", "unknown key 'sead'; did you mean 'seed'?"),
         ("controller=3", "[controller] "),
         ("drive.parameters.droop='much'", "expected a number"),

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from twin.metrics.tracking import bump, mean_error, rms
+from twin.metrics.tracking import bump, lag, mean_error, path_error, rms
 
 t = np.linspace(12.5, 15.2, 1351)
 
@@ -21,3 +23,22 @@ def test_a_bump_on_a_cubic_is_found_where_it_is():
     assert time == pytest.approx(13.7, abs=0.002)
     # the fit takes up a little of so short a bump
     assert size == pytest.approx(0.05, rel=0.05)
+
+
+def test_the_lag_of_a_delayed_signal_is_its_delay():
+    delayed = np.sin(3.0 * (t - 0.08))
+    assert lag(t, delayed, np.sin(3.0 * t), 0.5) == pytest.approx(0.08, abs=1e-9)
+
+
+def test_what_follows_its_path_late_is_late_but_on_it():
+    path = np.column_stack([np.cos(t), np.sin(t), 0.0 * t])
+    late = np.column_stack([np.cos(t - 0.1), np.sin(t - 0.1), 0.0 * t])[t > 12.7]
+    # the circle bulges beyond its chords of 2 mrad by 5e-7
+    assert np.max(path_error(late, path)) < 1e-6
+
+
+@given(st.floats(-2.0, 2.0), st.floats(-1.0, 3.0))
+def test_path_error_is_the_distance_to_a_segment_and_beyond_its_ends_to_the_end(off, along):
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
+    beyond = max(0.0, -along, along - 2.0)
+    assert path_error(np.array([[along, off]]), corners)[0] == pytest.approx(np.hypot(off, beyond), abs=1e-12)

@@ -14,6 +14,7 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 from twin.execution.block import Block
+from twin.execution.outcome import Outcome, Tally
 from twin.execution.pacing import Pace, Punctuality
 from twin.execution.provenance import provenance
 from twin.execution.tuning import Tuning
@@ -41,6 +42,7 @@ class Run:
         events: (time in s, level, text).
         trip: why the safety monitor tripped; "" if it did not.
         drives: what stood behind each joint: file, FMI version, hash, mapping, warnings.
+        outcome: what it came to.
         microseconds: wall time per tick of each component, if it was measured.
         changed: whether parameters were changed while it ran; the events say which and when.
         punctuality: how its deadlines were kept; None if it was not paced.
@@ -53,6 +55,7 @@ class Run:
     events: tuple[tuple[float, str, str], ...]
     trip: str
     drives: tuple[str, ...]
+    outcome: Outcome
     microseconds: dict[str, float]
     changed: bool
     punctuality: Punctuality | None
@@ -111,7 +114,7 @@ def _recorded(
     slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
     simulation = Simulation(system, experiment.duration_ticks, slice_ticks, timed)
     streams = [Stream(_topic(component, experiment), _span(system, c)) for c, component in enumerate(system.components)]
-    watch, scene = Watch(assembly, experiment), Scene(experiment, system)
+    watch, scene, tally = Watch(assembly, experiment), Scene(experiment, system), Tally(system)
     tuning = Tuning(experiment, assembly)
     events: list[Event] = []
     block = Block(SLICE_TICKS, system.outputs_width)
@@ -134,6 +137,7 @@ def _recorded(
             stepped = time.perf_counter()
             happened = [*changes, *watch.events(first, rows)]
             block.add(rows, happened)
+            tally.take(rows)
             events += happened
             if block.full or simulation.finished:
                 _write(writer, streams, scene, block)
@@ -160,6 +164,7 @@ def _recorded(
         events=tuple((event.tick * system.tick, event.level, event.text) for event in events),
         trip=watch.trip,
         drives=tuple(_told(plan) for plan in assembly.drives),
+        outcome=tally.outcome,
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
         changed=tuning.changed,
         punctuality=pace.punctuality() if pace else None,

@@ -24,9 +24,9 @@ from twin.faults.fault import Fault
 class Head(Section):
     """The keys of an experiment that stand in no table."""
 
-    title: str = Field(min_length=1)
-    duration: float = quantity("duration_s", gt=0)
-    seed: int = Field(0, ge=0, lt=2**63)
+    title: str = Field(min_length=1, description="for people")
+    duration: float = quantity("duration_s", gt=0, description="simulated time")
+    seed: int = Field(0, ge=0, lt=2**63, description="seed of the encoders' noise")
 
 
 TABLES: dict[str, type[Section]] = {

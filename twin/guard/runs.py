@@ -29,8 +29,8 @@ def recorded_runs(
 ) -> None:
     """Run each experiment and record it.
 
-    Notes: {"experiment", "folder"} before a run, {"run": the fields of `twin.execution.Run` and `remarks`, sentences
-    about it} after it.
+    Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.execution.Run` and
+    `remarks`, sentences about it} after it.
 
     Args:
         experiments: files. settings, drive, body: see `load_experiment`, for all of them.
@@ -50,13 +50,14 @@ def recorded_runs(
         folder = (
             claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
         )
+        duration = experiment.duration_ticks * experiment.cosim.tick
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
-        voice.note(experiment=experiment.name, folder=str(folder))
+        voice.note(experiment=experiment.name, folder=str(folder), duration=duration)
         if isolate_drives:
             run = _with_isolated_drives(voice, experiment, folder, limit_step, factor, viewer)
         else:
-            run = execute(experiment, folder, voice.progress, factor=factor, viewer=viewer)
+            run = execute(experiment, folder, voice.progress, timed=True, factor=factor, viewer=viewer)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         remarks = [run.punctuality.sentence] if run.punctuality else []
         if run.changed:
@@ -77,6 +78,8 @@ def _with_isolated_drives(
 
     with IsolatedDrives(voice, limit_step) as drives:
         try:
-            return execute(experiment, folder, voice.progress, drive_maker=drives.drive, factor=factor, viewer=viewer)
+            return execute(
+                experiment, folder, voice.progress, timed=True, drive_maker=drives.drive, factor=factor, viewer=viewer
+            )
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(folder)}") from None

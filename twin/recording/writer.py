@@ -77,14 +77,15 @@ class Writer:
             ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
                 example lacks a column.
         """
-        names = [topic.name for topic in (*topics, *forms)]
+        streams: list[Topic | Form] = [*topics, *forms]
+        names = [stream.name for stream in streams]
         if len({*names, EVENTS}) <= len(names):
             raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
         self.tick = tick
         self._schemas, self._channels = _declarations(topics, forms)
         self._topics = {
-            topic.name: _opened(topic, channel.id)
-            for topic, channel in zip((*topics, *forms), self._channels[:-1], strict=True)
+            stream.name: _opened(stream, channel.id)
+            for stream, channel in zip(streams, self._channels[:-1], strict=True)
         }
         self._summary = Summary(self._schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)

@@ -37,7 +37,7 @@ def force_example() -> SceneUpdate:
     for arrow, (name, color) in enumerate(ARROWS.items()):
         x, y, z, *q, shaft, shaft_width, head, head_width = (blank(NUMBERS * arrow + i) for i in range(NUMBERS))
         primitive = ArrowPrimitive(
-            pose=pose(x, y, z, np.array(q)),
+            pose=pose((x, y, z), np.array(q)),
             shaft_length=shaft,
             shaft_diameter=shaft_width,
             head_length=head,

@@ -17,7 +17,7 @@ from foxglove_schemas_protobuf.SceneEntity_pb2 import SceneEntity
 from foxglove_schemas_protobuf.SceneUpdate_pb2 import SceneUpdate
 from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from twin.experiment.contact import Contact
 from twin.robot.geometry import Geometry
@@ -54,8 +54,9 @@ def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
     return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
 
 
-def pose(x: float, y: float, z: float, q: NDArray[np.float64] = IDENTITY) -> Pose:
-    """Position (m) and quaternion (x, y, z, w)."""
+def pose(position: ArrayLike, q: NDArray[np.float64] = IDENTITY) -> Pose:
+    """Pose of a position (m, (3,)) and a quaternion (x, y, z, w), (4,)."""
+    x, y, z = np.asarray(position)
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
 
 
@@ -67,30 +68,19 @@ def _entity(frame: str, **primitives: Any) -> SceneEntity:
 def _base(geometry: Geometry) -> SceneEntity:
     """A disc through the base joints, and a motor at each."""
     plate = _disc(geometry.a, 0.5 * PLATE, GREY)
-    motors = [
-        _cylinder(
-            MOTOR, 2.0 * HALF_WIDTH, GREY, pose(*(geometry.a * OUTWARD[leg]), product(turn(Z, PHI[leg]), ALONG_Y))
-        )
-        for leg in range(3)
-    ]
-    return _entity(BASE, cylinders=[plate, *motors])
+    return _entity(BASE, cylinders=[plate, *_axles(geometry.a, MOTOR, GREY)])
 
 
 def _link(name: str, geometry: Geometry) -> SceneEntity:
     """A proximal link, with the axle at A_i that carries both rods."""
-    axle = _cylinder(AXLE, 2.0 * HALF_WIDTH, BLUE, pose(geometry.l_a, 0.0, 0.0, ALONG_Y))
+    axle = _cylinder(AXLE, 2.0 * HALF_WIDTH, BLUE, pose((geometry.l_a, 0.0, 0.0), ALONG_Y))
     return _entity(name, cylinders=[_bar(geometry.l_a, LINK, BLUE), axle])
 
 
 def _platform(geometry: Geometry) -> SceneEntity:
     """A disc that stands on O_P, the point that touches, and the three axles at P_i."""
-    axles = [
-        _cylinder(
-            AXLE, 2.0 * HALF_WIDTH, YELLOW, pose(*(geometry.b * OUTWARD[leg]), product(turn(Z, PHI[leg]), ALONG_Y))
-        )
-        for leg in range(3)
-    ]
-    return _entity(PLATFORM, cylinders=[_disc(geometry.b, 0.5 * PLATE, YELLOW), *axles])
+    plate = _disc(geometry.b, 0.5 * PLATE, YELLOW)
+    return _entity(PLATFORM, cylinders=[plate, *_axles(geometry.b, AXLE, YELLOW)])
 
 
 def _surface(contact: Contact) -> SceneEntity:
@@ -98,33 +88,29 @@ def _surface(contact: Contact) -> SceneEntity:
     color = SURFACES[contact.kind]
     if contact.radius is None:
         size = Vector3(x=SURFACE_EXTENT, y=SURFACE_EXTENT, z=PLATE)
-        return _entity(SURFACE, cubes=[CubePrimitive(pose=pose(0.0, 0.0, -0.5 * PLATE), size=size, color=color)])
-    diameter = 2.0 * contact.radius
+        return _entity(SURFACE, cubes=[CubePrimitive(pose=pose((0.0, 0.0, -0.5 * PLATE)), size=size, color=color)])
+    diameter, middle = 2.0 * contact.radius, (0.0, 0.0, -contact.radius)
     if contact.shape == "sphere":
         size = Vector3(x=diameter, y=diameter, z=diameter)
-        return _entity(SURFACE, spheres=[SpherePrimitive(pose=pose(0.0, 0.0, -contact.radius), size=size, color=color)])
-    lying = ALONG_X if contact.shape == "cylinder_x" else ALONG_Y
-    return _entity(
-        SURFACE, cylinders=[_cylinder(diameter, SURFACE_EXTENT, color, pose(0.0, 0.0, -contact.radius, lying))]
-    )
+        return _entity(SURFACE, spheres=[SpherePrimitive(pose=pose(middle), size=size, color=color)])
+    lying = pose(middle, ALONG_X if contact.shape == "cylinder_x" else ALONG_Y)
+    return _entity(SURFACE, cylinders=[_cylinder(diameter, SURFACE_EXTENT, color, lying)])
 
 
 def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
     """A cylinder along each leg's joint axis, as wide as a parallelogram, `radius` away from the frame's origin."""
     lying = product(turn(Z, PHI), ALONG_Y)
-    return [
-        _cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(*(radius * OUTWARD[leg]), lying[leg])) for leg in range(3)
-    ]
+    return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
 
 
 def _bar(length: float, diameter: float, color: Color) -> CylinderPrimitive:
     """A cylinder along x from the frame's origin on."""
-    return _cylinder(diameter, length, color, pose(0.5 * length, 0.0, 0.0, ALONG_X))
+    return _cylinder(diameter, length, color, pose((0.5 * length, 0.0, 0.0), ALONG_X))
 
 
 def _disc(radius: float, height: float, color: Color) -> CylinderPrimitive:
     """A flat cylinder with its middle at `height` on z."""
-    return _cylinder(2.0 * radius, PLATE, color, pose(0.0, 0.0, height))
+    return _cylinder(2.0 * radius, PLATE, color, pose((0.0, 0.0, height)))
 
 
 def _cylinder(diameter: float, length: float, color: Color, where: Pose) -> CylinderPrimitive:

@@ -39,7 +39,8 @@ class Scene:
 
     def __init__(self, experiment: Experiment, system: System):
         """Of the run of `experiment` by `system`, which has a plant and an estimator, and perhaps a moving body."""
-        robot, self._period = experiment.plant, max(1, round(1.0 / (PICTURE_RATE * system.tick)))
+        robot = experiment.plant
+        self._period = max(1, round(1.0 / (PICTURE_RATE * system.tick)))
         self._geometry = Geometry(robot.a, robot.b, robot.l_a, robot.l_b)
         self._surface = surface_pose(experiment.contact)
         moves = any(component.name == "body" for component in system.components)
@@ -79,7 +80,7 @@ def transforms_example() -> FrameTransforms:
     transforms = []
     for number, frame in enumerate(FRAMES):
         x, y, z, *q = (blank(7 * number + i) for i in range(7))
-        where = pose(x, y, z, np.array(q))
+        where = pose((x, y, z), np.array(q))
         transforms.append(
             FrameTransform(
                 timestamp=BLANK_TIME,
