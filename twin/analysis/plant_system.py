@@ -54,6 +54,26 @@ def plant_system(parameters: PlantParameters) -> control.NonlinearIOSystem:
     )
 
 
+def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> control.StateSpace:
+    """`plant_system` for small deviations from rest at `x` (8,), `theta_m` (3,): inputs and outputs of the same names.
+
+    Its 6 states are p_B and v_B. The bristle is none of its own: while friction sticks, dz_b/dt = E v_B, so z_b is
+    E p_B but for where it was straight, which nothing changes; as a state that constant would be a pole at 0.
+    """
+    linear = control.linearize(plant_system(parameters), x, theta_m)
+    bristle = np.vstack([np.eye(6), np.hstack([linear.A[6:, 3:6], np.zeros((2, 3))])])
+    return control.ss(
+        linear.A[:6] @ bristle,
+        linear.B[:6],
+        linear.C @ bristle,
+        linear.D,
+        inputs=signal_labels(INPUTS),
+        outputs=signal_labels(OUTPUTS),
+        states=STATE_LABELS[:6],
+        name="plant",
+    )
+
+
 def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
     dx = np.empty(STATES)
     derivative(PlantParameters(**params), x, u, STILL, STILL, dx)

@@ -72,7 +72,9 @@ class Cosim(Section):
 class Recording(Section):
     """[recording]: how often the plant, the drives and whatever else has values every tick are recorded."""
 
-    rate: Literal["tick", "controller"] = "tick"
+    rate: Literal["tick", "controller"] = Field(
+        default="tick", description="every tick, or once per period of the controller: half the file"
+    )
 
 
 class VelocityLoop(Section):

@@ -1,0 +1,37 @@
+import json
+from pathlib import Path
+
+from PIL import Image
+
+from tests.cli.test_run import twin
+
+FIG4, AIR = "experiments/fig4_force_position.toml", "experiments/step_z_air.toml"
+
+
+def test_analyse_prints_the_verdict_first_and_draws_loops_and_maps(root: Path, tmp_path: Path):
+    done = twin("analyse", root / FIG4, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0] == "fig4_force_position  STABLE at all 5 operating points"
+    assert max(map(len, lines)) <= 80
+    files = [tmp_path / line.strip() for line in lines[-3:]]
+    assert [file.name for file in files] == ["analysis.png", "map.png", "analysis.json"]
+    for file in files[:2]:
+        with Image.open(file) as image:
+            assert image.width >= 1200
+    assert json.loads(files[2].read_text())["stable"] is True
+
+
+def test_an_unstable_loop_is_exit_code_1_and_has_no_margins(root: Path, tmp_path: Path):
+    done = twin("analyse", root / AIR, "--set", "controller.position.kp_per_s=60", "--json", cwd=tmp_path)
+    assert done.returncode == 1, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["points"][0]["loops"] == {} and facts["points"][0]["stable"] is False
+    assert [Path(file).name for file in facts["files"]] == ["analysis.png", "analysis.json"]
+
+
+def test_an_experiment_without_an_operating_point_is_exit_code_2(root: Path, tmp_path: Path):
+    weightless = [part for key in ("m_a_g", "m_b_g", "m_p_g") for part in ("--set", f"plant.{key}=0")]
+    done = twin("analyse", root / AIR, *weightless, "--set", "plant.I_r_kg_m2=1e-5", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "no linear model at (0, 0, -85) mm" in done.stderr and "Traceback" not in done.stderr

@@ -1,0 +1,1 @@
+"""The loops of an experiment, linear: operating points, drives identified through their FMUs, stability."""
