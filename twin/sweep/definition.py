@@ -1,0 +1,102 @@
+"""SWEEP.toml: which experiment, which keys of it vary and how, on which drives. Checked as one file."""
+
+import tomllib
+from pathlib import Path
+from typing import Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from twin.errors import InputRefused
+from twin.experiment.mistakes import sentences
+from twin.experiment.source import located
+from twin.sweep.measures import METRICS
+from twin.sweep.vary import Vary, contradictions
+
+DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random"]
+
+
+class Definition(BaseModel):
+    """The keys of a sweep file.
+
+    Attributes:
+        experiment: file, as seen from the sweep's folder upwards.
+        runs: points per drive; None in a grid, whose levels say it. seed: of sampled designs.
+        drives: each runs every point; empty: the experiment's own.
+        limits: metric -> most that a run may have of it.
+    """
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    experiment: str
+    design: DESIGNS = "grid"
+    runs: int | None = Field(None, ge=1)
+    seed: int = Field(0, ge=0, lt=2**63)
+    drives: list[str] = Field(default_factory=list)
+    vary: list[Vary] = Field(default_factory=list)
+    limits: dict[str, float] = Field(default_factory=dict)
+
+
+def read_definition(path: Path) -> tuple[Definition, Path]:
+    """The sweep file at `path`, and the experiment that it names.
+
+    Raises:
+        InputRefused: no such file, not TOML, or with every mistake in it, one sentence each.
+    """
+    table = _table(path)
+    mistakes: list[str] = []
+    try:
+        definition = Definition.model_validate(table)
+    except ValidationError as error:
+        mistakes = [_placed(sentence) for sentence in sentences(error, Definition, "")]
+    else:
+        mistakes = _disagreements(definition)
+    if mistakes:
+        raise InputRefused("\n".join(f"{path}: {mistake}" for mistake in mistakes))
+    return definition, located(definition.experiment, path.resolve().parent)
+
+
+def _disagreements(definition: Definition) -> list[str]:
+    """What no key can see alone."""
+    sampled = definition.design != "grid"
+    mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]
+    if sampled and definition.runs is None:
+        mistakes.append(f'design = "{definition.design}": missing key \'runs\'')
+    if sampled and not definition.vary:
+        mistakes.append(f'design = "{definition.design}": nothing to draw; add a table [[vary]], or design = "grid"')
+    if not sampled and definition.runs is not None:
+        mistakes.append("runs: a grid has as many runs as its levels make; remove it, or choose another design")
+    if definition.design == "sobol" and (runs := definition.runs or 1) & (runs - 1):
+        below = 1 << (runs.bit_length() - 1)
+        mistakes.append(
+            f"runs = {runs}: a Sobol sequence is balanced at powers of 2 only; choose {below} or {2 * below}"
+        )
+    if repeated := sorted({name for name in definition.drives if definition.drives.count(name) > 1}):
+        mistakes.append(f"drives: '{repeated[0]}' is named twice; a run is counted once, remove one")
+    known = ["drive"] if definition.drives else []
+    taken: set[str] = set()
+    for number, vary in enumerate(definition.vary, start=1):
+        found = contradictions(vary, sampled, known)
+        found += [f"'{name}' varies already in another table; remove one" for name in vary.names if name in taken]
+        mistakes += [f"[[vary]] {number}: {mistake}" for mistake in found]
+        taken.update(vary.names)
+        known.append(vary.label)
+    for metric in definition.limits:
+        if metric not in METRICS:
+            mistakes.append(f"[limits] unknown metric '{metric}'; known are {', '.join(METRICS)}")
+    return mistakes
+
+
+def _placed(sentence: str) -> str:
+    """The sentence without the brackets of the nameless table that the file is."""
+    return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
+
+
+def _table(path: Path) -> dict[str, Any]:
+    try:
+        return tomllib.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputRefused(f"{path}: no such sweep file") from None
+    except OSError as problem:
+        raise InputRefused(f"{path}: cannot be read: {problem.strerror}; expected a sweep file (.toml)") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise InputRefused(f"{path}: not valid TOML: {problem}") from None

@@ -1,0 +1,99 @@
+"""A sweep's folder: what it is of, its rows, its recordings; and whether it may go on."""
+
+import json
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.sweep.plan import Plan
+from twin.sweep.rows import ROWS, Row, read_rows
+
+HOME = Path("results/sweeps")
+FACTS = "sweep.json"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a folder holds.
+
+    Attributes:
+        name: of the sweep. runs: planned. labels: what varies, in the order of the file. limits: see `Definition`.
+        rows: of finished runs, by run.
+    """
+
+    name: str
+    runs: int
+    labels: tuple[str, ...]
+    limits: dict[str, float]
+    rows: list[Row]
+
+
+def claim(folder: Path, plan: Plan) -> None:
+    """Make `folder` that of `plan`, or find that it is already.
+
+    Raises:
+        InputRefused: it is another sweep's, or cannot be written.
+    """
+    facts = _read(folder)
+    if facts:
+        changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
+        if changed:
+            raise InputRefused(
+                f"{folder}: holds rows of another configuration, since then {' and '.join(changed)} changed; "
+                "rows of both must not be mixed: choose another --out, or move the folder away"
+            )
+        return
+    content = {
+        "sweep": plan.name,
+        "experiment": plan.experiment.name,
+        "runs": len(plan.tasks),
+        "labels": [vary.label for vary in plan.definition.vary],
+        "limits": plan.definition.limits,
+        "configuration": plan.configuration,
+    }
+    scratch = folder / f".{FACTS}"
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        if (folder / ROWS).exists():
+            raise InputRefused(f"{folder}: has rows but no {FACTS} that says of what; choose another --out")
+        with scratch.open("w") as file:
+            file.write(json.dumps(content, indent=2) + "\n")
+            file.flush()
+            os.fsync(file.fileno())
+        scratch.rename(folder / FACTS)
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}; choose another --out") from None
+
+
+def kept(folder: Path) -> Kept:
+    """What is in `folder`.
+
+    Raises:
+        InputRefused: no sweep's.
+    """
+    facts = _read(folder)
+    if not facts:
+        raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
+    rows, _ = read_rows(folder / ROWS)
+    rows.sort(key=lambda row: row["run"])
+    return Kept(facts["sweep"], facts["runs"], tuple(facts["labels"]), facts["limits"], rows)
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The facts of `folder`; empty if there are none."""
+    path = folder / FACTS
+    try:
+        facts = json.loads(path.read_text())
+        return facts if {"sweep", "runs", "labels", "limits", "configuration"} <= facts.keys() else _refuse(path)
+    except (FileNotFoundError, NotADirectoryError):
+        return {}
+    except OSError as problem:
+        raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
+    except (ValueError, AttributeError):
+        return _refuse(path)
+
+
+def _refuse(path: Path) -> dict[str, Any]:
+    raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")

@@ -1,0 +1,167 @@
+"""A sweep made ready: every run with its key, checked as far as that goes without running it."""
+
+import hashlib
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.sweep.definition import Definition, read_definition
+from twin.sweep.design import Point, points
+from twin.sweep.vary import Value
+
+
+@dataclass(frozen=True)
+class Task:
+    """One run.
+
+    Attributes:
+        run: its number, from 1. key: says what it computes, see `Plan`.
+        drive: None: the experiment's own. parameters: by label. settings: for `load_experiment`.
+    """
+
+    run: int
+    key: str
+    drive: str | None
+    parameters: dict[str, Value]
+    settings: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A sweep that may begin.
+
+    Attributes:
+        name: of the file. definition: what it says. experiment: its file.
+        tasks: every run once. A key is the hash of all that decides the result: version of twin, the experiment's
+            values, the FMUs' SHA-256, drive and settings.
+        configuration: what all runs have in common, by what a user would call it -> hash.
+        duration: simulated time of the first run (s).
+    """
+
+    name: str
+    definition: Definition
+    experiment: Path
+    tasks: tuple[Task, ...]
+    configuration: dict[str, str]
+    duration: float
+
+
+def planned(path: Path) -> Plan:
+    """The sweep at `path`, its first run and its extreme ones loaded and their FMUs described.
+
+    Raises:
+        InputRefused: a mistake in the sweep file, or values that make no experiment.
+    """
+    definition, experiment = read_definition(path)
+    drafts = [(point, _settings(definition, point)) for point in points(definition)]
+    if not drafts:
+        raise InputRefused(f"{path}: makes no run; no condition holds")
+    foundations = _Foundations(path, experiment)
+    for point, settings in _extremes(drafts):
+        foundations.check(point.drive, settings)
+    tasks = tuple(
+        Task(number, foundations.key(point, settings), point.drive, point.parameters, settings)
+        for number, (point, settings) in enumerate(drafts, start=1)
+    )
+    configuration = {
+        "the sweep file": _hash(definition.model_dump(mode="json")),
+        "the experiment, a body or an FMU": foundations.digest,
+        "the version of twin": version("twin"),
+    }
+    return Plan(path.stem, definition, experiment, tasks, configuration, foundations.duration)
+
+
+def _settings(definition: Definition, point: Point) -> tuple[str, ...]:
+    """What `load_experiment` takes; JSON writes numbers, texts and truth values as TOML does."""
+    return tuple(
+        f"{name}={json.dumps(point.parameters[vary.label])}"
+        for vary in definition.vary
+        if vary.label in point.parameters
+        for name in vary.names
+    )
+
+
+Draft = tuple[Point, tuple[str, ...]]
+
+
+def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
+    """Of every drive the first run, those with the least and the most of each number, one with each other value."""
+    chosen: dict[int, Draft] = {}
+    ends: dict[tuple[str | None, str, object], tuple[float, int]] = {}
+    for number, (point, _) in enumerate(drafts):
+        first = (point.drive, "", None)
+        ends.setdefault(first, (0.0, number))
+        for label, value in point.parameters.items():
+            if isinstance(value, bool | str):
+                ends.setdefault((point.drive, label, value), (0.0, number))
+                continue
+            for side in (-1.0, 1.0):
+                key = (point.drive, label, side)
+                if key not in ends or side * value > ends[key][0]:
+                    ends[key] = (side * value, number)
+    for _, number in ends.values():
+        chosen[number] = drafts[number]
+    return chosen.values()
+
+
+class _Foundations:
+    """What runs stand on besides their numbers: files. They are read once per drive and choice of texts.
+
+    A number cannot name a file, a text can: a body, an FMU. So runs that share drive and texts share their files.
+    """
+
+    def __init__(self, path: Path, experiment: Path):
+        self._path, self._experiment = path, experiment
+        self._digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
+        self._version = version("twin")
+        self.duration = 0.0
+
+    @property
+    def digest(self) -> str:
+        """Of all of them."""
+        return _hash(sorted(self._digests.values()))
+
+    def key(self, point: Point, settings: tuple[str, ...]) -> str:
+        texts = tuple(text for text in settings if text.endswith('"'))
+        if (point.drive, texts) not in self._digests:
+            self._digests[point.drive, texts] = self._read(point.drive, texts)
+        return _hash([self._version, self._digests[point.drive, texts], settings])[:16]
+
+    def check(self, drive: str | None, settings: tuple[str, ...]) -> None:
+        """Load a run.
+
+        Raises:
+            InputRefused: it is none.
+        """
+        self._read(drive, settings)
+
+    def _read(self, drive: str | None, settings: tuple[str, ...]) -> str:
+        # the FMU tool chain takes a while to import
+        from twin.assembly.drives import planned as planned_drive
+        from twin.experiment.experiment import load_experiment
+
+        where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
+        try:
+            loaded = load_experiment(self._experiment, settings, drive)
+            tables = {table.model_dump_json(): table for table in loaded.drives}
+            plans = [planned_drive(table) for table in tables.values()]
+        except InputRefused as refusal:
+            raise InputRefused(f"{self._path}: the run with {where} cannot be made:\n{refusal}") from None
+        self.duration = self.duration or loaded.duration_ticks * loaded.cosim.tick
+        fmus = [fmu.sha256 for plan in plans for fmu in plan.parts.values()]
+        return _hash([_without_paths(loaded.values), fmus])
+
+
+def _without_paths(values: Any) -> Any:
+    """`values` with FMUs by their file's name: where they lie decides nothing, and their hash says what they are."""
+    if isinstance(values, dict):
+        return {k: Path(v).name if k == "fmu" and isinstance(v, str) else _without_paths(v) for k, v in values.items()}
+    return values
+
+
+def _hash(content: Any) -> str:
+    return hashlib.sha256(json.dumps(content, sort_keys=True).encode()).hexdigest()

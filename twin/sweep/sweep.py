@@ -1,0 +1,134 @@
+"""A sweep run: what is not finished yet is run, and every row is kept as it comes."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from twin.guard.limits import Limits
+from twin.sweep.folder import claim
+from twin.sweep.measures import within
+from twin.sweep.plan import Plan, Task
+from twin.sweep.pool import Pool
+from twin.sweep.rows import ROWS, Row, Rows
+
+RECORDINGS = "runs"
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a sweep is.
+
+    Attributes:
+        done, total: runs with a row, runs planned. failed: of those done, without metrics.
+        began_with: runs that had a row before. elapsed: wall time since then (s).
+        best: (metric, value, run) of the least force error so far, or of the lateral error where no force was
+            controlled; None: there is none.
+    """
+
+    done: int
+    total: int
+    failed: int
+    began_with: int
+    elapsed: float
+    best: tuple[str, float, int] | None
+
+    @property
+    def rate(self) -> float:
+        """Runs per second; 0 as long as nothing can be said."""
+        return (self.done - self.began_with) / self.elapsed if self.elapsed else 0.0
+
+    @property
+    def remaining(self) -> float | None:
+        """Wall time to the end (s); None as long as nothing can be said."""
+        return (self.total - self.done) / self.rate if self.rate else None
+
+
+def run_sweep(
+    plan: Plan,
+    folder: Path,
+    processes: int,
+    record: str = "none",
+    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    show: Callable[[State], None] = lambda state: None,
+) -> list[Row]:
+    """Run what of `plan` has no row in `folder` yet; every row of it.
+
+    Args:
+        record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
+        limits: of each worker process. show: told the state at the beginning and after each batch of rows.
+
+    Raises:
+        InputRefused: the folder is another sweep's, or cannot be written.
+        DiskFailed, RecordingFailed: the disk is full.
+        KeyboardInterrupt: rows until then are kept; so they are with every other end.
+    """
+    claim(folder, plan)
+    with Rows(folder / ROWS) as rows:
+        finished = {row["key"] for row in rows.rows}
+        tasks = [task for task in plan.tasks if task.key not in finished]
+        began, before = time.monotonic(), len(rows.rows)
+        show(_state(rows.rows, plan, before, 0.0))
+        if tasks:
+            pool = Pool(tasks, processes, _arguments(plan, folder, record), limits)
+            for batch in pool.results():
+                rows.add([_row(plan, task, facts) for task, facts in batch])
+                show(_state(rows.rows, plan, before, time.monotonic() - began))
+        return rows.rows
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What a run costs: wall time of the first run in a fresh worker and of the second in the same (s), disk (bytes)."""
+
+    start: float
+    run: float
+    size: float
+
+    def total(self, runs: int, processes: int) -> tuple[float, float]:
+        """(wall time in s, bytes) of `runs` runs in `processes` processes that do not slow each other."""
+        return self.start + self.run * -(-runs // processes), self.size * runs
+
+
+def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estimate, Row]:  # noqa: B008, it is frozen
+    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
+    with TemporaryDirectory() as scratch:
+        began = time.monotonic()
+        pool = Pool([plan.tasks[0]] * 2, 1, _arguments(plan, Path(scratch), record), limits)
+        times, rows = [], []
+        for batch in pool.results():
+            times.append(time.monotonic() - began)
+            rows += [_row(plan, task, facts) for task, facts in batch]
+        size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
+    recorded = size if record == "all" else 0
+    return Estimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
+
+
+def _arguments(plan: Plan, folder: Path, record: str) -> dict[str, str]:
+    # absolute: an FMU may change the working directory
+    recordings = str((folder / RECORDINGS).absolute())
+    return {"experiment": str(plan.experiment.absolute()), "folder": recordings, "record": record}
+
+
+def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
+    return {
+        "run": task.run,
+        "key": task.key,
+        "drive": task.drive,
+        "parameters": task.parameters,
+        **facts,
+        "within_limits": within(facts["metrics"], plan.definition.limits),
+    }
+
+
+def _state(rows: list[Row], plan: Plan, before: int, elapsed: float) -> State:
+    failed = sum(not row["metrics"] for row in rows)
+    best = None
+    for metric in ("force_error_N", "lateral_error_mm"):
+        values = [(row["metrics"][metric], row["run"]) for row in rows if row["metrics"].get(metric) is not None]
+        if values:
+            best = (metric, *min(values))
+            break
+    return State(len(rows), len(plan.tasks), failed, before, elapsed, best)
