@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import analyse, compare, doctor, drive, export, faults, init, replay, report, run, schema
+from twin.cli import analyse, compare, doctor, drive, export, faults, init, replay, report, run, schema, sweep
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -35,6 +35,7 @@ def twin(
 app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
 app.command("faults")(faults.faults)
+app.add_typer(sweep.app, name="sweep")
 app.command("report")(report.report)
 app.command("replay")(replay.replay)
 app.command("export")(export.export)

@@ -60,7 +60,7 @@ def _disagreements(definition: Definition) -> list[str]:
     sampled = definition.design != "grid"
     mistakes = [] if definition.vary or definition.drives else ["varies nothing; add a table [[vary]], or drives"]
     if sampled and definition.runs is None:
-        mistakes.append(f'design = "{definition.design}": missing key \'runs\'')
+        mistakes.append(f"design = \"{definition.design}\": missing key 'runs'")
     if sampled and not definition.vary:
         mistakes.append(f'design = "{definition.design}": nothing to draw; add a table [[vary]], or design = "grid"')
     if not sampled and definition.runs is not None:

@@ -28,7 +28,7 @@ class Point:
 def largest_count(definition: Definition) -> int:
     """How many runs it makes if every condition holds; no point is made for that."""
     if definition.design == "grid":
-        points = math.prod(vary.count if vary.values is None else len(vary.values) for vary in definition.vary)  # type: ignore[misc]
+        points = math.prod(len(vary.values) if vary.values else vary.count or 1 for vary in definition.vary)
     else:
         points = definition.runs or 0
     return points * max(1, len(definition.drives))
@@ -44,7 +44,8 @@ def points(definition: Definition) -> list[Point]:
         raise InputRefused(f"{count:,} runs: more than {MOST:,} cannot be planned; take fewer levels, or draw")
     cube = None if definition.design == "grid" else unit_cube(definition)
     found: dict[tuple[object, ...], Point] = {}
-    for drive in definition.drives or [None]:
+    drives: list[str | None] = [*definition.drives] or [None]
+    for drive in drives:
         start: dict[str, Value] = {} if drive is None else {"drive": drive}
         rows = grid(definition.vary, start) if cube is None else (_drawn(definition.vary, start, u) for u in cube)
         for chosen in rows:

@@ -4,6 +4,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from twin.errors import InputRefused
+
 if TYPE_CHECKING:
     from twin.execution.outcome import Outcome
 
@@ -48,6 +50,17 @@ def metrics_of(outcome: "Outcome") -> dict[str, float | None]:
         1e3 * outcome.lateral_error, 1e3 * outcome.z_error,
     )  # fmt: skip
     return {name: finite(value) for name, value in zip(METRICS, values, strict=True)}
+
+
+def checked_metric(option: str, metric: str) -> str:
+    """`metric` as it was given with `option`.
+
+    Raises:
+        InputRefused: there is no such metric.
+    """
+    if metric not in METRICS:
+        raise InputRefused(f"{option} {metric}: no such metric; known are {', '.join(METRICS)}")
+    return metric
 
 
 def finite(value: float | None) -> float | None:

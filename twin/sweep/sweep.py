@@ -13,6 +13,7 @@ from twin.sweep.measures import within
 from twin.sweep.plan import Plan, Task
 from twin.sweep.pool import Pool
 from twin.sweep.rows import ROWS, Row, Rows
+from twin.sweep.statistics import best, usual_metric, value
 
 RECORDINGS = "runs"
 
@@ -24,8 +25,7 @@ class State:
     Attributes:
         done, total: runs with a row, runs planned. failed: of those done, without metrics.
         began_with: runs that had a row before. elapsed: wall time since then (s).
-        best: (metric, value, run) of the least force error so far, or of the lateral error where no force was
-            controlled; None: there is none.
+        best: (metric, value, run) of the best run so far by the usual metric; None: there is none.
     """
 
     done: int
@@ -81,7 +81,12 @@ def run_sweep(
 
 @dataclass(frozen=True)
 class Estimate:
-    """What a run costs: wall time of the first run in a fresh worker and of the second in the same (s), disk (bytes)."""
+    """What runs cost.
+
+    Attributes:
+        start: from the start of a worker to the end of its first run (s). run: each further one (s). size: of each on
+            the disk (bytes).
+    """
 
     start: float
     run: float
@@ -125,10 +130,6 @@ def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
 
 def _state(rows: list[Row], plan: Plan, before: int, elapsed: float) -> State:
     failed = sum(not row["metrics"] for row in rows)
-    best = None
-    for metric in ("force_error_N", "lateral_error_mm"):
-        values = [(row["metrics"][metric], row["run"]) for row in rows if row["metrics"].get(metric) is not None]
-        if values:
-            best = (metric, *min(values))
-            break
-    return State(len(rows), len(plan.tasks), failed, before, elapsed, best)
+    metric = usual_metric(rows)
+    least = [(metric, value(row, metric), row["run"]) for row in best(rows, metric)[:1]]
+    return State(len(rows), len(plan.tasks), failed, before, elapsed, least[0] if least else None)

@@ -97,7 +97,7 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
         sampled: whether the design draws; a grid has levels. known: labels that a condition may name.
     """
     mistakes = _of_names(vary)
-    needed = _SHAPES.get(vary.distribution or "", ("low", "high"))
+    needed: tuple[str, ...] = _SHAPES.get(vary.distribution or "", ("low", "high"))
     if vary.values is not None:
         needed = ()
         if len({(type(value) is bool, value) for value in vary.values}) < len(vary.values):

@@ -1,0 +1,249 @@
+"""`twin sweep`: many runs of one experiment."""
+
+import json
+import os
+import sys
+from enum import StrEnum
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperGroup
+
+from twin.cli.progress import progress
+from twin.errors import InputRefused
+
+if TYPE_CHECKING:
+    from twin.sweep.folder import Kept
+    from twin.sweep.plan import Plan
+    from twin.sweep.sweep import State
+
+MANY = 100_000
+"""Runs from which on nobody starts without having been asked."""
+RUN = "run"
+
+
+class Group(TyperGroup):
+    """`twin sweep FILE` means `twin sweep run FILE`."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        own = not args or args[0] in self.commands or args[0] == "--help" or args[0].startswith("--show-completion")
+        return super().parse_args(ctx, args if own else [RUN, *args])
+
+
+class Record(StrEnum):
+    """Which runs leave a recording."""
+
+    NONE = "none"
+    FAILURES = "failures"
+    ALL = "all"
+
+
+app = typer.Typer(cls=Group, no_args_is_help=True)
+
+Sweep = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep file (TOML).")]
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+By = Annotated[
+    str | None,
+    typer.Option(
+        "--by", metavar="METRIC", help="Metric to rank by: force_error_N, without force control lateral_error_mm."
+    ),
+]
+
+
+@app.callback()
+def sweep() -> None:
+    """Run one experiment many times: twin sweep SWEEP, or twin sweep run SWEEP."""
+
+
+@app.command(RUN)
+def run(
+    sweep: Sweep,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="The sweep's folder; without it, results/sweeps/NAME.")
+    ] = None,
+    dry: Annotated[
+        bool, typer.Option("--dry-run", help="Only count the runs, and estimate time and disk by running one.")
+    ] = False,
+    processes: Annotated[
+        int | None, typer.Option(min=1, metavar="N", help="Processes; without it, as many as there are cores.")
+    ] = None,
+    record: Annotated[Record, typer.Option(help="Full recordings of which runs.")] = Record.NONE,
+    limit_step: Annotated[
+        float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")
+    ] = 10.0,
+    parquet: Annotated[bool, typer.Option("--parquet", help="In the end, write rows.parquet, too.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help=f"Do not ask before {MANY:,} runs or more.")] = False,
+    by: By = None,
+    as_json: Json = False,
+) -> None:
+    """Run the runs of a sweep that have no row yet, in several processes.
+
+    A run that fails, crashes or hangs is a row with a reason and costs only
+    itself. The same command goes on after an interruption.
+    Exit code: 0 every run has a row, 1 none of them has metrics, 2 input refused,
+    3 the disk is full, 130 interrupted.
+
+    Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
+    """
+    from twin.guard.limits import Limits
+    from twin.sweep.definition import read_definition
+    from twin.sweep.design import largest_count
+    from twin.sweep.folder import HOME, kept
+    from twin.sweep.measures import checked_metric
+    from twin.sweep.plan import planned
+    from twin.sweep.sweep import run_sweep
+
+    if os.name != "posix":
+        raise InputRefused("twin sweep: needs Linux or macOS, where a drive that crashes can be kept apart")
+    if by:
+        checked_metric("--by", by)
+    definition, _ = read_definition(sweep)
+    _ask(sweep, largest_count(definition), yes or dry)
+    folder, workers = out or HOME / sweep.stem, processes or cores()
+    limits = Limits(step=limit_step)
+    line = progress()
+    line.say("making the runs")
+    try:
+        plan = planned(sweep)
+        if dry:
+            _estimate(plan, workers, record.value, limits, as_json)
+            return
+        run_sweep(plan, folder, workers, record.value, limits, lambda state: line.say(state_text(state)))
+    except KeyboardInterrupt:
+        line.clear()
+        if not folder.exists() or dry:
+            raise
+        found = kept(folder)
+        print(
+            f"interrupted; {len(found.rows)} of {found.runs} runs are kept in {folder}; "
+            "the same command runs the others",
+            file=sys.stderr,
+        )
+        raise SystemExit(130) from None
+    finally:
+        line.clear()
+    found = kept(folder)
+    if parquet:
+        from twin.sweep.parquet import write_parquet
+
+        write_parquet(found, folder / "rows.parquet")
+    _tell(found, folder, by, as_json)
+    if not any(row["metrics"] for row in found.rows):
+        raise SystemExit(1)
+
+
+@app.command()
+def show(
+    sweep: Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep's folder, or its file (TOML).")],
+    by: By = None,
+    against: Annotated[
+        str, typer.Option(metavar="METRIC", help="The other metric of the Pareto front.")
+    ] = "lateral_error_mm",
+    top: Annotated[int, typer.Option(min=1, metavar="N", help="So many of the best runs.")] = 5,
+    x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="Parameter across the heat map.")] = None,
+    y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="Parameter up the heat map.")] = None,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write the rows as rows.parquet, too.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Show what a sweep came to, also while it runs: best runs, what matters, drives.
+
+    Text, and a heat map (map.png) in the sweep's folder if two numbers vary.
+    Exit code: 0 shown, 2 input refused.
+
+    Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
+    """
+    from twin.report.sweep_picture import axes_of, draw_sweep
+    from twin.report.sweep_text import sweep_text
+    from twin.sweep.folder import HOME, kept
+    from twin.sweep.measures import checked_metric
+    from twin.sweep.parquet import write_parquet
+    from twin.sweep.statistics import usual_metric
+
+    for option, metric in (("--by", by), ("--against", against)):
+        if metric:
+            checked_metric(option, metric)
+    folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
+    if folder is not sweep and not folder.exists():
+        print(f"{sweep.stem}  not begun; run it with: twin sweep {sweep}")
+        return
+    found = kept(folder)
+    metric = by or usual_metric(found.rows)
+    axes = axes_of(found, x, y)
+    files = []
+    if axes:
+        draw_sweep(found, axes, metric, folder / "map.png")
+        files.append(f"  map   {folder / 'map.png'}")
+    if parquet:
+        write_parquet(found, folder / "rows.parquet")
+        files.append(f"  rows  {folder / 'rows.parquet'}")
+    if as_json:
+        print(json.dumps({"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": found.rows}))
+        return
+    print("\n".join([sweep_text(found, metric, against, top), *([""] if files else []), *files]))
+
+
+def cores() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def state_text(state: "State") -> str:
+    """`12 of 64 runs  9.1/s  6 s left  1 failed  force_error_N 0.31 (run 7)`."""
+    parts = [f"{state.done} of {state.total} runs"]
+    if state.remaining is not None:
+        parts += [f"{state.rate:.3g}/s", f"{time_text(state.remaining)} left"]
+    if state.failed:
+        parts.append(f"{state.failed} failed")
+    if state.best:
+        metric, number, best = state.best
+        parts.append(f"{metric} {number:.3g} (run {best})")
+    return "  ".join(parts)
+
+
+def time_text(seconds: float) -> str:
+    """`45 s`, `12 min` or `3.5 h`."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
+
+
+def _ask(sweep: Path, count: int, sure: bool) -> None:
+    if count < MANY or sure:
+        return
+    question = f"{sweep}: makes up to {count:,} runs"
+    if not sys.stdin.isatty():
+        raise InputRefused(f"{question}; say --yes if that is meant, --dry-run shows what it takes")
+    if not typer.confirm(f"{question}. Go on?", err=True):
+        raise InputRefused(f"{question}; nothing was run")
+
+
+def _estimate(plan: "Plan", workers: int, record: str, limits: Any, as_json: bool) -> None:
+    from twin.sweep.sweep import estimated
+
+    estimate, row = estimated(plan, record, limits)
+    seconds, size = estimate.total(len(plan.tasks), workers)
+    facts = {"runs": len(plan.tasks), "processes": workers, "seconds": seconds, "MB": size / 1e6, "first": row}
+    if as_json:
+        print(json.dumps(facts))
+        return
+    many = "process" if workers == 1 else "processes"
+    print(f"{plan.name}  {len(plan.tasks):,} runs, about {time_text(seconds)} in {workers} {many}, {_size(size)}")
+    print(f"  measured on run 1: {estimate.run:.3f} s each once warm; {estimate.start:.1f} s until the first is done")
+    print(f"  run 1  {row['status']}{': ' * bool(row['reason'])}{row['reason']}")
+
+
+def _size(size: float) -> str:
+    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{max(1.0, size / 1e3):.0f} kB"
+
+
+def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
+    from twin.report.sweep_text import headline
+    from twin.sweep.statistics import usual_metric
+
+    if as_json:
+        print(json.dumps({"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": found.rows}))
+        return
+    print(
+        f"{headline(found, by or usual_metric(found.rows))}\n  rows  {folder / 'rows.jsonl'}\n  next  twin sweep show {folder}"
+    )
