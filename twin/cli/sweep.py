@@ -16,7 +16,6 @@ from twin.errors import InputRefused
 if TYPE_CHECKING:
     from twin.sweep.folder import Kept
     from twin.sweep.plan import Plan
-    from twin.sweep.sweep import State
 
 MANY = 100_000
 """Runs from which on nobody starts without having been asked."""
@@ -45,9 +44,7 @@ Sweep = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep file (TOML
 Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 By = Annotated[
     str | None,
-    typer.Option(
-        "--by", metavar="METRIC", help="Metric to rank by: force_error_N, without force control lateral_error_mm."
-    ),
+    typer.Option("--by", metavar="METRIC", help="Metric to rank by; without it, the force error."),
 ]
 
 
@@ -87,6 +84,7 @@ def run(
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
     """
     from twin.guard.limits import Limits
+    from twin.report.sweep_progress import state_text
     from twin.sweep.definition import read_definition
     from twin.sweep.design import largest_count
     from twin.sweep.folder import HOME, kept
@@ -188,26 +186,6 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def state_text(state: "State") -> str:
-    """`12 of 64 runs  9.1/s  6 s left  1 failed  force_error_N 0.31 (run 7)`."""
-    parts = [f"{state.done} of {state.total} runs"]
-    if state.remaining is not None:
-        parts += [f"{state.rate:.3g}/s", f"{time_text(state.remaining)} left"]
-    if state.failed:
-        parts.append(f"{state.failed} failed")
-    if state.best:
-        metric, number, best = state.best
-        parts.append(f"{metric} {number:.3g} (run {best})")
-    return "  ".join(parts)
-
-
-def time_text(seconds: float) -> str:
-    """`45 s`, `12 min` or `3.5 h`."""
-    if seconds < 100.0:
-        return f"{seconds:.0f} s"
-    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
-
-
 def _ask(sweep: Path, count: int, sure: bool) -> None:
     if count < MANY or sure:
         return
@@ -219,31 +197,23 @@ def _ask(sweep: Path, count: int, sure: bool) -> None:
 
 
 def _estimate(plan: "Plan", workers: int, record: str, limits: Any, as_json: bool) -> None:
+    from twin.report.sweep_progress import estimate_text
     from twin.sweep.sweep import estimated
 
-    estimate, row = estimated(plan, record, limits)
-    seconds, size = estimate.total(len(plan.tasks), workers)
-    facts = {"runs": len(plan.tasks), "processes": workers, "seconds": seconds, "MB": size / 1e6, "first": row}
-    if as_json:
-        print(json.dumps(facts))
-        return
-    many = "process" if workers == 1 else "processes"
-    print(f"{plan.name}  {len(plan.tasks):,} runs, about {time_text(seconds)} in {workers} {many}, {_size(size)}")
-    print(f"  measured on run 1: {estimate.run:.3f} s each once warm; {estimate.start:.1f} s until the first is done")
-    print(f"  run 1  {row['status']}{': ' * bool(row['reason'])}{row['reason']}")
-
-
-def _size(size: float) -> str:
-    return f"{size / 1e6:.1f} MB" if size >= 1e6 else f"{max(1.0, size / 1e3):.0f} kB"
+    estimate, first = estimated(plan, record, limits)
+    runs = len(plan.tasks)
+    seconds, size = estimate.total(runs, workers)
+    facts = {"runs": runs, "processes": workers, "seconds": seconds, "MB": size / 1e6, "first": first}
+    print(json.dumps(facts) if as_json else estimate_text(plan.name, runs, workers, estimate, first))
 
 
 def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
     from twin.report.sweep_text import headline
+    from twin.sweep.rows import ROWS
     from twin.sweep.statistics import usual_metric
 
     if as_json:
         print(json.dumps({"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": found.rows}))
         return
-    print(
-        f"{headline(found, by or usual_metric(found.rows))}\n  rows  {folder / 'rows.jsonl'}\n  next  twin sweep show {folder}"
-    )
+    answer = headline(found, by or usual_metric(found.rows))
+    print(f"{answer}\n  rows  {folder / ROWS}\n  next  twin sweep show {folder}")

@@ -1,7 +1,8 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`."""
 
+import functools
 import tomllib
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -143,8 +144,7 @@ def _chain(path: Path) -> list[Path]:
 
 def _table(path: Path) -> dict[str, Any]:
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        return dict(_parsed(path.read_text(encoding="utf-8")))
     except FileNotFoundError:
         raise InputRefused(f"{path}: no such experiment file") from None
     except IsADirectoryError:
@@ -153,6 +153,12 @@ def _table(path: Path) -> dict[str, Any]:
         raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
         raise InputRefused(f"{path}: not valid TOML: {problem}") from None
+
+
+@functools.lru_cache(maxsize=64)
+def _parsed(text: str) -> Mapping[str, Any]:
+    """The tables that `text` writes, not to be changed: a sweep reads the same files for each of its runs."""
+    return tomllib.loads(text)
 
 
 def _value(text: str) -> Any:
