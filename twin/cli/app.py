@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import compare, doctor, drive, export, faults, init, replay, report, run, schema
+from twin.cli import check, compare, doctor, drive, export, faults, init, replay, report, run, schema
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -34,6 +34,7 @@ def twin(
 
 app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
+app.command("check")(check.check)
 app.command("faults")(faults.faults)
 app.command("report")(report.report)
 app.command("replay")(replay.replay)

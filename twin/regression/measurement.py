@@ -79,7 +79,9 @@ def measured(experiment: Experiment, trace: Trace) -> Measured:
         except InputRefused as problem:
             mistakes.append(f'{experiment.name}: [[measure]] "{measure.name}": {problem}')
             continue
-        metrics |= {f"{measure.name}.{name}": metric for name, metric in found.items()}
+        # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
+        finite = {name: metric for name, metric in found.items() if np.isfinite(metric.value)}
+        metrics |= {f"{measure.name}.{name}": metric for name, metric in finite.items()}
         if isinstance(measure, measures.Step | measures.Tracking):
             curves[measure.name] = _curve(measure.signal, trace, inside)
     if mistakes:
