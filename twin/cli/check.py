@@ -8,6 +8,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.completion import drive_names, experiment_files
+from twin.cli.faults import Isolation
 from twin.errors import InputRefused
 
 BASELINES = Path("tests/baselines")
@@ -36,9 +37,9 @@ def check(
     reason: Annotated[str, typer.Option(metavar="TEXT", help="Why; kept in the baseline.")] = "",
     baselines: Annotated[Path, typer.Option(metavar="DIR", help="Where baselines are.")] = BASELINES,
     jobs: Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes that run experiments.")] = 2,
-    isolate: Annotated[bool, typer.Option(help="Run in processes of their own; without, drives are debugged.")] = (
-        os.name == "posix"
-    ),
+    isolate: Annotated[
+        Isolation, typer.Option(help="Processes: their own for the runs; none, for debuggers, but this one.")
+    ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
     """Check experiments against what they came to before, drive by drive.
@@ -58,7 +59,8 @@ def check(
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
-    done = finished(pairs(experiments or [], drives or [], baselines), baselines, reason, jobs if isolate else 0)
+    wanted = pairs(experiments or [], drives or [], baselines)
+    done = finished(wanted, baselines, reason, jobs if isolate == Isolation.RUN else 0)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]

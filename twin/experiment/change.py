@@ -115,7 +115,7 @@ def checked_changes(
 def _checked(wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float) -> Change:
     known = changeable(values)
     if wanted.key in CHANGEABLE and wanted.key not in known:
-        raise InputRefused(f"key = \"{wanted.key}\": does not act in this experiment; known are {', '.join(known)}")
+        raise InputRefused(f'key = "{wanted.key}": does not act in this experiment; known are {", ".join(known)}')
     if wanted.key not in known:
         raise InputRefused(f"key: {unknown(wanted.key, list(known))}")
     if wanted.t > duration:

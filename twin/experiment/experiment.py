@@ -61,7 +61,8 @@ class Experiment:
     Attributes:
         name: the file's stem. title: for people. seed: of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
-        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come and go.
+        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come
+            and go.
         scale: the display; None: what the robot presses on has none.
         monitor: None: nobody watches.
         faults: what breaks, in ticks.

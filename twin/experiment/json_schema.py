@@ -52,7 +52,9 @@ def experiment_json_schema() -> Node:
             **head["properties"],
             **tables,
             "drive": drive,
-            "task": _array(_by_kind(TASKS, defined), "What the robot does, one task after the other; instead of [reference]."),
+            "task": _array(
+                _by_kind(TASKS, defined), "What the robot does, one task after the other; instead of [reference]."
+            ),
             "fault": _array(_faults(defined), "What breaks."),
             "change": _array([_change(defined)], "What of the controller changes on the way."),
             "measure": _array(_by_kind(MEASURES, defined), "What twin check measures."),

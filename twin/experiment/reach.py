@@ -39,8 +39,9 @@ def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry]) -> 
             continue
         for number, point in enumerate(reference.p, start=1):
             if problem := unreachable(geometry, np.array(point)):
-                at = f".{reference.shape}] at {reference.t[number - 1]:g} s" if reference.shape else f"] way point {number}"
-                return [f"[reference{at}: {problem}"]
+                if reference.shape:
+                    return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
+                return [f"[reference] way point {number}: {problem}"]
         for number, line in enumerate(lines, start=1):
             if problem := unreachable(geometry, line):
                 return [f"[reference] between way points {number} and {number + 1}: {problem}"]

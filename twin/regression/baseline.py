@@ -4,7 +4,7 @@ import hashlib
 import json
 import tomllib
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,11 +25,16 @@ _UNTOLD = ("title", "recording", "drive")
 
 @dataclass(frozen=True)
 class Kept:
-    """A number of a baseline: value and bound in `unit`; off by more than the bound either way is a deviation."""
+    """A number of a baseline: off by more than its bound either way is a deviation.
+
+    Attributes:
+        value, bound: in `unit`, SI. keep: the bound has been chosen by somebody, and an update leaves it.
+    """
 
     value: float
     unit: str
     bound: float
+    keep: bool = False
 
 
 @dataclass(frozen=True)
@@ -84,17 +89,13 @@ def fingerprint(experiment: Experiment) -> str:
 def baseline_of(
     experiment: Experiment, drive: str, now: Measured, history: Iterable[Entry], before: Baseline | None
 ) -> Baseline:
-    """The baseline that `now` makes; bounds that somebody has edited in the one `before` stay.
-
-    A bound counts as edited if it is another than the default of its value.
-    """
+    """The baseline that `now` makes; the bounds that the one `before` keeps stay."""
     metrics = {}
     for name, metric in now.metrics.items():
         old = before.metrics.get(name) if before else None
-        bound = _rounded(metric.bound, 3)
-        if old is not None and old.bound != _rounded(replace(metric, value=old.value).bound, 3):
-            bound = old.bound
-        metrics[name] = Kept(_rounded(metric.value), metric.unit, bound)
+        kept = old is not None and old.keep
+        bound = old.bound if old is not None and kept else _rounded(metric.bound, 3)
+        metrics[name] = Kept(_rounded(metric.value), metric.unit, bound, kept)
     return Baseline(
         experiment=experiment.name,
         drive=drive,
@@ -154,7 +155,7 @@ def write_baseline(file: Path, text: str) -> None:
 
 
 def _lines(b: Baseline) -> Iterable[str]:
-    yield f"# twin check {b.experiment} --drive {b.drive}: SI units; bounds may be edited, and stay"
+    yield f"# twin check {b.experiment} --drive {b.drive}: SI units; a bound with keep = true stays"
     for key in ("experiment", "drive", "fingerprint", "twin"):
         yield f"{key} = {json.dumps(getattr(b, key))}"
     yield "\n[fmus]"
@@ -163,7 +164,8 @@ def _lines(b: Baseline) -> Iterable[str]:
         yield f"\n[[history]]\ndate = {json.dumps(entry.date)}\nreason = {json.dumps(entry.reason, ensure_ascii=False)}"
     yield "\n[metrics]"
     for name, kept in b.metrics.items():
-        yield f'"{name}" = {{ value = {kept.value!r}, unit = "{kept.unit}", bound = {kept.bound!r} }}'
+        keep = ", keep = true" if kept.keep else ""
+        yield f'"{name}" = {{ value = {kept.value!r}, unit = "{kept.unit}", bound = {kept.bound!r}{keep} }}'
     for name, tube in b.tubes.items():
         yield f'\n[tubes.{name}]\nsignal = "{tube.signal}"\nunit = "{tube.unit}"'
         yield f"tolerance = {tube.tolerance!r}\ndt_s = {tube.dt!r}"

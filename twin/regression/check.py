@@ -93,5 +93,3 @@ def _no_baseline(stored: Path, file: Path, drive: str) -> str:
         f"{stored}: no baseline of {file.stem}; accept what it comes to now: "
         f'twin check {file} --drive {drive} --update --reason "first"'
     )
-
-

@@ -99,12 +99,13 @@ def _step(measure: measures.Step, trace: Trace, inside: NDArray[np.bool_]) -> Me
     unit = _common_unit(measure, trace)
     reference, y = trace[measure.reference], trace[measure.signal][inside]
     first = int(np.argmax(inside))
-    # a reference that steps at this tick may be sampled by the controller at this one or the next
+    # a step of way points takes a period of the controller, and that of a joint takes one to be told of
     settled = reference[inside][len(y) // 100 :]
     if np.ptp(settled) > 1e-9 * np.max(np.abs(settled)):
         raise InputRefused(f"{measure.reference} still moves after the step at {measure.begin:g} s; expected one step")
     before = trace[measure.signal][max(0, first - 1)]
     info = step_info(trace.t[inside] - trace.t[first], y, float(before), float(settled[-1]))
+    step = abs(info.final - float(before))
     floor, length = floor_of(unit), float(trace.t[inside][-1] - trace.t[first])
     return {
         "delay_time": Metric(info.delay_time, "s", floor_of("s")),
@@ -112,8 +113,9 @@ def _step(measure: measures.Step, trace: Trace, inside: NDArray[np.bool_]) -> Me
         "settling_time_2": Metric(info.settling_time_2, "s", SETTLING_FLOOR),
         "settling_time_5": Metric(info.settling_time_5, "s", SETTLING_FLOOR),
         "overshoot": Metric(info.overshoot, "1", floor_of("1")),
-        "peak": Metric(info.peak, unit, floor, "none"),
-        "steady_state_error": Metric(info.steady_state_error, unit, floor, "nearer zero"),
+        "peak": Metric(info.peak, unit, floor, "none", scale=step),
+        # the tenth of what a share of the step would be: an error that small is as good as none
+        "steady_state_error": Metric(info.steady_state_error, unit, max(floor, 0.1 * SHARE * step), "nearer zero"),
         "IAE": Metric(info.IAE, f"{unit} s", floor * length),
         "ISE": Metric(info.ISE, f"{unit}2 s", 2.0 * floor * info.IAE),
         "ITAE": Metric(info.ITAE, f"{unit} s2", 0.5 * floor * length**2),
@@ -169,7 +171,9 @@ def _path(measure: measures.Path, trace: Trace, inside: NDArray[np.bool_]) -> Me
 
 def _effort(measure: measures.Effort, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
     t = trace.t[inside]
-    angles = [values for name, values in trace.vectors.items() if name.startswith("drive") and name.endswith(".theta_m")]
+    angles = [
+        values for name, values in trace.vectors.items() if name.startswith("drive") and name.endswith(".theta_m")
+    ]
     omega_m = np.gradient(np.hstack(angles)[inside], t, axis=0)
     delivered, returned = work(t, trace["plant.tau_load"][inside], omega_m)
     return {

@@ -22,17 +22,19 @@ class Metric:
     Attributes:
         value: in `unit`, SI. floor: the least that its bound may be.
         sense: what is better: less of it, a value nearer to zero, or neither.
+        scale: what its share is of, in `unit`; None: of the value, which for a coordinate would mean nothing.
     """
 
     value: float
     unit: str
     floor: float
     sense: Sense = "less"
+    scale: float | None = None
 
     @property
     def bound(self) -> float:
         """How far it may be off by default."""
-        return max(SHARE * abs(self.value), self.floor)
+        return max(SHARE * abs(self.value if self.scale is None else self.scale), self.floor)
 
 
 def floor_of(unit: str) -> float:

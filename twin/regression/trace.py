@@ -75,7 +75,7 @@ def traced(experiment: Experiment) -> Trace:
         p_ref_B = vectors["controller.p_ref_B"]
         vectors[REFERENCE_THETA_L] = joint_angles(geometry_of(experiment.controller.model), p_ref_B)
         return Trace(
-            t=np.arange(len(values)) * system.tick,
+            t=np.arange(len(values), dtype=float) * system.tick,
             units={name: unit for name, (_, _, unit) in names.items()},
             fmus=_fmus(assembly),
             vectors=vectors,

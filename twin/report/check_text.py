@@ -8,6 +8,8 @@ from twin.regression.verdict import Row, Verdict
 from twin.report.comparison_text import shown
 
 WIDTH = 80
+MOST = 5
+"""Checks that deviate and are told in full; of the others what they come to. All are in the JSON."""
 
 
 def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
@@ -18,14 +20,17 @@ def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
     """
     lines = [_answer(verdicts, failures)]
     told = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
-    for verdict in told:
+    told = [verdict for verdict in told if len(verdicts) == 1 or not _first(verdict)]
+    for verdict in told[:MOST]:
         rows = verdict.rows if len(verdicts) == 1 else verdict.deviations
         lines += ["", f"{verdict.experiment}, {verdict.drive}", *_table(rows)]
         as_it_was = len(verdict.rows) - len(rows)
         lines += [f"  and {as_it_was} as they were"] if as_it_was else []
         lines += [line for note in verdict.notes for line in _wrapped("note", note)]
+    lines += [""] * (len(told) > MOST)
+    lines += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in told[MOST:]]
     # a note that a hundred checks share is told once
-    others = Counter(note for verdict in verdicts if verdict not in told for note in verdict.notes)
+    others = Counter(note for verdict in verdicts if verdict not in told[:MOST] for note in verdict.notes)
     lines += [""] * bool(others)
     for note, count in others.items():
         lines += _wrapped("note", f"{note} ({count} checks)" if count > 1 else note)
@@ -36,18 +41,31 @@ def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
 
 
 def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
-    wrong = [verdict for verdict in verdicts if verdict.deviations]
-    missed = f"; {_count(len(failures), 'check')} could not be done" if failures else ""
+    wrong = [verdict for verdict in verdicts if verdict.deviations and not _first(verdict)]
+    first = sum(map(_first, verdicts))
+    missed = f"; {_count(first, 'check')} without a baseline until now" if first else ""
+    missed += f"; {_count(len(failures), 'check')} could not be done" if failures else ""
     if not verdicts:
         return missed.removeprefix("; ")
     experiments, drives = {v.experiment for v in verdicts}, {v.drive for v in verdicts}
     rows = sum(len(verdict.rows) for verdict in verdicts)
     of = f"{_count(len(experiments), 'experiment')}, {_count(len(drives), 'drive')}, {rows} numbers and curves"
+    if first == len(verdicts):
+        return f"New: {of}{missed}"
     if not wrong:
         return f"All as it was: {of}{missed}"
-    words = Counter(row.word for verdict in wrong for row in verdict.deviations)
-    told = ", ".join(f"{count} {word}" for word, count in words.most_common())
-    return f"{len(wrong)} of {_count(len(verdicts), 'check')} deviate: {told}{missed}\n  of {of}"
+    return f"{len(wrong)} of {_count(len(verdicts), 'check')} deviate: {_words(wrong)}{missed}\n  of {of}"
+
+
+def _words(verdicts: Sequence[Verdict]) -> str:
+    """`3 worse, 1 outside`."""
+    words = Counter(row.word for verdict in verdicts for row in verdict.deviations)
+    return ", ".join(f"{count} {word}" for word, count in words.most_common())
+
+
+def _first(verdict: Verdict) -> bool:
+    """Whether there was no baseline."""
+    return all(row.word == "new" for row in verdict.rows)
 
 
 def _table(rows: Sequence[Row]) -> Iterable[str]:
@@ -56,7 +74,7 @@ def _table(rows: Sequence[Row]) -> Iterable[str]:
     for row in rows:
         unit, factor = shown(row.unit)
         numbers = "".join(
-            f"{'-' if value is None else format(factor * value, '.4g'):>10}"
+            f"{'-' if value is None or value != value else format(factor * value, '.4g'):>10}"
             for value in (row.before, row.now, row.bound)
         )
         yield f"  {row.word:7} {_name(row):{width}} {unit:6}{numbers}"
