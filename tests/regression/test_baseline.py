@@ -61,8 +61,8 @@ def test_the_fingerprint_tells_experiments_from_one_another_but_not_titles_or_pl
     assert fingerprint(shipped("step_z_air", "title=other")) == fingerprint(EXPERIMENT)
     for other in ("controller.position.kp_per_s=1.6", "drive.parameters.droop=0.5", "measure.1.begin_s=0.6"):
         assert fingerprint(shipped("step_z_air", other)) != fingerprint(EXPERIMENT)
-    elsewhere = tuple(drive.model_copy(update={"fmu": "/elsewhere/x.fmu"}) for drive in EXPERIMENT.drives)
-    assert fingerprint(replace(EXPERIMENT, drives=elsewhere)) == fingerprint(EXPERIMENT)
+    elsewhere = EXPERIMENT.drives[0].model_copy(update={"fmu": "/elsewhere/x.fmu"})
+    assert fingerprint(replace(EXPERIMENT, drives=(elsewhere, elsewhere, elsewhere))) == fingerprint(EXPERIMENT)
 
 
 @pytest.mark.parametrize(

@@ -13,7 +13,6 @@ from twin.regression.measurement import Measured, Sampled
 from twin.regression.metric import Metric, Sense
 from twin.regression.verdict import Verdict, verdict
 
-
 SINE = np.sin(t)
 
 

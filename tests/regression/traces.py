@@ -1,6 +1,6 @@
 """Runs with known answers, and the shipped experiment with any measures."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -12,7 +12,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.measure import checked_measures
 from twin.regression.trace import Trace
 
-t = np.arange(10_001) * 1e-3
+t: NDArray[np.float64] = np.arange(10_001, dtype=np.float64) * 1e-3
 EXPERIMENT = shipped("step_z_air")
 
 
@@ -24,7 +24,7 @@ def measuring(*tables: Mapping[str, Any]) -> Experiment:
     return replace(EXPERIMENT, measures=measures)
 
 
-def trace(vectors: Mapping[str, Sequence[float] | NDArray[np.float64]], units: Mapping[str, str]) -> Trace:
+def trace(vectors: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Trace:
     """Ten seconds at 1 ms of signals by name; a vector's are (n, k)."""
     columns = {name: np.asarray(values, dtype=float).reshape(len(t), -1) for name, values in vectors.items()}
     return Trace(t=t, units=dict(units), fmus={"x.fmu": "0" * 64}, vectors=columns)
