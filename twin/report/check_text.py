@@ -41,20 +41,21 @@ def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
 
 
 def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
-    wrong = [verdict for verdict in verdicts if verdict.deviations and not _first(verdict)]
-    first = sum(map(_first, verdicts))
-    missed = f"; {_count(first, 'check')} without a baseline until now" if first else ""
-    missed += f"; {_count(len(failures), 'check')} could not be done" if failures else ""
+    missed = f"{_count(len(failures), 'check')} could not be done" if failures else ""
     if not verdicts:
-        return missed.removeprefix("; ")
+        return missed
     experiments, drives = {v.experiment for v in verdicts}, {v.drive for v in verdicts}
     rows = sum(len(verdict.rows) for verdict in verdicts)
     of = f"{_count(len(experiments), 'experiment')}, {_count(len(drives), 'drive')}, {rows} numbers and curves"
-    if first == len(verdicts):
-        return f"New: {of}{missed}"
+    first = [verdict for verdict in verdicts if _first(verdict)]
+    wrong = [verdict for verdict in verdicts if verdict.deviations and verdict not in first]
+    added = f"{_count(len(first), 'check')} without a baseline until now" if first else ""
+    if len(first) == len(verdicts):
+        return "; ".join(filter(None, (f"New: {of}", missed)))
     if not wrong:
-        return f"All as it was: {of}{missed}"
-    return f"{len(wrong)} of {_count(len(verdicts), 'check')} deviate: {_words(wrong)}{missed}\n  of {of}"
+        return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
+    told = f"{len(wrong)} of {_count(len(verdicts), 'check')} deviate: {_words(wrong)}"
+    return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
 
 
 def _words(verdicts: Sequence[Verdict]) -> str:
