@@ -52,7 +52,7 @@ def test_a_stiffer_loop_is_better_is_outside_of_the_tube_and_is_accepted_with_it
     # the rise time of a first-order loop is ln 9/kp
     assert words(stiffer)["z.rise_time"] == words(stiffer)["z.IAE"] == "better"
     assert words(stiffer)["z.tube"] == "outside"
-    assert stiffer.verdict and stiffer.verdict.notes[0].startswith("the experiment's file is not the one")
+    assert stiffer.verdict and stiffer.verdict.notes[0].startswith("the experiment's file has changed")
     history = read_baseline(folder / f"mine/{DRIVE}.toml").history
     assert history == (Entry("2026-01-02", "first"), Entry("2026-01-02", "stiffer on purpose"))
     assert check(mine, baselines=folder) == []
@@ -86,7 +86,7 @@ def test_a_check_that_is_refused_costs_the_others_nothing(root: Path, tmp_path: 
 
 def test_without_a_baseline_it_says_how_one_is_made(root: Path, tmp_path: Path):
     mine = step_file(root, tmp_path / "mine.toml")
-    with pytest.raises(InputRefused, match="no baseline of mine; accept what it comes to now: twin check .*--update"):
+    with pytest.raises(InputRefused, match=r"no baseline of mine; accept what it comes to now: twin check .*--update"):
         check(mine, baselines=tmp_path)
 
 

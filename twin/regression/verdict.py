@@ -137,7 +137,7 @@ def _tube_row(name: str, tube: Sampled, curve: Sampled) -> Row:
 
 def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterator[str]:
     if baseline.fingerprint != fingerprint(experiment):
-        yield "the experiment's file is not the one that the baseline was measured with"
+        yield "the experiment's file has changed since the baseline"
     for name, digest in now.fmus.items():
         was = baseline.fmus.get(name)
         if was is None:
