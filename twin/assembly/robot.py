@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.assembly.computer import computation_delay, controller, estimator, safety_monitor
 from twin.assembly.drives import ENABLE, DrivePlan, Start, drive, planned
+from twin.assembly.tunable import scheduled
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.errors import InputRefused
@@ -119,6 +120,7 @@ def assemble(
             experiment.controller.speed_limit,
         )
         system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
+        system.changes = scheduled(experiment, system)
         made.pop_all()
     return Assembly(system, plans)
 

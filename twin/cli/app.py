@@ -34,6 +34,7 @@ def twin(
 
 app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
+app.command("check")(check.check)
 app.command("faults")(faults.faults)
 app.command("report")(report.report)
 app.command("replay")(replay.replay)

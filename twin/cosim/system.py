@@ -4,7 +4,7 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
@@ -25,6 +25,14 @@ class Slots:
     component: int
 
 
+class Change(NamedTuple):
+    """A number of a component's memory that is another from `tick` on: `memory[...] = value`."""
+
+    tick: int
+    memory: np.ndarray
+    value: float
+
+
 class System:
     """A co-simulation ready to be run.
 
@@ -36,9 +44,14 @@ class System:
         scheme: "gauss_seidel": a continuous component sees the newest outputs of those before it (of a slower one,
             those that its present step will publish), and those of t_k of the others. "jacobi": all see t_k.
 
+    Attributes:
+        changes: what every simulation of it changes on the way, by ascending ticks; none unless somebody sets them.
+
     Raises:
         InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two.
     """
+
+    changes: tuple[Change, ...] = ()
 
     def __init__(
         self,

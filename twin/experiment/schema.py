@@ -1,9 +1,8 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-from itertools import pairwise
 from typing import Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from twin.experiment.quantity import Section, quantity
 
@@ -203,19 +202,3 @@ class Controller(Section):
     feed_forward: FeedForward | None = None
     damping: Damping | None = None
     model: Model
-
-
-class Reference(Section):
-    """[reference]: way points, straight lines at constant speed between them."""
-
-    t: tuple[float, ...] = quantity("t_s", min_length=1, description="times of the way points, ascending")
-    p: tuple[Triple, ...] = quantity(
-        "p_mm", min_length=1, description="positions (x, y, z) of the way points in frame B"
-    )
-
-    @field_validator("t")
-    @classmethod
-    def _ascending(cls, t: tuple[float, ...]) -> tuple[float, ...]:
-        if any(later <= earlier for earlier, later in pairwise(t)):
-            raise ValueError("expected times that increase from one way point to the next")
-        return t
