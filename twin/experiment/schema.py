@@ -59,6 +59,8 @@ class Cosim(Section):
 
     tick: float = quantity("tick_ms", gt=0)
     scheme: Literal["gauss_seidel", "jacobi"]
+    inputs: Literal["hold", "linear"] = "hold"
+    iterations: int = Field(1, ge=1, le=100)
 
 
 class VelocityLoop(Section):
