@@ -1,7 +1,7 @@
 # `make run` and `make test` set everything up by themselves; nothing else is needed but Python >= 3.11.
 PYTHON ?= python3
-# what `make test` installs beside the product; CI adds the C cross compiler that rebuilds the FMUs: test,fmus
-EXTRAS ?= test
+# what `make test` installs beside the product; CI adds the C cross compiler that rebuilds the FMUs: test,docs,fmus
+EXTRAS ?= test,docs
 JOBS   ?= 2
 VENV   := .venv
 TWIN   := $(VENV)/bin/twin
@@ -9,7 +9,7 @@ TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).to
 FIG4   := experiments/fig4_force_position.toml experiments/fig4_position.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test lint bench picture endurance fmus clean
+.PHONY: help run tasks test lint bench docs picture endurance fmus clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -37,6 +37,9 @@ tasks: $(VENV)/.run  ## the four massage tasks of Fig. 5, scored
 	$(TWIN) run $(TASKS)
 	$(TWIN) compare --paper fig5
 
+docs: $(VENV)/.test-$(EXTRAS)  ## the site: site/index.html
+	$(VENV)/bin/python -m mkdocs build --strict
+
 picture: run tasks  ## redraw the README's pictures
 	cp results/fig4/fig4.png docs/fig4.png
 	cp results/fig5/fig5.png docs/fig5.png
@@ -58,4 +61,4 @@ $(VENV)/.test-%: $(VENV)/bin/python pyproject.toml constraints.txt
 	@touch $@ $(VENV)/.run
 
 clean:  ## remove the environment and all results
-	rm -rf $(VENV) results/*/
+	rm -rf $(VENV) site results/*/

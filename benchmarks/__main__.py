@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import figure_4, fmi_versions, isolation, macro_step, start_up, tasks
+from benchmarks import figure_4, fmi_versions, isolation, live, macro_step, start_up, tasks
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -38,6 +38,7 @@ def main() -> None:
         lambda: tasks.measurements(ROOT / "experiments"),
         lambda: start_up.measurements(EXPERIMENT),
         lambda: isolation.measurements(EXPERIMENT),
+        lambda: live.measurements(EXPERIMENT),
     ):
         found = part()
         everything += found

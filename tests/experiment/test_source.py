@@ -72,6 +72,14 @@ def test_names_are_looked_up_from_the_experiments_folder_upwards(tmp_path: Path)
     assert located("nowhere", inner) == inner / "nowhere"
 
 
+def test_what_lies_nowhere_near_is_taken_from_the_repository(root: Path, tmp_path: Path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    assert located("fmus/pmsm_foc", tmp_path) == root / "fmus" / "pmsm_foc"
+    assert located("robots/massage_robot.toml", tmp_path) == root / "experiments/robots/massage_robot.toml"
+    (tmp_path / "fmus" / "pmsm_foc").mkdir(parents=True)
+    assert located("fmus/pmsm_foc", tmp_path) == tmp_path / "fmus" / "pmsm_foc"
+
+
 def test_another_drive_brings_its_own_parameters(tmp_path: Path):
     source = read_source(write(tmp_path, "e.toml", '[drive]\nfmu = "x"\n[drive.parameters]\ndroop = 0.6\n'))
     replace_drive(source, "y.fmu")

@@ -1,10 +1,13 @@
-"""A small recording of every kind of field, in several chunks, and the numbers that are in it."""
+"""A small recording of every kind of field and a form, in several chunks, and the numbers that are in it."""
 
 from pathlib import Path
 
 import numpy as np
+from foxglove_schemas_protobuf.FrameTransform_pb2 import FrameTransform
+from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from hypothesis import strategies as st
 
+from twin.recording.form import BLANK_TIME, Form, blank
 from twin.recording.layout import Field, Topic
 from twin.recording.recording import Recording
 from twin.recording.writer import Writer
@@ -34,6 +37,15 @@ ENCODER = Topic(
 )
 SCALE = Topic("scale", (Field("moved", 2, "bool", "1", "left, right"), Field("n", 1, "int", "1", "readings")), 40)
 TOPICS = (PLANT, *(Topic(f"drive/{leg}", DRIVE, 1) for leg in (1, 2, 3)), ENCODER, SCALE)
+TF = Form(
+    "tf",
+    FrameTransform(
+        timestamp=BLANK_TIME, child_frame_id="platform", translation=Vector3(x=blank(1), y=blank(0), z=blank(1))
+    ),
+    2,
+    20,
+)
+TF_ROWS = np.random.default_rng(0).normal(size=(TICKS // TF.period, TF.width))
 METADATA = {"experiment": {"toml": "[task]\nname = 'press'\n"}, "twin": {"seed": "0"}}
 ENDING = {"outcome": {"status": "done"}}
 
@@ -60,6 +72,8 @@ def fill(writer: Writer) -> None:
         for topic in TOPICS:
             first, end = -(-start // topic.period), -(-(start + SLICE) // topic.period)
             writer.write(topic.name, first * topic.period, rows_of(topic)[first:end])
+        pictures = slice(start // TF.period, (start + SLICE) // TF.period)
+        writer.write("tf", start, TF_ROWS[pictures])
         if start == 700:
             writer.write_event(750, "info", "the trigger fired", "controller")
     writer.write_event(TICKS - 1, "warning", "the scale saturates", "scale")
@@ -67,7 +81,7 @@ def fill(writer: Writer) -> None:
 
 def finished(path: Path) -> Path:
     """The sample recording, finished."""
-    with Writer(path, TOPICS, TICK, METADATA) as writer:
+    with Writer(path, TOPICS, TICK, METADATA, [TF]) as writer:
         fill(writer)
         for name, entries in ENDING.items():
             writer.write_metadata(name, entries)
@@ -76,7 +90,7 @@ def finished(path: Path) -> Path:
 
 def unfinished(path: Path) -> Path:
     """The sample recording, abandoned at its end."""
-    writer = Writer(path, TOPICS, TICK, METADATA)
+    writer = Writer(path, TOPICS, TICK, METADATA, [TF])
     fill(writer)
     return writer.abandon()
 

@@ -12,7 +12,7 @@ from twin.recording.reader import read
 from twin.recording.writer import Writer
 
 from . import samples
-from .samples import METADATA, TICK, TOPICS
+from .samples import METADATA, TF, TICK, TOPICS
 
 
 @contextmanager
@@ -34,7 +34,7 @@ def test_a_recording_that_may_not_grow_says_so_and_keeps_its_complete_chunks(
     with (
         largest_file(limit),
         pytest.raises(RecordingFailed, match=r"run\.mcap\.partial: recording stopped: File too large; the "),
-        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA) as writer,
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
     ):
         samples.fill(writer)
     recording = read(tmp_path / "run.mcap.partial")
@@ -50,7 +50,7 @@ def test_a_recording_that_fails_at_its_index_keeps_every_row(
     with (
         largest_file(unfinished.stat().st_size + 10),
         pytest.raises(RecordingFailed, match="File too large"),
-        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA) as writer,
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
     ):
         samples.fill(writer)
     recording = read(tmp_path / "run.mcap.partial")
@@ -61,7 +61,7 @@ def test_a_recording_that_fails_at_its_index_keeps_every_row(
 def test_a_full_disk_is_named_in_one_sentence(tmp_path: Path) -> None:
     (tmp_path / "run.mcap.partial").symlink_to("/dev/full")
     with pytest.raises(RecordingFailed) as caught:
-        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA)
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF])
     path = tmp_path / "run.mcap.partial"
     assert str(caught.value) == (
         f"{path}: recording stopped: No space left on device; the 0 bytes already written stay readable"
@@ -71,14 +71,14 @@ def test_a_full_disk_is_named_in_one_sentence(tmp_path: Path) -> None:
 
 def test_a_folder_that_does_not_exist_is_named(tmp_path: Path) -> None:
     with pytest.raises(RecordingFailed, match=r"nowhere/run\.mcap\.partial: cannot be created: No such file"):
-        Writer(tmp_path / "nowhere" / "run.mcap", TOPICS, TICK, METADATA)
+        Writer(tmp_path / "nowhere" / "run.mcap", TOPICS, TICK, METADATA, [TF])
 
 
 def test_the_error_that_stopped_the_run_is_not_hidden_by_the_disk(tmp_path: Path) -> None:
     with (
         largest_file(2000),
         pytest.raises(ZeroDivisionError) as caught,
-        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA) as writer,
+        Writer(tmp_path / "run.mcap", TOPICS, TICK, METADATA, [TF]) as writer,
     ):
         writer.write("drive/1", 0, np.random.default_rng(0).normal(size=(500, 2)))
         raise ZeroDivisionError

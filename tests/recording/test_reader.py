@@ -144,6 +144,13 @@ def test_a_file_that_mcap_and_protobuf_wrote_in_this_layout_is_read_with_all_its
     assert recording["drive/1.omega_m"].tolist() == [-1.0, -2.0, -3.0]
 
 
+def test_a_recording_of_pictures_alone_is_refused(tmp_path: Path) -> None:
+    with Writer(tmp_path / "pictures.mcap", [], TICK, {}, [samples.TF]) as writer:
+        writer.write("tf", 0, samples.TF_ROWS)
+    with pytest.raises(RecordingRefused, match=r"pictures\.mcap: not a recording that twin wrote: none of its topics"):
+        read(tmp_path / "pictures.mcap")
+
+
 def test_a_recording_of_another_tool_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "foreign.mcap"
     with path.open("wb") as file:

@@ -18,14 +18,14 @@ from twin.recording.reader import read
 from twin.recording.writer import Writer
 
 from . import samples
-from .samples import DRIVE, TICK, TICKS, TOPICS
+from .samples import DRIVE, TF, TF_ROWS, TICK, TICKS, TOPICS
 
 
 def decoded(reader: SeekingReader | NonSeekingReader) -> dict[str, np.ndarray]:
     """`topic.field` -> values of the numeric topics as mcap and protobuf, not twin, read them."""
     values = defaultdict(list)
     for _, channel, _, message in reader.iter_decoded_messages():
-        if channel.topic != "/events":
+        if channel.topic not in ("/events", "/tf"):
             for name, field in message.DESCRIPTOR.fields_by_name.items():
                 value = getattr(message, name)
                 values[f"{channel.topic[1:]}.{name}"].append(list(value) if field.is_repeated else value)
@@ -43,7 +43,7 @@ def test_another_reader_with_crcs_on_finds_every_value(finished: Path, truth: di
 def test_another_reader_accepts_the_crc_over_the_whole_data_section(finished: Path) -> None:
     with finished.open("rb") as file:
         messages = sum(1 for _ in NonSeekingReader(file, validate_crcs=True).iter_messages())
-    assert messages == sum(len(samples.rows_of(topic)) for topic in TOPICS) + 2
+    assert messages == sum(len(samples.rows_of(topic)) for topic in TOPICS) + len(TF_ROWS) + 2
 
 
 def test_an_abandoned_recording_streams_into_another_reader_to_its_last_row(
@@ -88,7 +88,7 @@ def test_the_statistics_count_what_is_there(finished: Path) -> None:
     assert statistics.chunk_count == chunks == len(summary.chunk_indexes)
     assert (statistics.message_start_time, statistics.message_end_time) == (0, (TICKS - 1) * 1_000_000)
     assert statistics.metadata_count == len(summary.metadata_indexes) == 3
-    assert (statistics.channel_count, statistics.schema_count) == (len(TOPICS) + 1, 5)
+    assert (statistics.channel_count, statistics.schema_count) == (len(TOPICS) + 2, 6)
     assert statistics.attachment_count == 0
 
 
@@ -194,13 +194,13 @@ def test_events_are_foxglove_logs_at_their_tick(finished: Path) -> None:
 
 def test_a_recording_has_its_name_only_when_it_is_finished(tmp_path: Path) -> None:
     path, partial = tmp_path / "run.mcap", tmp_path / "run.mcap.partial"
-    with Writer(path, TOPICS, TICK, {}):
+    with Writer(path, TOPICS, TICK, {}, [TF]):
         assert (path.exists(), partial.exists()) == (False, True)
     assert (path.exists(), partial.exists()) == (True, False)
 
 
 def test_an_exception_leaves_all_rows_in_a_readable_partial_file(tmp_path: Path, truth: dict[str, np.ndarray]) -> None:
-    with pytest.raises(ZeroDivisionError), Writer(tmp_path / "run.mcap", TOPICS, TICK, {}) as writer:
+    with pytest.raises(ZeroDivisionError), Writer(tmp_path / "run.mcap", TOPICS, TICK, {}, [TF]) as writer:
         samples.fill(writer)
         raise ZeroDivisionError
     assert not (tmp_path / "run.mcap").exists()
@@ -210,7 +210,7 @@ def test_an_exception_leaves_all_rows_in_a_readable_partial_file(tmp_path: Path,
 
 
 def test_a_closed_recording_takes_no_more(tmp_path: Path) -> None:
-    writer = Writer(tmp_path / "run.mcap", TOPICS, TICK, {})
+    writer = Writer(tmp_path / "run.mcap", TOPICS, TICK, {}, [TF])
     writer.finish()
     with pytest.raises(RecordingFailed, match="the recording is closed"):
         writer.write_metadata("outcome", {})
@@ -247,6 +247,6 @@ def test_rows_refused_for_a_bad_count_leave_no_gap(tmp_path: Path) -> None:
 
 
 def test_topics_need_names_of_their_own(tmp_path: Path) -> None:
-    for names in (["a", "a"], ["events"]):
+    for names in (["a", "a"], ["events"], ["tf"]):
         with pytest.raises(ValueError, match="expected different names"):
-            Writer(tmp_path / "run.mcap", [Topic(name, DRIVE, 1) for name in names], TICK, {})
+            Writer(tmp_path / "run.mcap", [Topic(name, DRIVE, 1) for name in names], TICK, {}, [samples.TF])

@@ -11,6 +11,7 @@ from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.component import Component
 from twin.cosim.delay import delay
+from twin.experiment import schema
 from twin.experiment.agreement import monitor_belief
 from twin.experiment.experiment import Experiment
 from twin.experiment.monitor import limits
@@ -20,11 +21,16 @@ from twin.monitor.component import Monitor
 
 def belief(experiment: Experiment) -> Belief:
     """What the controller believes."""
-    m = experiment.controller.model
+    return believed(experiment.controller)
+
+
+def believed(computer: schema.Controller) -> Belief:
+    """[controller.model] and the dead zone as the estimator takes them."""
+    m = computer.model
     return Belief(
         a=m.a, b=m.b, l_a=m.l_a, l_b=m.l_b, m_a=m.m_a, m_b=m.m_b, m_p=m.m_p, k_s=m.k_s, N=m.N, eta=m.eta,
         motor_counts=m.motor_counts_per_turn, joint_counts=m.joint_counts_per_turn,
-        motor_zero=m.motor_zero, joint_zero=m.joint_zero, backlash=experiment.controller.dead_zone,
+        motor_zero=m.motor_zero, joint_zero=m.joint_zero, backlash=computer.dead_zone,
     )  # fmt: skip
 
 

@@ -1,34 +1,71 @@
 """The command `twin`, and how every error becomes one message and an exit code."""
 
 import sys
+from typing import Annotated
 
 import typer
 
-from twin.cli import compare, drive, faults, run
-from twin.errors import TwinError
+from twin import __version__
+from twin.cli import compare, doctor, drive, export, faults, init, replay, report, run, schema
+from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
 
-app = typer.Typer(
-    name="twin",
-    help="Digital twin of a delta-like massage robot: experiments with motor drives as FMUs, beside the paper.",
-    no_args_is_help=True,
-    add_completion=False,
-    pretty_exceptions_enable=False,
-)
-app.command("run")(run.run)
+app = typer.Typer(name="twin", no_args_is_help=True, pretty_exceptions_enable=False)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        print(f"twin {__version__}")
+        raise typer.Exit()
+
+
+@app.callback()
+def twin(
+    version: Annotated[
+        bool, typer.Option("--version", is_eager=True, callback=_print_version, help="Print the version and exit.")
+    ] = False,
+) -> None:
+    """Digital twin of a delta-like massage robot with motor drives as FMUs.
+
+    Start with: twin run experiments/fig4_force_position.toml
+    """
+
+
+app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
 app.command("faults")(faults.faults)
+app.command("report")(report.report)
+app.command("replay")(replay.replay)
+app.command("export")(export.export)
 app.add_typer(drive.app, name="drive")
+app.command("init")(init.init)
+app.command("schema")(schema.schema)
+app.command("doctor")(doctor.doctor)
 
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     try:
-        app()
+        sys.exit(app(prog_name="twin", standalone_mode=False))
     except TwinError as error:
         print(error, file=sys.stderr)
         sys.exit(error.exit_code)
-    except KeyboardInterrupt:
+    except typer.TyperException as mistake:
+        told = _sentence(mistake)
+        if told:
+            print(told, file=sys.stderr)
+        sys.exit(InputRefused.exit_code)
+    except (KeyboardInterrupt, typer.Abort):
         print("interrupted", file=sys.stderr)
         sys.exit(INTERRUPTED)
+
+
+def _sentence(mistake: typer.TyperException) -> str:
+    """A mistake in the command line: where, what, and what is meant or where help is; "" if the help was shown."""
+    text = mistake.format_message().strip()
+    context = getattr(mistake, "ctx", None)
+    if not text or context is None:
+        return text
+    text = f"{context.command_path}: {text[0].lower()}{text[1:].rstrip('.')}".replace(". Did you", "; did you")
+    return text if text.endswith("?") else f"{text}; see {context.command_path} --help"

@@ -1,4 +1,4 @@
-"""`twin compare`: recordings beside the paper's claims."""
+"""`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
 
 import json
 from collections.abc import Callable
@@ -16,7 +16,7 @@ FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
 
 
 class Verdict(NamedTuple):
-    """What a figure's claims come to: for people, for programs, as a picture."""
+    """What a comparison comes to: for people, for programs, as a picture."""
 
     text: str
     facts: dict[str, object]
@@ -26,30 +26,58 @@ class Verdict(NamedTuple):
 
 
 def compare(
-    paper: Annotated[str, typer.Option(metavar="FIGURE", help="Figure of the paper to score: fig4 or fig5.")],
     runs: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[RUN...]",
-            help="fig4: the run with force control, then the one without. fig5: any runs of tasks; without RUN, the "
-            "latest of results/pressing, tapping, rolling and pushing.",
+            metavar="A B",
+            help="A recording (its folder, its .mcap file, results/EXPERIMENT), another MCAP file or a CSV file. With "
+            "--paper: fig4: the run with force control, then the one without; fig5: any runs of tasks, or none for "
+            "the latest of results/pressing, tapping, rolling and pushing.",
         ),
     ] = None,
-    out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Where picture and JSON go; without it, results/FIGURE.")
+    paper: Annotated[
+        str | None, typer.Option(metavar="FIGURE", help="Score runs against the paper: fig4 or fig5.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of the scorecard.")] = False,
+    signal: Annotated[
+        list[str] | None, typer.Option(metavar="NAME", help="Compare only these; * and ? fit any.")
+    ] = None,
+    tol: Annotated[
+        list[str] | None,
+        typer.Option(metavar="RULE", help="2%@4ms (the default), NAME=0.05N, NAME=0.1mm@10ms, FILE.toml."),
+    ] = None,
+    column_map: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="MAP", help="Column of a foreign file: NAME=[-]COLUMN[UNIT], FILE.toml."),
+    ] = None,
+    align: Annotated[str, typer.Option(metavar="HOW", help="Time of B: none, start, event or fit.")] = "none",
+    by: Annotated[str, typer.Option(metavar="NAME", help="Signal to align by, for event and fit.")] = "",
+    max_shift: Annotated[float, typer.Option(metavar="S", help="Largest shift of fit, in s.")] = 1.0,
+    out: Annotated[
+        Path | None,
+        typer.Option(metavar="DIR", help="Where picture and JSON go; results/compare, or results/FIGURE."),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
-    """Score runs against the claims of a figure of the paper, and draw the figure.
+    """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 
-    A run is its folder, its .mcap file, or results/EXPERIMENT for the latest one.
-    Exit code: 0 no claim fails, 1 one does, 2 input refused.
+    B is right where it is, at some instant no more than the tolerance in time
+    away, no farther from A than the tolerance in value. docs/compare.md tells
+    of columns, units, tolerances, alignment and digitised figures.
+
+    Exit code: 0 inside, or no claim fails; 1 outside, or one does; 2 refused.
+
+    Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
-    if paper not in FIGURES:
+    if paper is None:
+        name, verdict = "compare", _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift))
+    elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
-    verdict = FIGURES[paper](runs or [])
-    folder = out or Path("results") / paper
-    picture, facts = folder / f"{paper}.png", folder / f"{paper}.json"
+    elif signal or tol or column_map or align != "none":
+        raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align; claims have bounds")
+    else:
+        name, verdict = paper, FIGURES[paper](runs or [])
+    folder = out or Path("results") / name
+    picture, facts = folder / f"{name}.png", folder / f"{name}.json"
     try:
         folder.mkdir(parents=True, exist_ok=True)
         verdict.draw(picture)
@@ -65,6 +93,25 @@ def compare(
         )
     if verdict.failed:
         raise SystemExit(1)
+
+
+def _tube(
+    paths: list[Path], signals: list[str], tolerances: list[str], maps: list[str], align: tuple[str, str, float]
+) -> Verdict:
+    if len(paths) != 2:
+        raise InputRefused(
+            f"twin compare: got {len(paths)} path{'s' * (len(paths) != 1)}, expected A and B, or --paper FIGURE"
+        )
+    from twin.comparison.alignment import alignment
+    from twin.comparison.comparison import compared
+    from twin.comparison.inputs import both
+    from twin.comparison.tolerance import rules
+    from twin.report.comparison import draw_comparison
+    from twin.report.comparison_text import comparison_text
+
+    found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
+    failed = [row.signal for row in found.outside]
+    return Verdict(comparison_text(found), found.facts(), failed, [], lambda path: draw_comparison(found, path))
 
 
 def _fig4(paths: list[Path]) -> Verdict:

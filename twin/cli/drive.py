@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.cli.completion import drive_names, experiment_files
 from twin.errors import ComponentFailed, InputRefused
 
 if TYPE_CHECKING:
@@ -20,7 +21,10 @@ WIDTH = 80
 app = typer.Typer(help="Look at drive FMUs, qualify, compare and bring them in.", no_args_is_help=True)
 
 Fmu = Annotated[
-    str, typer.Argument(metavar="FMU", help="An .fmu file, a mapping, a drive's folder, or a name in fmus/.")
+    str,
+    typer.Argument(
+        metavar="FMU", help="An .fmu file, a mapping, a drive's folder, or a name in fmus/.", autocompletion=drive_names
+    ),
 ]
 Isolate = Annotated[bool, typer.Option(help="Run the FMU in a process of its own.")]
 IN_A_PROCESS = os.name == "posix"
@@ -37,6 +41,8 @@ def info(fmu: Fmu, as_json: Json = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
+
+    Example: twin drive info pmsm_foc
     """
     from twin.assembly.drives import planned
     from twin.experiment.drive_files import lone_drive
@@ -50,6 +56,8 @@ def list_(as_json: Json = False) -> None:
     """List the drives of fmus/ and whether they fit this robot, without loading their binaries.
 
     Exit code: 0 whether they fit or not, 2 there is no fmus/.
+
+    Example: twin drive list
     """
     from dataclasses import asdict
 
@@ -64,8 +72,12 @@ def list_(as_json: Json = False) -> None:
 def new(fmu: Fmu) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
 
-    What is in doubt stands in it as comments. An existing mapping.toml is never touched.
+    What is in doubt stands in it as comments. An existing mapping.toml is never
+    touched.
+
     Exit code: 0 written, 2 refused.
+
+    Example: twin drive new fmus/stepper/stepper.fmu
     """
     from twin.drive.description import described
     from twin.experiment.drive_files import MAPPING, lone_drive
@@ -90,7 +102,12 @@ def new(fmu: Fmu) -> None:
 
 @app.command()
 def check(
-    fmus: Annotated[list[str], typer.Argument(metavar="FMU...", help="Drives: .fmu files, folders, names in fmus/.")],
+    fmus: Annotated[
+        list[str],
+        typer.Argument(
+            metavar="FMU...", help="Drives: .fmu files, folders, names in fmus/.", autocompletion=drive_names
+        ),
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = IN_A_PROCESS,
@@ -98,7 +115,10 @@ def check(
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
 
-    Exit code: 0 qualified, 1 not, 2 refused before it ran, 3 an FMU crashed, hung or ended its process.
+    Exit code: 0 qualified, 1 not, 2 refused before it ran, 3 an FMU crashed, hung
+    or ended its process.
+
+    Example: twin drive check velocity_servo
     """
     from twin.report.drive_text import check_text, measures_table
 
@@ -120,15 +140,21 @@ def check(
 
 @app.command()
 def compare(
-    fmus: Annotated[list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.")],
-    experiment: Annotated[Path, typer.Option(metavar="FILE", help="The experiment (TOML).")],
+    fmus: Annotated[
+        list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.", autocompletion=drive_names)
+    ],
+    experiment: Annotated[
+        Path, typer.Option(metavar="FILE", help="The experiment (TOML).", autocompletion=experiment_files)
+    ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
     isolate: Isolate = IN_A_PROCESS,
     as_json: Json = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
 
-    Exit code: 0 all ran, 2 one is refused (none has run), 3 one failed while running.
+    Exit code: 0 all ran, 2 one is refused (none has run), 3 one failed.
+
+    Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
     _made(out)
     arguments: dict[str, Any] = {"fmus": fmus, "experiment": str(experiment), "out": str(out)}

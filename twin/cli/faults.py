@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.cli.completion import body_names, drive_names, experiment_files, setting_keys
 from twin.errors import ComponentFailed, InputRefused
 
 if TYPE_CHECKING:
@@ -26,7 +27,12 @@ class Isolation(StrEnum):
 
 
 def faults(
-    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment with a safety monitor (TOML).")],
+    experiment: Annotated[
+        Path,
+        typer.Argument(
+            metavar="EXPERIMENT", help="Experiment with a safety monitor (TOML).", autocompletion=experiment_files
+        ),
+    ],
     kinds: Annotated[
         list[str] | None, typer.Option("--kind", metavar="KIND", help="Only this kind of fault; may be repeated.")
     ] = None,
@@ -38,13 +44,22 @@ def faults(
         float | None, typer.Option(metavar="S", help="How long each fault lasts; without it, to the end.")
     ] = None,
     drive: Annotated[
-        str | None, typer.Option(metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.")
+        str | None,
+        typer.Option(
+            metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.", autocompletion=drive_names
+        ),
     ] = None,
     body: Annotated[
-        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/.")
+        str | None,
+        typer.Option(
+            metavar="BODY", help="What to press on: a file of experiments/bodies/.", autocompletion=body_names
+        ),
     ] = None,
     settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
+        list[str] | None,
+        typer.Option(
+            "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
+        ),
     ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where rows, picture and JSON go: results/faults/EXPERIMENT.")
@@ -56,9 +71,11 @@ def faults(
 ) -> None:
     """Break everything once: each kind of fault, with the safety monitor and without.
 
-    Exit code: 0 every fault that can be seen stays below the force limit plus 20 %,
-    1 one does not, 2 input refused, 3 a drive crashed or hung (the rows until then are
-    kept), 4 the monitor tripped without any fault.
+    Exit code: 0 every fault that can be seen stays below the force limit plus
+    20 %, 1 one does not, 2 input refused, 3 a drive crashed or hung (the rows
+    until then are kept), 4 the monitor tripped without any fault.
+
+    Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
     """
     from twin.report.fault_matrix import draw_fault_matrix
     from twin.report.fault_matrix_text import fault_matrix_text

@@ -3,7 +3,7 @@
 import json
 import re
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -13,12 +13,18 @@ from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
+from twin.execution.block import Block
+from twin.execution.outcome import Outcome, Tally
+from twin.execution.pacing import Pace, Punctuality
 from twin.execution.provenance import provenance
+from twin.execution.tuning import Tuning
+from twin.execution.viewer import Stream, Viewer
 from twin.execution.watch import Event, Watch
 from twin.experiment.experiment import Experiment
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
+from twin.scene.scene import Scene
 
 SLICE_TICKS = 100
 SUMMARY = "summary.json"
@@ -36,7 +42,10 @@ class Run:
         events: (time in s, level, text).
         trip: why the safety monitor tripped; "" if it did not.
         drives: what stood behind each joint: file, FMI version, hash, mapping, warnings.
+        outcome: what it came to.
         microseconds: wall time per tick of each component, if it was measured.
+        changed: whether parameters were changed while it ran; the events say which and when.
+        punctuality: how its deadlines were kept; None if it was not paced.
     """
 
     recording: Path
@@ -46,7 +55,10 @@ class Run:
     events: tuple[tuple[float, str, str], ...]
     trip: str
     drives: tuple[str, ...]
+    outcome: Outcome
     microseconds: dict[str, float]
+    changed: bool
+    punctuality: Punctuality | None
 
     @property
     def real_time_factor(self) -> float:
@@ -60,6 +72,8 @@ def execute(
     substitutes: Mapping[str, Component] | None = None,
     timed: bool = False,
     drive_maker: DriveMaker = drive,
+    factor: float | None = None,
+    viewer: Viewer | None = None,
 ) -> Run:
     """Run `experiment` and record it as `folder`/run.mcap, with a summary beside it.
 
@@ -70,6 +84,8 @@ def execute(
         substitutes: see `assemble`.
         timed: measure each component.
         drive_maker: see `assemble`.
+        factor: simulated time per wall time, > 0; None: as fast as it goes. It leaves no trace in the recording.
+        viewer: who watches while it goes on, and may change parameters.
 
     Raises:
         InputRefused: a drive FMU does not fit.
@@ -77,38 +93,62 @@ def execute(
         RecordingFailed: the disk is full; likewise.
     """
     with assemble(experiment, substitutes, drive_maker) as assembly:
-        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed)
+        pace = Pace(factor, assembly.system.tick) if factor else None
+        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, pace, viewer)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # before the FMUs are freed: one that crashes then shall take nothing with it
         (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
     return run
 
 
-def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: Progress, timed: bool) -> Run:
+def _recorded(
+    experiment: Experiment,
+    assembly: Assembly,
+    path: Path,
+    progress: Progress,
+    timed: bool,
+    pace: Pace | None,
+    viewer: Viewer | None,
+) -> Run:
     system = assembly.system
-    simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS, timed)
-    topics = [_topic(component) for component in system.components]
-    spans = [_span(system, position) for position in range(len(topics))]
-    watch = Watch(assembly, experiment)
+    slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
+    simulation = Simulation(system, experiment.duration_ticks, slice_ticks, timed)
+    streams = [Stream(_topic(component, experiment), _span(system, c)) for c, component in enumerate(system.components)]
+    watch, scene, tally = Watch(assembly, experiment), Scene(experiment, system), Tally(system)
+    tuning = Tuning(experiment, assembly)
     events: list[Event] = []
-    stepping = writing = 0.0
-    with Writer(path, topics, system.tick, provenance(experiment, assembly)) as writer:
+    block = Block(SLICE_TICKS, system.outputs_width)
+    stepping, writing, marked = 0.0, 0.0, False
+    topics = [stream.topic for stream in streams]
+    with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
+        if viewer:
+            viewer.begin(streams, scene, system.tick, tuning)
+        if pace:
+            pace.begin()
         while not simulation.finished:
             first = simulation.next_tick
+            changes = tuning.apply(first)
+            if changes and not marked:
+                # whoever repeats the experiment will not get this run
+                writer.write_metadata("changed", {"first": changes[0].text, "all": "the events of 'tuning'"})
+                marked = True
             began = time.perf_counter()
             rows = simulation.advance()
             stepped = time.perf_counter()
-            for topic, span in zip(topics, spans, strict=True):
-                start = -first % topic.period
-                writer.write(topic.name, first + start, rows[start :: topic.period, span])
-            for event in watch.events(first, rows):
-                writer.write_event(event.tick, event.level, event.text, event.source)
-                events.append(event)
-            # a component may take this process with it in the next slice
-            writer.end_slice()
+            happened = [*changes, *watch.events(first, rows)]
+            block.add(rows, happened)
+            tally.take(rows)
+            events += happened
+            if block.full or simulation.finished:
+                _write(writer, streams, scene, block)
             stepping += stepped - began
             writing += time.perf_counter() - stepped
             progress(simulation.next_tick, experiment.duration_ticks + 1)
+            if pace:
+                pace.keep(simulation.next_tick)
+            if viewer:
+                viewer.show(first, rows, happened)
+        tuning.close()
         if simulation.failure:
             writer.write_event(simulation.next_tick, "ERROR", str(simulation.failure), "cosim")
             raise _with_remedy(simulation, assembly, writer.abandon())
@@ -124,8 +164,26 @@ def _recorded(experiment: Experiment, assembly: Assembly, path: Path, progress: 
         events=tuple((event.tick * system.tick, event.level, event.text) for event in events),
         trip=watch.trip,
         drives=tuple(_told(plan) for plan in assembly.drives),
+        outcome=tally.outcome,
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
+        changed=tuning.changed,
+        punctuality=pace.punctuality() if pace else None,
     )
+
+
+def _write(writer: Writer, streams: Sequence[Stream], scene: Scene, block: Block) -> None:
+    """Record `block` and clear it."""
+    for stream in streams:
+        start = -block.first % stream.topic.period
+        rows = block.rows[start :: stream.topic.period, stream.columns]
+        writer.write(stream.topic.name, block.first + start, rows)
+    for drawing in scene.drawings(block.first, block.rows):
+        writer.write(*drawing)
+    for event in block.events:
+        writer.write_event(event.tick, event.level, event.text, event.source)
+    # a component may take this process with it in the next slice
+    writer.end_slice()
+    block.clear()
 
 
 def _told(plan: DrivePlan) -> str:
@@ -135,11 +193,15 @@ def _told(plan: DrivePlan) -> str:
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 
 
-def _topic(component: Component) -> Topic:
-    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name."""
+def _topic(component: Component, experiment: Experiment) -> Topic:
+    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name.
+
+    At the rate "controller" nothing is recorded more often than the controller acts.
+    """
+    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
     name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
     fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
-    return Topic(name, fields, component.period)
+    return Topic(name, fields, max(shortest, component.period))
 
 
 def _span(system: System, position: int) -> slice:

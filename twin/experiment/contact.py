@@ -25,10 +25,10 @@ NEEDED = {
 class Breathing(Section):
     """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
 
-    amplitude: float = quantity("amplitude_mm", ge=0)
-    rate: float = quantity("rate_per_min", gt=0)
-    start: float = quantity("start_s", 0.0, ge=0)
-    end: float | None = quantity("end_s", None, ge=0)
+    amplitude: float = quantity("amplitude_mm", ge=0, examples=[1.0], description="half the way from breath to breath")
+    rate: float = quantity("rate_per_min", gt=0, examples=[15.0], description="breaths per time")
+    start: float = quantity("start_s", 0.0, ge=0, description="first breath")
+    end: float | None = quantity("end_s", None, ge=0, examples=[20.0], description="last breath")
 
     @property
     def motion(self) -> Motion:
@@ -39,10 +39,10 @@ class Breathing(Section):
 class Shift(Section):
     """[contact.shift]: the person moves once; if an end is given, back again from then on."""
 
-    by: tuple[float, float, float] = quantity("by_mm")
-    start: float = quantity("start_s", ge=0)
-    rise: float = quantity("rise_s", gt=0)
-    end: float | None = quantity("end_s", None, ge=0)
+    by: tuple[float, float, float] = quantity("by_mm", examples=[[0.0, 0.0, 2.0]], description="how far (x, y, z)")
+    start: float = quantity("start_s", ge=0, examples=[5.0], description="when it moves")
+    rise: float = quantity("rise_s", gt=0, examples=[0.5], description="how long it takes")
+    end: float | None = quantity("end_s", None, ge=0, examples=[20.0], description="when it moves back")
 
     @property
     def motion(self) -> Motion:
@@ -60,25 +60,57 @@ class Contact(Section):
         kind: for people; a law or shape is not tied to it.
     """
 
-    body: str | None = None
-    kind: Literal["scale", "skin"]
-    height: float = quantity("height_mm")
-    tilt: float = quantity("tilt_deg", gt=-45, lt=45)
-    tilt_x: float = quantity("tilt_x_deg", 0.0, gt=-45, lt=45)
-    radius: float | None = quantity("radius_mm", None, gt=0)
-    shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = "plane"
-    stiffness: float = quantity("stiffness_N_per_m", ge=0)
-    damping: float | None = quantity("damping_s_per_m", None, ge=0)
-    exponent: float | None = Field(None, ge=1, le=5)
-    reference_depth: float | None = quantity("reference_depth_mm", None, gt=0)
-    damper: float | None = quantity("damper_N_s_per_m", None, ge=0)
-    touch_depth: float | None = quantity("touch_depth_mm", None, gt=0)
-    stiffening: float | None = quantity("stiffening_per_mm", None, gt=0)
+    body: str | None = Field(
+        None, examples=["back"], description="a file of bodies/ that fills in what this table does not say"
+    )
+    kind: Literal["scale", "skin"] = Field(description="for people")
+    height: float = quantity("height_mm", description="z of the surface's highest point, or of the plane at x = y = 0")
+    tilt: float = quantity("tilt_deg", gt=-45, lt=45, description="tilt about y")
+    tilt_x: float = quantity("tilt_x_deg", 0.0, gt=-45, lt=45, description="tilt about x")
+    radius: float | None = quantity(
+        "radius_mm", None, gt=0, examples=[60.0], description="radius of a sphere or cylinder"
+    )
+    shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = Field("plane", description="shape of the surface")
+    stiffness: float = quantity("stiffness_N_per_m", ge=0, description="stiffness; the laws say at which depth")
+    damping: float | None = quantity(
+        "damping_s_per_m",
+        None,
+        ge=0,
+        examples=[3.0],
+        description="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
+    )
+    exponent: float | None = Field(None, ge=1, le=5, examples=[1.5], description="Hunt-Crossley: force over depth")
+    reference_depth: float | None = quantity(
+        "reference_depth_mm",
+        None,
+        gt=0,
+        examples=[4.0],
+        description="Hunt-Crossley with an exponent: depth at which the stiffness holds",
+    )
+    damper: float | None = quantity(
+        "damper_N_s_per_m", None, ge=0, examples=[10.0], description="Kelvin-Voigt: viscous damper"
+    )
+    touch_depth: float | None = quantity(
+        "touch_depth_mm",
+        None,
+        gt=0,
+        examples=[1.0],
+        description="Kelvin-Voigt: depth over which damper and spring take hold",
+    )
+    stiffening: float | None = quantity(
+        "stiffening_per_mm",
+        None,
+        gt=0,
+        examples=[0.2],
+        description="exponential: relative growth of the stiffness per depth",
+    )
     # law and shape stand after the keys they decide on: a field's check sees the fields before it
-    law: Literal["hunt_crossley", "kelvin_voigt", "exponential"] = "hunt_crossley"
-    friction: float = Field(ge=0)
-    bristle: float = quantity("bristle_N_per_m", gt=0)
-    bristle_damping: float = quantity("bristle_damping_N_s_per_m", ge=0)
+    law: Literal["hunt_crossley", "kelvin_voigt", "exponential"] = Field(
+        "hunt_crossley", description="law of the normal force"
+    )
+    friction: float = Field(ge=0, description="Coulomb coefficient")
+    bristle: float = quantity("bristle_N_per_m", gt=0, description="lateral stiffness while sticking")
+    bristle_damping: float = quantity("bristle_damping_N_s_per_m", ge=0, description="lateral damping while sticking")
     breathing: Breathing | None = None
     shift: Shift | None = None
 

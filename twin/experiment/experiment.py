@@ -24,9 +24,9 @@ from twin.faults.fault import Fault
 class Head(Section):
     """The keys of an experiment that stand in no table."""
 
-    title: str = Field(min_length=1)
-    duration: float = quantity("duration_s", gt=0)
-    seed: int = Field(0, ge=0, lt=2**63)
+    title: str = Field(min_length=1, description="for people")
+    duration: float = quantity("duration_s", gt=0, description="simulated time")
+    seed: int = Field(0, ge=0, lt=2**63, description="seed of the encoders' noise")
 
 
 TABLES: dict[str, type[Section]] = {
@@ -41,6 +41,7 @@ OPTIONAL_TABLES: dict[str, type[Section]] = {
     "reference": schema.Reference,
     "approach": task.Approach,
     "monitor": Monitor,
+    "recording": schema.Recording,
 }
 ARRAYS = ("task", "fault")
 """Arrays of tables."""
@@ -60,6 +61,7 @@ class Experiment:
         monitor: None: nobody watches.
         faults: what breaks, in ticks.
         drives: one per joint, complete, FMUs as absolute paths.
+        recording: what of the run is kept.
         values: the merged file as it was checked, keys with units. origins: where each value comes from.
     The tables are those of `schema.py`, `contact.py`, `task.py` and `monitor.py`.
     """
@@ -83,6 +85,7 @@ class Experiment:
     monitor: Monitor | None
     faults: tuple[Fault, ...]
     drives: tuple[schema.Drive, schema.Drive, schema.Drive]
+    recording: schema.Recording
     values: dict[str, Any]
     origins: dict[str, str]
 
@@ -154,6 +157,7 @@ def load_experiment(
         monitor=monitor if monitor is not None and monitor.enabled else None,
         faults=faults,
         drives=(one, two, three),
+        recording=checked.get("recording", schema.Recording()),
         values=source.values,
         origins=source.origins,
     )

@@ -8,6 +8,9 @@ from typing import Any
 
 from twin.errors import InputRefused
 
+CHECKOUT = Path(__file__).parents[2]
+"""The repository this package lies in: its experiments, robots, bodies and drives are found from any folder."""
+
 
 @dataclass
 class Source:
@@ -113,14 +116,14 @@ def _forget(source: Source, table: str, keep: tuple[str, ...] = ()) -> None:
 
 
 def located(name: str, start: Path) -> Path:
-    """The file `name` as seen from folder `start`: absolute, or in `start`, its parents, or the current folder.
+    """The file `name` as seen from folder `start`: absolute, in `start` or its parents, here, or in `CHECKOUT`.
 
     What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
     """
     wanted = Path(name).expanduser()
     if wanted.is_absolute():
         return wanted
-    for folder in (start, *start.parents, Path.cwd()):
+    for folder in (start, *start.parents, Path.cwd(), CHECKOUT, CHECKOUT / "experiments"):
         if (folder / wanted).exists():
             return folder / wanted
     return start / wanted

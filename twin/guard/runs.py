@@ -6,6 +6,7 @@ from pathlib import Path
 
 from twin.errors import ComponentFailed, SafetyTrip
 from twin.execution import Run, execute
+from twin.execution.viewer import Viewer
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.guard.guard import JobDied
 from twin.guard.limits import Limits
@@ -23,15 +24,19 @@ def recorded_runs(
     out: str | None,
     isolate_drives: bool = False,
     limit_step: float = Limits.step,
+    factor: float | None = None,
+    viewer: Viewer | None = None,
 ) -> None:
     """Run each experiment and record it.
 
-    Notes: {"experiment", "folder"} before a run, {"run": the fields of `twin.execution.Run`} after it.
+    Notes: {"experiment", "folder", "duration" (s)} before a run, {"run": the fields of `twin.execution.Run` and
+    `remarks`, sentences about it} after it.
 
     Args:
         experiments: files. settings, drive, body: see `load_experiment`, for all of them.
         out: the folder of the only run; None: results/<experiment>/<time>.
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
+        factor, viewer: see `execute`.
 
     Raises:
         InputRefused: a mistake in any of the experiments; none has been run.
@@ -45,14 +50,19 @@ def recorded_runs(
         folder = (
             claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
         )
+        duration = experiment.duration_ticks * experiment.cosim.tick
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
-        voice.note(experiment=experiment.name, folder=str(folder))
+        voice.note(experiment=experiment.name, folder=str(folder), duration=duration)
         if isolate_drives:
-            run = _with_isolated_drives(voice, experiment, folder, limit_step)
+            run = _with_isolated_drives(voice, experiment, folder, limit_step, factor, viewer)
         else:
-            run = execute(experiment, folder, voice.progress)
+            run = execute(experiment, folder, voice.progress, timed=True, factor=factor, viewer=viewer)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
+        remarks = [run.punctuality.sentence] if run.punctuality else []
+        if run.changed:
+            remarks.append("changed while it ran: the experiment's file alone does not repeat it")
+        facts["remarks"] = remarks
         voice.note(run=facts)
         if run.trip and not experiment.faults:
             unexpected.append(f"{experiment.name}: {run.trip}")
@@ -60,12 +70,16 @@ def recorded_runs(
         raise SafetyTrip("\n".join(unexpected))
 
 
-def _with_isolated_drives(voice: Voice, experiment: Experiment, folder: Path, limit_step: float) -> Run:
+def _with_isolated_drives(
+    voice: Voice, experiment: Experiment, folder: Path, limit_step: float, factor: float | None, viewer: Viewer | None
+) -> Run:
     # its compiled code takes a while to load
     from twin.guard.isolated_drive import IsolatedDrives
 
     with IsolatedDrives(voice, limit_step) as drives:
         try:
-            return execute(experiment, folder, voice.progress, drive_maker=drives.drive)
+            return execute(
+                experiment, folder, voice.progress, timed=True, drive_maker=drives.drive, factor=factor, viewer=viewer
+            )
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(folder)}") from None

@@ -59,10 +59,19 @@ class Topic:
     period: int
 
     def __post_init__(self) -> None:
-        if not TOPIC_NAME.fullmatch(self.name):
-            raise ValueError(f"topic name {self.name!r}: expected words joined by slashes, such as drive/1")
-        if self.period < 1:
-            raise ValueError(f"topic {self.name}: period is {self.period} ticks, expected 1 or more")
+        check_stream(self.name, self.period)
         names = [field.name for field in self.fields]
         if not names or len(set(names)) < len(names):
             raise ValueError(f"topic {self.name}: expected fields of different names, got {names}")
+
+
+def check_stream(name: str, period: int) -> None:
+    """Refuse what no stream of messages can be: a `name` that is none, a `period` (ticks) of less than 1.
+
+    Raises:
+        ValueError: it is that.
+    """
+    if not TOPIC_NAME.fullmatch(name):
+        raise ValueError(f"topic name {name!r}: expected words joined by slashes, such as drive/1")
+    if period < 1:
+        raise ValueError(f"topic {name}: period is {period} ticks, expected 1 or more")

@@ -70,11 +70,30 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
         record += bytes(field.size * value_type.itemsize)
     names = [field.name for field in fields]
     values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
-    head = np.dtype({"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": len(record)})
-    template = np.frombuffer(record, dtype=np.uint8)
-    front = template.view(head)
-    front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(record) - RECORD_PREFIX, channel
-    return MessageLayout(template, tuple(framing), head, values)
+    template = record_template(channel, bytes(record[HEAD_SIZE:]))
+    return MessageLayout(template, tuple(framing), head_dtype(len(record)), values)
+
+
+def head_dtype(stride: int) -> np.dtype:
+    """Structured dtype of the front of a Message record of `stride` bytes."""
+    return np.dtype({"names": HEAD_NAMES, "formats": HEAD_FORMATS, "offsets": HEAD_OFFSETS, "itemsize": stride})
+
+
+def record_template(channel: int, body: bytes) -> np.ndarray:
+    """Message record of `body` on channel number `channel`, (stride,) uint8, with no sequence number or time yet."""
+    template = np.frombuffer(bytearray(HEAD_SIZE) + body, dtype=np.uint8)
+    front = template.view(head_dtype(len(template)))
+    front["opcode"], front["length"], front["channel"] = Opcode.MESSAGE, len(template) - RECORD_PREFIX, channel
+    return template
+
+
+def numbered_records(template: np.ndarray, head: np.dtype, times: np.ndarray, first_sequence: int) -> np.ndarray:
+    """A record for each of `times` (ns, (n,) integer), numbered from `first_sequence`, (n, stride) uint8."""
+    records = np.tile(template, (len(times), 1))
+    fronts = records.view(head)[:, 0]
+    fronts["sequence"] = np.arange(first_sequence, first_sequence + len(times))
+    fronts["log_time"] = fronts["publish_time"] = times
+    return records
 
 
 def message_records(
@@ -92,10 +111,7 @@ def message_records(
     Raises:
         ValueError: an `int` field holds something other than whole numbers (nan included).
     """
-    records = np.tile(layout.template, (len(rows), 1))
-    head = records.view(layout.head)[:, 0]
-    head["sequence"] = np.arange(first_sequence, first_sequence + len(rows))
-    head["log_time"] = head["publish_time"] = times
+    records = numbered_records(layout.template, layout.head, times, first_sequence)
     values = records.view(layout.values)[:, 0]
     start = 0
     for field in fields:

@@ -57,6 +57,8 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
                 metadata.setdefault(found.value.name, {}).update(found.value.metadata)
     except Damage as error:
         damage = error
+    if contents.passed and not contents.series:
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
     streams = {
         contents.topics[channel]: Stream(series.fields, series.layout, series.all_records())
         for channel, series in contents.series.items()

@@ -8,8 +8,8 @@ trailing comment does: `3 values`. So the file's own schema is enough to lay its
 from collections.abc import Sequence
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
+from google.protobuf.descriptor import Descriptor, FileDescriptor
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto, FileDescriptorProto, FileDescriptorSet
-from google.protobuf.timestamp_pb2 import Timestamp
 
 from twin.recording.layout import Field, Kind, Topic
 
@@ -89,8 +89,21 @@ def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]
 
 
 def log_descriptor_set() -> bytes:
-    """Serialised FileDescriptorSet of `foxglove.Log`, the type of `/events`, with what it depends on."""
-    files = FileDescriptorSet()
-    for message in (Timestamp, Log):
-        message.DESCRIPTOR.file.CopyToProto(files.file.add())
-    return files.SerializeToString(deterministic=True)
+    """Serialised FileDescriptorSet of `foxglove.Log`, the type of `/events`."""
+    return descriptors_of(Log.DESCRIPTOR)
+
+
+def descriptors_of(message_type: Descriptor) -> bytes:
+    """Serialised FileDescriptorSet of a message type that exists, with the files it depends on before its own."""
+    files: dict[str, FileDescriptor] = {}
+    _collect(message_type.file, files)
+    found = FileDescriptorSet()
+    for file in files.values():
+        file.CopyToProto(found.file.add())
+    return found.SerializeToString(deterministic=True)
+
+
+def _collect(file: FileDescriptor, files: dict[str, FileDescriptor]) -> None:
+    for dependency in file.dependencies:
+        _collect(dependency, files)
+    files.setdefault(file.name, file)

@@ -17,6 +17,11 @@ from twin.recording.scan import Damage
 from twin.recording.schema import described_fields
 
 NANOSECONDS = 1e9
+# message types for viewers, which hold no numbers that are not in the series too
+FOREIGN = "foxglove."
+MISSING = "a chunk before which messages are missing"
+# in the body of a Message record, behind the channel
+SEQUENCE, SEQUENCE_OFFSET = struct.Struct("<I"), 2
 # opcode, length and, in messages, channel: the front of every record in a chunk
 FRONT = struct.Struct("<BQH")
 
@@ -92,11 +97,13 @@ class Contents:
         series: numeric topics by channel number.
         topics: their names, without the leading slash, by channel number.
         events: in the order of the file.
+        passed: topics for viewers by channel number -> messages passed over so far.
     """
 
     series: dict[int, Series] = field(default_factory=dict)
     topics: dict[int, str] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
+    passed: dict[int, int] = field(default_factory=dict)
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _event_channels: set[int] = field(default_factory=set)
 
@@ -109,6 +116,7 @@ class Contents:
         """
         offsets: dict[int, list[int]] = {}
         events = []
+        passed = dict(self.passed)
         place = 0
         while place < len(content):
             opcode, length, channel = FRONT.unpack_from(content, place)
@@ -119,17 +127,22 @@ class Contents:
                 offsets.setdefault(channel, []).append(place)
             elif channel in self._event_channels:
                 events.append(_event(body))
+            elif channel in self.passed:
+                if SEQUENCE.unpack_from(body, SEQUENCE_OFFSET)[0] != passed.get(channel, 0):
+                    raise Damage(position, MISSING)
+                passed[channel] = passed.get(channel, 0) + 1
             else:
                 raise Damage(position, "a chunk before which the declaration of its topics is missing")
             place += RECORD_PREFIX + length
         array = np.frombuffer(content, dtype=np.uint8)
         parts = {c: self.series[c].records_at(array, np.array(own)) for c, own in offsets.items()}
         if not all(self.series[channel].follows(records) for channel, records in parts.items()):
-            raise Damage(position, "a chunk before which messages are missing")
+            raise Damage(position, MISSING)
         for channel, records in parts.items():
             self.series[channel].parts.append(records)
             self.series[channel].count += len(records)
         self.events += events
+        self.passed.update(passed)
 
     def _declare(self, opcode: int, body: bytes) -> None:
         stream = ReadDataStream(BytesIO(body))
@@ -141,6 +154,8 @@ class Contents:
             schema = self._schemas[channel.schema_id]
             if schema.name == Log.DESCRIPTOR.full_name:
                 self._event_channels.add(channel.id)
+            elif schema.name.startswith(FOREIGN):
+                self.passed[channel.id] = 0
             else:
                 fields = described_fields(schema.name, schema.data)
                 self.series[channel.id] = Series(fields, message_layout(channel.id, fields))

@@ -1,7 +1,8 @@
 """Writing a recording: slices of rows in, an MCAP file of protobuf messages out."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,10 +16,11 @@ from mcap.writer import MCAP0_MAGIC
 from twin import __version__
 from twin.recording.chunks import COMPRESSION_LEVEL, Block, chunk, encoded, merged, message_indexes, pieces
 from twin.recording.errors import RecordingFailed
+from twin.recording.form import Form, form_layout, form_records
 from twin.recording.layout import Topic
-from twin.recording.messages import MessageLayout, message_layout, message_records
+from twin.recording.messages import message_layout, message_records
 from twin.recording.output import Output
-from twin.recording.schema import descriptor_set, log_descriptor_set, message_names
+from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.summary import Summary
 
 EVENTS = "events"
@@ -29,11 +31,20 @@ SMALLEST_CHUNK = 64 * 1024
 
 @dataclass
 class OpenTopic:
-    """A topic on its way into the file: channel, layout and the tick its next row may not precede."""
+    """A topic on its way into the file.
 
-    topic: Topic
+    Attributes:
+        channel: its number.
+        period: ticks from one message to the next.
+        width: numbers in a row.
+        records: Message records of (times, first sequence number, rows).
+        next_tick: the tick its next row may not precede.
+    """
+
     channel: int
-    layout: MessageLayout
+    period: int
+    width: int
+    records: Callable[[np.ndarray, int, np.ndarray], np.ndarray]
     next_tick: int = 0
 
 
@@ -50,6 +61,7 @@ class Writer:
         topics: Sequence[Topic],
         tick: float,
         metadata: Mapping[str, Mapping[str, str]],
+        forms: Sequence[Form] = (),
     ) -> None:
         """Create the partial file and write its header and metadata.
 
@@ -58,19 +70,22 @@ class Writer:
             topics: the numeric topics; `/events` is added to them.
             tick: duration of one tick, s.
             metadata: name -> key -> text, readable in any MCAP tool.
+            forms: topics for viewers, which `read` passes over.
 
         Raises:
             RecordingFailed: the file cannot be created or the disk is full.
-            ValueError: two topics of one name, or of different fields whose names give one message type.
+            ValueError: two topics of one name, or of different fields whose names give one message type; a form whose
+                example lacks a column.
         """
-        names = [topic.name for topic in topics]
+        streams: list[Topic | Form] = [*topics, *forms]
+        names = [stream.name for stream in streams]
         if len({*names, EVENTS}) <= len(names):
             raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
         self.tick = tick
-        self._schemas, self._channels = _declarations(topics)
+        self._schemas, self._channels = _declarations(topics, forms)
         self._topics = {
-            topic.name: OpenTopic(topic, channel.id, message_layout(channel.id, topic.fields))
-            for topic, channel in zip(topics, self._channels[:-1], strict=True)
+            stream.name: _opened(stream, channel.id)
+            for stream, channel in zip(streams, self._channels[:-1], strict=True)
         }
         self._summary = Summary(self._schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
@@ -90,7 +105,8 @@ class Writer:
         Args:
             topic: name of a topic, as declared.
             first_tick: of the first row; not before the topic's rows already written.
-            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields.
+            rows: (n, sum of the sizes of the topic's fields) float64, columns in the order of the fields; of a form,
+                (n, its width).
 
         Raises:
             RecordingFailed: disk full or recording closed.
@@ -98,21 +114,19 @@ class Writer:
             ValueError: rows of another shape, ticks that run backwards, a count that is not a whole number.
         """
         opened = self._topics[topic]
-        fields, period = opened.topic.fields, opened.topic.period
-        width = sum(field.size for field in fields)
-        if rows.ndim != 2 or rows.shape[1] != width:
-            raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected (n, {width})")
+        if rows.ndim != 2 or rows.shape[1] != opened.width:
+            raise ValueError(f"topic {topic}: rows of shape {rows.shape}, expected (n, {opened.width})")
         if first_tick < opened.next_tick:
-            raise ValueError(f"topic {topic}: tick {first_tick} comes after {opened.next_tick - period}")
+            raise ValueError(f"topic {topic}: tick {first_tick} comes after {opened.next_tick - opened.period}")
         if topic in self._slice_topics:
             self.end_slice()
         self._slice_topics.add(topic)
         if len(rows) == 0:
             return
-        times = self._times(first_tick + period * np.arange(len(rows)))
-        records = message_records(opened.layout, fields, times, self._next_sequence(opened.channel), rows)
+        times = self._times(first_tick + opened.period * np.arange(len(rows)))
+        records = opened.records(times, self._next_sequence(opened.channel), rows)
         self._buffer(Block(opened.channel, times, records))
-        opened.next_tick = first_tick + period * len(rows)
+        opened.next_tick = first_tick + opened.period * len(rows)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`.
@@ -218,16 +232,27 @@ class Writer:
             self._summary.note_chunk(record, start, len(data), indexes)
 
 
-def _declarations(topics: Sequence[Topic]) -> tuple[list[Schema], list[Channel]]:
-    """Schemas and channels of `topics` in their order, and last those of `/events`; ids count from 1."""
+def _opened(topic: Topic | Form, channel: int) -> OpenTopic:
+    if isinstance(topic, Form):
+        return OpenTopic(channel, topic.period, topic.width, partial(form_records, form_layout(channel, topic)))
+    width = sum(field.size for field in topic.fields)
+    records = partial(message_records, message_layout(channel, topic.fields), topic.fields)
+    return OpenTopic(channel, topic.period, width, records)
+
+
+def _declarations(topics: Sequence[Topic], forms: Sequence[Form]) -> tuple[list[Schema], list[Channel]]:
+    """Schemas and channels of `topics` and `forms` in their order, and last those of `/events`; ids count from 1."""
     schemas: dict[str, Schema] = {}
     channels: list[Channel] = []
+
+    def declare(topic: str, type_name: str, descriptors: bytes, metadata: dict[str, str]) -> None:
+        schema = schemas.setdefault(type_name, Schema(len(schemas) + 1, descriptors, "protobuf", type_name))
+        channels.append(Channel(len(channels) + 1, f"/{topic}", "protobuf", metadata, schema.id))
+
     for topic, name in zip(topics, message_names(topics), strict=True):
-        if name not in schemas:
-            schemas[name] = Schema(len(schemas) + 1, descriptor_set(name, topic.fields), "protobuf", name)
         meanings = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
-        channels.append(Channel(len(channels) + 1, f"/{topic.name}", "protobuf", meanings, schemas[name].id))
-    log = Log.DESCRIPTOR.full_name
-    schemas[log] = Schema(len(schemas) + 1, log_descriptor_set(), "protobuf", log)
-    channels.append(Channel(len(channels) + 1, f"/{EVENTS}", "protobuf", {}, schemas[log].id))
+        declare(topic.name, name, descriptor_set(name, topic.fields), meanings)
+    for form in forms:
+        declare(form.name, form.example.DESCRIPTOR.full_name, descriptors_of(form.example.DESCRIPTOR), {})
+    declare(EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})
     return list(schemas.values()), channels

@@ -1,0 +1,97 @@
+"""What a live view costs: each published message, and a run that goes as fast as it can."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from contextlib import ExitStack
+from functools import partial
+from importlib.util import find_spec
+from pathlib import Path
+from statistics import median
+from typing import NamedTuple
+
+import numpy as np
+
+from benchmarks.measurement import Measurement, Rounds
+from twin.execution import execute
+from twin.execution.tuning import Tuning
+from twin.execution.viewer import Stream, Viewer
+from twin.execution.watch import Event
+from twin.experiment.experiment import Experiment, load_experiment
+from twin.scene.scene import Scene
+
+ROUNDS = 15
+PACED_ROUNDS = 5
+FACTOR = 20.0
+"""Times real time, of the run in which messages are counted."""
+NEEDED = ("foxglove", "websockets")
+
+
+def measurements(path: Path) -> list[Measurement]:
+    """The lines of the table for the experiment at `path`."""
+    experiment = load_experiment(path)
+    message, delay = "live: a published message", "live: unpaced Fig. 4, watched / not"
+    if missing := [name for name in NEEDED if find_spec(name) is None]:
+        remark = f"live view: {' and '.join(missing)} not installed"
+        return [Measurement(name, None, "", remark=remark) for name in (message, delay)]
+    rounds = Rounds({name: partial(unpaced, experiment, name == "live") for name in ("plain", "live")}, ROUNDS)
+    costs = [_run(experiment, FACTOR, live=True) for _ in range(PACED_ROUNDS)]
+    return [
+        Measurement(message, 1e6 * median(cost.shown / cost.messages for cost in costs), "us", at_most=10.0),
+        Measurement(delay, rounds.ratio("live", "plain"), "x", at_most=1.2),
+    ]
+
+
+class Stopwatch:
+    """A viewer that hands everything on to `viewer`, if there is one.
+
+    Attributes:
+        began: when the run did (s). shown: time spent showing (s).
+    """
+
+    def __init__(self, viewer: Viewer | None = None):
+        self._viewer = viewer
+        self.began = self.shown = 0.0
+
+    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
+        if self._viewer:
+            self._viewer.begin(streams, scene, tick, tuning)
+        self.began = time.perf_counter()
+
+    def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
+        began = time.perf_counter()
+        if self._viewer:
+            self._viewer.show(first, rows, events)
+        self.shown += time.perf_counter() - began
+
+
+def unpaced(experiment: Experiment, live: bool) -> float:
+    """Wall seconds of running and recording `experiment`, watched by a viewer of everything if `live`."""
+    return _run(experiment, None, live).seconds
+
+
+class Cost(NamedTuple):
+    """Wall seconds from the first tick to the end of the recording; of it in the viewer; messages that it received."""
+
+    seconds: float
+    shown: float
+    messages: int
+
+
+def _run(experiment: Experiment, factor: float | None, live: bool) -> Cost:
+    with tempfile.TemporaryDirectory() as scratch, ExitStack() as stack:
+        watch, client = Stopwatch(), None
+        if live:
+            from twin.live.server import LiveServer
+
+            server = stack.enter_context(LiveServer(port=0))
+            command = [sys.executable, "-m", "benchmarks.live_viewer", server.address]
+            client = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+            watch = Stopwatch(server)
+        execute(experiment, Path(scratch), factor=factor, viewer=watch)
+        seconds = time.perf_counter() - watch.began
+        stack.close()
+        messages = int(client.communicate()[0]) if client else 0
+        return Cost(seconds, watch.shown, messages)

@@ -1,0 +1,1 @@
+"""What mkdocs needs to know to build the site out of docs/: equations, links to the repository, colours of code."""

@@ -1,0 +1,229 @@
+"""The report as a reader has it: in a browser, with mouse, keyboard, phone and printer."""
+
+from io import BytesIO
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Browser, Locator, Page
+
+from tests.browser.conftest import Opened
+from twin.recording.recording import Recording
+
+SECTIONS = [
+    "Verdict",
+    "Replay",
+    "Figure",
+    "Events",
+    "Drives and FMUs",
+    "Parameters",
+    "Timing",
+    "How to make this again",
+]
+BLUE, VERMILION, GREEN, ORANGE = (0, 114, 178), (213, 94, 0), (0, 158, 115), (230, 159, 0)
+INK = (22, 24, 29)
+
+
+def pixels(locator: Locator) -> np.ndarray:
+    """What is on the screen there, (height, width, 3)."""
+    return np.asarray(Image.open(BytesIO(locator.screenshot())).convert("RGB")).astype(int)
+
+
+def share(picture: np.ndarray, rgb: tuple[int, int, int]) -> float:
+    """How much of a picture has a colour, edges that are blended aside."""
+    return float(np.mean(np.all(np.abs(picture - rgb) <= 12, axis=2)))
+
+
+def drawn(page: Page) -> str:
+    """The picture of the robot."""
+    return page.locator("#robot canvas").evaluate("canvas => canvas.toDataURL()")
+
+
+def test_the_verdict_stands_first_and_nothing_is_said_in_the_console(opened: Opened):
+    page = opened.page
+    assert page.locator("h2").all_inner_texts() == SECTIONS
+    assert page.locator(".headline").inner_text() == "✓ 4 of 4 claims hold"
+    box = page.locator(".headline").bounding_box()
+    assert box is not None and box["y"] < 300
+    opened.settle()
+    assert opened.messages == []
+    assert opened.requests == []
+
+
+def test_values_under_the_cursor_are_those_of_the_recording(opened: Opened, force_position: Recording):
+    page = opened.page
+    page.fill("#time", "12")
+    opened.settle()
+    legend = page.locator(".plot").first.locator(".legend button")
+    shown = {one.locator("span").inner_text(): one.locator("output").text_content() for one in legend.all()}
+    # three decimals, and half a unit of the last
+    true = -force_position["plant.F_ee_B"][12000, 2]
+    assert float(shown["true"] or "nan") == pytest.approx(true, abs=5.1e-4)
+    assert float(shown["estimated"] or "nan") == pytest.approx(force_position["controller.F_z"][6000], abs=5.1e-4)
+
+
+def test_a_click_plays_the_robot_and_another_stops_it(opened: Opened):
+    page = opened.page
+    before = drawn(page)
+    page.select_option("#speed", "5")
+    page.click("#play")
+    assert page.inner_text("#play") == "Pause"
+    page.wait_for_timeout(700)
+    page.click("#play")
+    stopped = opened.time()
+    assert 0.5 < stopped < 10.0
+    opened.settle()
+    assert drawn(page) != before
+    page.wait_for_timeout(150)
+    assert opened.time() == stopped and page.inner_text("#play") == "Play"
+
+
+def test_space_plays_and_arrows_turn_the_robot(opened: Opened):
+    canvas = opened.page.locator("#robot canvas")
+    before = drawn(opened.page)
+    canvas.press("ArrowLeft")
+    assert drawn(opened.page) != before
+    canvas.press(" ")
+    assert opened.page.inner_text("#play") == "Pause"
+
+
+def test_scrubbing_moves_the_cursor_of_every_plot(opened: Opened):
+    page = opened.page
+    cursor = page.locator(".cursor").first
+    places = []
+    for time in ("5", "15"):
+        page.fill("#time", time)
+        opened.settle()
+        box = cursor.bounding_box()
+        assert box is not None
+        places.append(box["x"])
+    stage = page.locator(".stage").first.bounding_box()
+    assert stage is not None
+    # half of the run is half of the plot, between its margins of 58 and 10 pixels
+    assert places[1] - places[0] == pytest.approx((stage["width"] - 68) / 2, abs=1.5)
+
+
+def test_pointing_into_a_plot_moves_the_player(opened: Opened):
+    page = opened.page
+    stage = page.locator(".stage").first
+    stage.scroll_into_view_if_needed()
+    box = stage.bounding_box()
+    assert box is not None
+    page.mouse.click(box["x"] + 58 + 0.5 * (box["width"] - 68), box["y"] + 60)
+    # a pixel is 30 ms
+    assert opened.time() == pytest.approx(10.0, abs=0.06)
+
+
+def test_a_zoom_in_one_plot_is_a_zoom_in_all(opened: Opened):
+    page = opened.page
+    stage = page.locator(".stage").first
+    stage.scroll_into_view_if_needed()
+    box = stage.bounding_box()
+    assert box is not None
+    inner = box["width"] - 68
+    page.mouse.move(box["x"] + 58 + 0.25 * inner, box["y"] + 60)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 58 + 0.5 * inner, box["y"] + 60, steps=4)
+    page.mouse.up()
+    for plot in page.locator(".stage").all():
+        plot.scroll_into_view_if_needed()
+        opened.settle()
+    spans = opened.spans()
+    assert len(spans) == 1
+    start, end = map(float, spans.pop())
+    assert start == pytest.approx(5.0, abs=0.06) and end == pytest.approx(10.0, abs=0.06)
+    page.click("#all")
+    opened.settle()
+    assert ("0", "20") in opened.spans()
+
+
+def test_keys_zoom_and_move_the_time(opened: Opened):
+    stage = opened.page.locator(".stage").first
+    opened.page.fill("#time", "10")
+    stage.press("+")
+    stage.press("ArrowRight")
+    opened.settle()
+    assert ("5", "15") in opened.spans()
+    # a two hundredth of 10 s
+    assert opened.time() == pytest.approx(10.05, abs=1e-9)
+
+
+def test_an_event_leads_to_its_time(opened: Opened):
+    opened.page.click("button.at")
+    assert opened.time() == 5.606
+
+
+def test_every_part_of_the_page_is_drawn_in_its_place(opened: Opened):
+    page = opened.page
+    page.fill("#time", "12")
+    opened.settle()
+    boxes = [page.locator(f"section:has(> h2:text-is('{title}'))").bounding_box() for title in SECTIONS]
+    tops = [box["y"] for box in boxes if box]
+    assert len(tops) == len(SECTIONS) and tops == sorted(tops)
+    robot = pixels(page.locator("#robot canvas"))
+    # three proximal links, 60 of 210 mm long and 6 wide, fill about a hundredth each, less where they are covered
+    for leg in (BLUE, VERMILION, GREEN):
+        assert share(robot, leg) > 0.001, leg
+    assert share(robot, ORANGE) > 0.0003 and share(robot, INK) > 0.0003
+    force = pixels(page.locator(".stage").first)
+    for curve in (INK, ORANGE, BLUE):
+        assert share(force, curve) > 0.002, curve
+
+
+def test_runs_lie_over_each_other_in_colours_of_their_own(browser: Browser, two_runs: Path):
+    page = browser.new_page(viewport={"width": 1280, "height": 900})
+    opened = Opened(page, two_runs)
+    first = page.locator(".stage").first
+    both = pixels(first)
+    assert share(both, BLUE) > 0.001 and share(both, VERMILION) > 0.001
+    page.locator("#runs input").nth(1).uncheck()
+    opened.settle()
+    assert share(pixels(first), VERMILION) < 0.0005
+    page.fill("#time", "6")
+    opened.settle()
+    before = drawn(page)
+    page.select_option("#run", "1")
+    assert drawn(page) != before
+    assert opened.messages == []
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+def test_a_phone_shows_all_without_scrolling_sideways(browser: Browser, two_runs: Path, scheme: str):
+    context = browser.new_context(
+        viewport={"width": 360, "height": 740}, has_touch=True, color_scheme="dark" if scheme == "dark" else "light"
+    )
+    opened = Opened(context.new_page(), two_runs)
+    assert opened.page.evaluate("document.documentElement.scrollWidth") == 360
+    ground = pixels(opened.page.locator("h1")).mean()
+    assert (ground < 90) == (scheme == "dark")
+    assert opened.messages == []
+    context.close()
+
+
+def test_on_paper_the_page_is_light_whole_and_without_controls(browser: Browser, one_run: Path):
+    context = browser.new_context(color_scheme="dark", viewport={"width": 900, "height": 900})
+    opened = Opened(context.new_page(), one_run)
+    page = opened.page
+    page.evaluate("window.printed = []")
+    page.evaluate(
+        "addEventListener('beforeprint', () => printed.push(document.querySelectorAll('details:not([open])').length))"
+    )
+    pdf = page.pdf()
+    assert pdf.count(b"/Type /Page\n") > 3
+    assert page.evaluate("printed") == [0]
+    page.evaluate("dispatchEvent(new Event('beforeprint'))")
+    page.emulate_media(media="print")
+    assert not page.locator("#play").is_visible()
+    last = pixels(page.locator(".stage").last)
+    assert last.mean() > 200 and share(last, BLUE) > 0.001
+    context.close()
+
+
+def test_everything_that_can_be_used_has_a_name(opened: Opened):
+    nameless = opened.page.evaluate(
+        """() => [...document.querySelectorAll("button, input, select, canvas[role], [tabindex='0']")].filter(node =>
+          !(node.getAttribute("aria-label") || node.textContent.trim() || node.labels?.length)).map(n => n.outerHTML)"""
+    )
+    assert nameless == []

@@ -1,0 +1,65 @@
+"""What a terminal sees: `twin run` with a pseudo-terminal as standard output and error."""
+
+import fcntl
+import os
+import re
+import struct
+import subprocess
+import sys
+import termios
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_run import FIG4
+
+pty = pytest.importorskip("pty", reason="Windows has no pseudo-terminals")
+
+LONG = ["--set", "duration_s=60"]
+
+
+def seen(root: Path, cwd: Path, columns: int = 80, **environment: str) -> str:
+    """Everything that comes to a terminal of so many columns."""
+    master, slave = pty.openpty()
+    fcntl.ioctl(slave, termios.TIOCSWINSZ, struct.pack("HHHH", 24, columns, 0, 0))
+    inherited = {key: value for key, value in os.environ.items() if key not in ("NO_COLOR", "COLUMNS")}
+    process = subprocess.Popen(
+        [sys.executable, "-m", "twin", "run", str(root / FIG4), *LONG],
+        cwd=cwd, stdout=slave, stderr=slave, env=inherited | {"TERM": "xterm-256color"} | environment,
+    )  # fmt: skip
+    os.close(slave)
+    parts = []
+    while True:
+        try:
+            part = os.read(master, 65536)
+        # Linux reports the end of a terminal as an error
+        except OSError:
+            break
+        if not part:
+            break
+        parts.append(part)
+    os.close(master)
+    assert process.wait() == 0
+    return b"".join(parts).decode()
+
+
+def test_a_terminal_shows_how_far_the_run_is_and_then_only_the_summary(root: Path, tmp_path: Path):
+    text = seen(root, tmp_path)
+    assert "loading" in text and re.search(r"\d+\.\d / 60\.0 s", text)
+    # the line is erased before the summary
+    assert "\x1b[2K" in text.rpartition("fig4_force_position  60 s at ")[0]
+    assert "\x1b" not in text.rpartition("fig4_force_position  60 s at ")[2].partition("next")[0]
+
+
+def test_without_colour_there_is_no_escape_code_and_no_line_is_too_long(root: Path, tmp_path: Path):
+    columns = 40
+    text = seen(root, tmp_path, columns, NO_COLOR="1")
+    assert "\x1b" not in text
+    progress = [part for part in re.split(r"[\r\n]+", text) if " / 60.0 s" in part]
+    assert progress and max(map(len, progress)) < columns
+
+
+def test_a_dumb_terminal_gets_what_a_pipe_gets(root: Path, tmp_path: Path):
+    text = seen(root, tmp_path, TERM="dumb")
+    assert text.startswith("fig4_force_position  60 s at ")
+    assert "\x1b" not in text and "\r" not in text.replace("\r\n", "\n")

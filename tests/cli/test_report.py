@@ -1,0 +1,96 @@
+import json
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_run import FIG4, twin
+from tests.recording import samples
+from twin.recording.recording import Recording
+
+
+def test_the_verdict_is_printed_first_then_where_the_page_is(force_position: Recording, tmp_path: Path):
+    done = twin("report", force_position.path.parent, "--out", "page.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == "4 of 4 claims hold\n  page  page.html\n"
+    assert (tmp_path / "page.html").stat().st_size < 8e6
+
+
+def test_several_runs_share_a_page(force_position: Recording, position: Recording, tmp_path: Path):
+    done = twin("report", force_position.path, position.path, "--json", cwd=tmp_path)
+    assert json.loads(done.stdout) == {"headline": "19 of 19 claims hold", "page": "results/report/report.html"}
+    assert (tmp_path / "results/report/report.html").exists()
+
+
+def test_a_run_can_report_on_itself_with_time_by_component(root: Path, tmp_path: Path):
+    done = twin("run", root / FIG4, "--set", "duration_s=1", "--report", "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[-1] == "  page  mine/report.html"
+    assert "plant, per tick" in (tmp_path / "mine/report.html").read_text()
+
+
+def test_a_run_that_trips_is_reported_and_still_ends_with_4(root: Path, tmp_path: Path):
+    jump = ["contact.shift.by_mm=[0, 0, 8]", "contact.shift.start_s=3", "contact.shift.rise_s=0.05"]
+    settings = [word for text in jump for word in ("--set", text)]
+    done = twin("run", root / "experiments/pressing.toml", *settings, "--report", "--out", "mine", cwd=tmp_path)
+    assert done.returncode == 4, done.stderr
+    assert "safety monitor" in (tmp_path / "mine/report.html").read_text().partition("Replay</h2>")[0]
+
+
+def test_a_truncated_recording_is_reported_as_far_as_it_goes(force_position: Recording, tmp_path: Path):
+    whole = force_position.path.read_bytes()
+    (tmp_path / "run.mcap").write_bytes(whole[: len(whole) // 2])
+    done = twin("report", "run.mcap", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("Unfinished recording: read up to ")
+
+
+def broken(kind: str, whole: Path, path: Path) -> None:
+    """A recording at `path` that cannot be reported on."""
+    content = bytearray(whole.read_bytes())
+    content[len(content) // 2] ^= 0xFF
+    texts = {
+        "damaged": bytes(content),
+        "foreign": b"\x89PNG\r\n\x1a\n" + bytes(100),
+        "empty": b"",
+        "without samples": bytes(content[:60]),
+    }
+    path.write_bytes(texts[kind])
+
+
+@pytest.mark.parametrize(
+    ("kind", "said"),
+    [
+        ("damaged", "damaged at byte"),
+        ("foreign", "not an MCAP file, expected a recording of twin"),
+        ("empty", "an empty file, expected a recording of twin"),
+        ("without samples", "holds no samples"),
+    ],
+)
+def test_what_cannot_be_reported_is_one_message(kind: str, said: str, tmp_path: Path):
+    broken(kind, samples.finished(tmp_path / "whole.mcap"), tmp_path / "run.mcap")
+    done = twin("report", "run.mcap", cwd=tmp_path)
+    assert done.returncode == 2
+    assert said in done.stderr and done.stderr.startswith("run.mcap: ") and len(done.stderr.splitlines()) == 1
+    assert not (tmp_path / "report.html").exists()
+
+
+def test_a_run_given_twice_is_refused(force_position: Recording, tmp_path: Path):
+    done = twin("report", force_position.path, force_position.path.parent, cwd=tmp_path)
+    assert done.returncode == 2 and "given twice" in done.stderr
+
+
+def test_runs_of_one_experiment_are_told_apart_by_their_folders(force_position: Recording, tmp_path: Path):
+    for name in ("soft", "stiff"):
+        (tmp_path / name).mkdir()
+        shutil.copy(force_position.path, tmp_path / name)
+    done = twin("report", "soft", "stiff", "--out", "page.html", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "fig4_force_position soft | fig4_force_position stiff" in (tmp_path / "page.html").read_text()
+
+
+def test_a_page_that_cannot_be_written_is_refused(force_position: Recording, tmp_path: Path):
+    (tmp_path / "file").touch()
+    done = twin("report", force_position.path, "--out", "file/page.html", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("file/page.html: cannot be written: ") and "--out" in done.stderr

@@ -1,0 +1,136 @@
+"""A folder in which the code of a page runs as it would from the repository's root."""
+
+import os
+import re
+import shlex
+import shutil
+import subprocess
+import sys
+import tomllib
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.docs.code_blocks import Block
+from twin.experiment.experiment import load_experiment
+from twin.experiment.schema import Drive
+
+SETUP = re.compile(r"^(make\b|python3 -m venv|\S*python -m pip install|\S*pip install)")
+
+
+class Workshop:
+    """A copy of what commands read, with recordings of Fig. 4.
+
+    Attributes:
+        folder: where commands run.
+    """
+
+    def __init__(self, root: Path, folder: Path):
+        self.folder = folder
+        self._root = root
+        self._refusal = ""
+        for name in ("experiments", "fmus"):
+            shutil.copytree(root / name, folder / name)
+        for name in ("examples", "benchmarks"):
+            (folder / name).symlink_to(root / name)
+        # the drive that docs/drives.md brings in
+        (folder / "supplier").mkdir()
+        shutil.copy(root / "fmus" / "pmsm_foc" / "pmsm_foc.fmu", folder / "supplier" / "servo.fmu")
+        self._programs = programs = folder / "programs"
+        programs.mkdir()
+        for name, start in (("twin", "-m twin"), ("python", "")):
+            (programs / name).write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {start} "$@"\n')
+            (programs / name).chmod(0o755)
+        self._environment = {
+            **os.environ,
+            "PATH": f"{programs}{os.pathsep}{os.environ['PATH']}",
+            "PYTHONPATH": f"{root}{os.pathsep}{folder}",
+            "COLUMNS": "80",
+        }
+
+    def twin(self, *arguments: str) -> str:
+        """What a command of twin prints; it has to succeed."""
+        command = [str(self._programs / "twin"), *arguments]
+        return subprocess.run(
+            command, cwd=self.folder, env=self._environment, stdout=subprocess.PIPE, text=True, check=True
+        ).stdout
+
+    def run(self, block: Block, namespace: dict[str, Any]) -> None:
+        """Run `block`; Python blocks of a page share `namespace`.
+
+        Raises:
+            AssertionError: a command ended with another exit code than the page says; it has the command's output.
+        """
+        if block.file_name:
+            (self.folder / block.file_name).write_text(block.text)
+        refusal, self._refusal = self._refusal, ""
+        match block.language:
+            case "text" if refusal:
+                assert block.text in refusal, f"{block.place}: not what the commands before it say:\n{refusal}"
+            case "sh":
+                self._shell(block)
+            case "toml":
+                self._toml(block)
+            case "python" if not block.file_name:
+                self._python(block, namespace)
+
+    def _shell(self, block: Block) -> None:
+        script = ["set -e"]
+        for command, expected in block.commands:
+            if SETUP.match(command):
+                self._setup(block, command)
+            elif block.remark.startswith("not run"):
+                self._knows_options(block, command)
+            else:
+                script.append(command if not expected else f"c=0; {command} || c=$?; [ $c -eq {expected} ]")
+        done = subprocess.run(
+            ["bash", "-c", "\n".join(script).replace(".venv/bin/", "")],
+            cwd=self.folder, env=self._environment, capture_output=True, text=True, timeout=900,
+        )  # fmt: skip
+        self._refusal = done.stderr if any(expected for _, expected in block.commands) else ""
+        assert done.returncode == 0, f"{block.place}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
+
+    def _setup(self, block: Block, command: str) -> None:
+        """What would install or build is held to the Makefile and to pyproject.toml instead."""
+        words = shlex.split(command, comments=True)
+        if words[0] == "make":
+            targets = re.findall(r"^([a-z]+):", (self._root / "Makefile").read_text(), re.MULTILINE)
+            assert set(words[1:2]) <= set(targets), f"{block.place}: make has no target {words[1:]}"
+        for name in (word for before, word in pairwise(words) if before in ("-c", "-r")):
+            assert (self._root / name).is_file(), f"{block.place}: no file {name}"
+        for extras in re.findall(r"\[([a-z,]+)\]", command):
+            known = tomllib.loads((self._root / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+            assert set(extras.split(",")) <= known.keys(), f"{block.place}: no such extra: {command}"
+
+    def _knows_options(self, block: Block, command: str) -> None:
+        """Whether `twin COMMAND --help` names every option of `command`."""
+        words = shlex.split(command, comments=True)
+        assert words[0] == "twin", f"{block.place}: only commands of twin can be left out: {command}"
+        options = [word.partition("=")[0] for word in words if word.startswith("--")]
+        name = [word for word in words[1:3] if re.fullmatch("[a-z]+", word)]
+        asked = [*(name if name[:1] == ["drive"] else name[:1]), "--help"]
+        told = self.twin(*asked)
+        assert all(option in told for option in options), f"{block.place}: twin {' '.join(asked)} lacks {options}"
+
+    def _toml(self, block: Block) -> None:
+        """A mapping of a drive, or else a complete experiment."""
+        table = tomllib.loads(block.text)
+        if table.keys() <= set(Drive.model_fields):
+            Drive.model_validate(table)
+            return
+        assert "extends" in table, f"{block.place}: not a mapping, and no experiment: begin with extends = ..."
+        path = self.folder / (block.file_name or f"experiments/line_{block.line}_of_{Path(block.page).stem}.toml")
+        path.write_text(block.text)
+        load_experiment(path)
+
+    def _python(self, block: Block, namespace: dict[str, Any]) -> None:
+        # lines are numbered as on the page, and numba finds the source of what it compiles
+        source = "\n" * block.line + block.text
+        path = self.folder / f"{Path(block.page).stem}_{block.line}.py"
+        path.write_text(source)
+        with pytest.MonkeyPatch.context() as here:
+            here.chdir(self.folder)
+            here.setenv("PYTHONPATH", self._environment["PYTHONPATH"])
+            exec(compile(source, str(path), "exec"), namespace)

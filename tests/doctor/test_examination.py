@@ -1,0 +1,91 @@
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+from twin.doctor import surroundings
+from twin.doctor.examination import examination_text, examined, verdict
+from twin.doctor.finding import Finding
+from twin.doctor.native import is_warm
+from twin.doctor.packages import package_findings, project_table
+from twin.doctor.surroundings import compiled_finding, disk_finding, drives_finding, smoke_finding
+
+PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}
+
+
+def states(findings: list[Finding]) -> dict[str, str]:
+    return {finding.topic: finding.state for finding in findings}
+
+
+def test_this_repository_is_ready(root: Path):
+    findings = examined(root, with_run=False)
+    assert verdict(findings).startswith("ready")
+    assert {"python", "packages", "drives", "compiled", "disk"} <= states(findings).keys()
+    lines = examination_text(findings).splitlines()
+    assert lines[0] == verdict(findings)
+    assert [line for line in lines if len(line) > 80 and "/" not in line] == []
+
+
+def test_the_verdict_names_what_is_missing_and_what_prevents_it():
+    fine, optional, broken = Finding("a", "ok", ""), Finding("live", "lacks", ""), Finding("packages", "bad", "")
+    assert verdict([fine, Finding("docs", "note", "")]) == "ready"
+    assert verdict([fine, optional]) == "ready, without: live"
+    assert verdict([fine, optional, broken]) == "not ready: packages"
+
+
+def test_every_package_is_checked_against_what_is_asked_for():
+    found = package_findings(PROJECT | {"dependencies": ["numpy>=99", "there-is-no-such-package", "pydantic"]})
+    assert states(found) == {"python": "ok", "packages": "bad"}
+    assert found[1].text.startswith(
+        f"numpy is {version('numpy')}, not >=99; there-is-no-such-package is not installed: pip install"
+    )
+    assert package_findings(PROJECT | {"requires-python": ">=4"})[0].state == "bad"
+
+
+def test_an_extra_that_users_need_is_missed_and_one_for_developers_is_noted():
+    extras = {
+        "live": ["there-is-no-such-package"],
+        "docs": ["there-is-no-such-package"],
+        "test": ["twin[live]", "numpy"],
+    }
+    found = package_findings(PROJECT | {"optional-dependencies": extras})
+    assert states(found) == {"python": "ok", "packages": "ok", "live": "lacks", "docs": "note", "test": "ok"}
+    assert found[2].text.startswith("twin run --live needs: pip install -e '.[live]'")
+
+
+def test_a_folder_without_a_project_has_no_table(tmp_path: Path):
+    assert project_table(tmp_path) is None
+
+
+def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp_path: Path, root: Path):
+    for name in ("broken", "velocity_servo"):
+        folder = tmp_path / "fmus" / name
+        folder.mkdir(parents=True)
+        (folder / f"{name}.fmu").write_bytes(b"no archive")
+    assert drives_finding(tmp_path).state == "bad"
+    good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    (tmp_path / "fmus" / "velocity_servo" / "velocity_servo.fmu").write_bytes(good.read_bytes())
+    found = drives_finding(tmp_path)
+    assert found.state == "lacks" and found.text.startswith("1 of 2 do not fit: broken: ")
+
+
+def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert not is_warm()
+    assert "the first run compiles" in compiled_finding().text
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "dynamics.nbi").write_bytes(bytes(3_000_000))
+    assert is_warm()
+    assert compiled_finding().text.startswith("3 MB kept in ")
+
+
+@pytest.mark.parametrize(("free", "state"), [(5e10, "ok"), (5e8, "lacks"), (5e7, "bad")])
+def test_a_disk_without_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: float, state: str):
+    monkeypatch.setattr(surroundings.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": free}))
+    assert disk_finding(tmp_path).state == state
+
+
+def test_a_run_that_fails_is_told_with_what_it_said(root: Path, tmp_path: Path):
+    assert smoke_finding(root).state == "ok"
+    failed = smoke_finding(tmp_path)
+    assert failed.state == "bad" and "no such experiment file" in failed.text

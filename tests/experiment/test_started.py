@@ -1,0 +1,32 @@
+from pathlib import Path
+
+import pytest
+
+from twin.errors import InputRefused
+from twin.experiment import started
+from twin.experiment.started import start_experiment
+
+
+@pytest.mark.parametrize(
+    ("file", "start", "said"),
+    [
+        ("a.toml", "taping", "--from taping: no such experiment; did you mean 'tapping'?"),
+        ("a.toml", "xyz", "--from xyz: no such experiment; known are fig4_force_position, "),
+        ("a.yaml", "tapping", "a.yaml: expected a name that ends with .toml"),
+        ("/proc/nowhere/a.toml", "tapping", "/proc/nowhere: cannot be written"),
+    ],
+)
+def test_what_cannot_be_started_is_refused_and_nothing_is_written(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, file: str, start: str, said: str
+):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputRefused) as refusal:
+        start_experiment(Path(file), start)
+    assert str(refusal.value).startswith(said)
+    assert not list(tmp_path.iterdir())
+
+
+def test_without_the_repository_the_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(started, "CHECKOUT", tmp_path)
+    with pytest.raises(InputRefused, match="install from the repository"):
+        start_experiment(tmp_path / "a.toml", "tapping")

@@ -1,0 +1,194 @@
+"""A run served to real WebSocket clients: one run, in which everything happens that viewers do."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.live.viewer import Viewer
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+
+FIG4 = "experiments/fig4_force_position.toml"
+REFERENCE = "controller.force.reference_N"
+DRAWN = ("tf", "scene", "force")
+
+
+def served(root: Path, folder: Path, *arguments: str) -> tuple["subprocess.Popen[str]", str]:
+    """`twin run --live` on a free port, and its address."""
+    command = [sys.executable, "-m", "twin", "run", str(root / FIG4), "--live", "--port", "0", "--out", "x", *arguments]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    said = process.stderr.readline()
+    address = re.match(r"serving (ws://127\.0\.0\.1:\d+); the run begins when a viewer subscribes\n", said)
+    assert address, said + process.stderr.read()
+    return process, address[1]
+
+
+@dataclass
+class Watched:
+    """What came of it: exit code, facts printed, viewers, parameters before the change, recording."""
+
+    exit_code: int
+    facts: dict
+    watcher: Viewer
+    second: Viewer
+    before: dict[str, float]
+    recording: Recording
+
+
+@pytest.fixture(scope="module")
+def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
+    """Fig. 4 at ten times real time: a watcher turns knobs, a second one looks on, a third one vanishes."""
+    folder = tmp_path_factory.mktemp("live")
+    process, address = served(root, folder, "--realtime=10", "--json")
+    with Viewer(address) as watcher, Viewer(address) as second, Viewer(address) as third:
+        # what is announced last
+        watcher.until(lambda: "/events" in watcher.channels)
+        before = watcher.parameters()
+        second.subscribe("/controller")
+        second.send(op="subscribeParameterUpdates", parameterNames=[REFERENCE])
+        third.subscribe("/plant", "/estimator")
+        watcher.subscribe(*watcher.channels)
+        third.until(lambda: bool(third.messages("/plant")))
+        # no goodbye: what a laptop does that is closed
+        third.socket.socket.shutdown(socket.SHUT_RDWR)
+        watcher.until(lambda: any("triggered" in event.message.message for event in watcher.messages("/events")))
+        second.subscribe("/scene")
+        watcher.set(REFERENCE, 6)
+        watcher.set(REFERENCE, -1)
+        watcher.set("controller.force.reference", 4)
+        watcher.set("controller.position.kp_per_s", "fast")
+        watcher.to_the_end()
+        second.to_the_end()
+        stdout, stderr = process.communicate(timeout=60)
+        assert process.returncode == 0, stderr
+        yield Watched(0, json.loads(stdout), watcher, second, before, read(folder / "x" / "run.mcap"))
+
+
+def test_every_recorded_topic_is_announced_with_its_schema_and_units(watched: Watched):
+    channels = watched.watcher.channels
+    recorded = {signal_name.partition(".")[0] for signal_name in watched.recording.fields()}
+    assert {topic.removeprefix("/") for topic in channels} == {*recorded, *DRAWN, "events"}
+    assert {(c["encoding"], c["schemaEncoding"]) for c in channels.values()} == {("protobuf", "protobuf")}
+    assert channels["/plant"]["schemaName"] == "twin.Plant"
+    assert channels["/plant"]["metadata"]["p_B"] == "m; platform position in base frame B"
+
+
+@pytest.mark.parametrize(
+    "signal_name", ["plant.p_B", "controller.F_z", "encoder.count_l", "scale.F_z", "estimator.valid"]
+)
+def test_what_a_viewer_sees_is_what_is_recorded_at_that_time(watched: Watched, signal_name: str):
+    topic, name = signal_name.split(".")
+    received = watched.watcher.messages(f"/{topic}")
+    times = np.array([each.time for each in received])
+    recorded = np.rint(watched.recording.time(topic) * 1e9).astype(int)
+    # what is sampled stays valid until the next sample
+    rows = np.searchsorted(recorded, times, side="right") - 1
+    shown = np.array([getattr(each.message, name) for each in received])
+    assert np.array_equal(shown, watched.recording[signal_name][rows])
+
+
+def test_the_robot_is_drawn_where_the_plant_is(watched: Watched):
+    plants = {each.time: each.message for each in watched.watcher.messages("/plant")}
+    drawn = watched.watcher.messages("/tf")
+    assert len(drawn) == len(plants)
+    for each in drawn:
+        (platform,) = [t for t in each.message.transforms if t.child_frame_id == "platform"]
+        where = platform.translation
+        assert [where.x, where.y, where.z] == list(plants[each.time].p_B)
+        assert platform.timestamp.ToNanoseconds() == each.time
+
+
+def test_the_scene_comes_at_the_beginning_and_to_those_who_come_later(watched: Watched):
+    scenes = watched.watcher.messages("/scene")
+    assert {entity.frame_id for entity in scenes[0].message.entities} >= {"base", "platform", "surface"}
+    assert scenes[0].time == watched.watcher.messages("/tf")[0].time
+    assert len(watched.second.messages("/scene")) == 1
+
+
+def test_time_runs_forward_from_the_beginning_to_the_end(watched: Watched):
+    times = [each.time for each in watched.watcher.messages("/plant")]
+    assert times == sorted(set(times))
+    assert times[-1] == watched.watcher.times[-1] == 20_000_000_000
+    # it waited for its viewer: 0.5 s of simulated time are 50 ms, more than the first slices take
+    assert times[0] < 500_000_000
+    # at 50 Hz 100 in the 2 s that it takes; fewer if the machine is busy
+    assert 10 < len(times) <= 120
+
+
+def test_parameters_are_told_in_the_units_of_their_keys(watched: Watched):
+    assert watched.before == {
+        REFERENCE: 5.0,
+        "controller.force.kp_mm_per_N": 2.0,
+        "controller.force.ki_mm_per_N_s": 0.5,
+        "controller.position.kp_per_s": 1.5,
+    }
+
+
+def test_a_new_force_reference_is_answered_acted_upon_and_recorded(watched: Watched):
+    answer = watched.watcher.of("parameterValues", id="set")[0]
+    assert answer["parameters"] == [{"name": REFERENCE, "value": 6.0, "type": "float64"}]
+    (event,) = [event for event in watched.recording.events if event.name == "tuning"]
+    assert event.text == f"{REFERENCE}: 5 -> 6 (live)"
+    time, reference = watched.recording.time("controller"), watched.recording["controller.F_z_ref"]
+    assert set(reference[time < event.time]) == {5.0}
+    assert set(reference[time >= event.time]) == {6.0}
+    pressing = -watched.recording["plant.F_ee_B"][:, 2]
+    # droop of the drives and backlash leave 0.12 N of 5 N; with 5 N as reference it would end at 4.88 N
+    assert pressing[-1] == pytest.approx(6.0, abs=0.25)
+    assert event.text in [each.message.message for each in watched.watcher.messages("/events")]
+
+
+def test_the_summary_says_that_the_run_was_changed_and_how_it_was_paced(watched: Watched):
+    assert watched.facts["changed"]
+    assert watched.recording.metadata["changed"]["first"] == f"{REFERENCE}: 5 -> 6 (live)"
+    told = watched.facts["punctuality"]
+    assert told["factor"] == 10.0
+    assert told["deadlines"] == 201
+    # never ahead of the clock by more than the rounding of times, and not hopelessly behind
+    assert 5.0 < told["achieved"] <= 10.0 + 1e-6
+
+
+def test_a_bad_value_is_refused_with_a_sentence_and_the_run_goes_on(watched: Watched):
+    said = [status["message"] for status in watched.watcher.of("status")]
+    assert "refused: [controller.force] reference_N = -1.0: expected a number > 0" in said
+    assert any(f"did you mean '{REFERENCE}'?" in text for text in said)
+    # the value that it keeps, so that the viewer does not go on showing the refused one
+    kept = watched.watcher.of("parameterValues", id="set")[1]["parameters"]
+    assert kept == [{"name": REFERENCE, "value": 6.0, "type": "float64"}]
+    assert watched.recording["plant.p_B"].shape == (20_001, 3)
+
+
+def test_a_second_viewer_sees_the_same_and_hears_of_the_change(watched: Watched):
+    told = [(p["name"], p["value"]) for m in watched.second.of("parameterValues") for p in m["parameters"]]
+    assert (REFERENCE, 6.0) in told
+    seen = {each.time: each.message.SerializeToString() for each in watched.second.messages("/controller")}
+    both = [each for each in watched.watcher.messages("/controller") if each.time in seen]
+    assert all(seen[each.time] == each.message.SerializeToString() for each in both)
+    assert len(both) > 5
+    assert {each.topic for each in watched.second.received} == {"/controller", "/scene"}
+
+
+def test_a_viewer_that_vanishes_does_no_harm(watched: Watched):
+    assert watched.exit_code == 0
+    assert watched.recording.complete
+
+
+def test_ctrl_c_while_it_waits_for_a_viewer_ends_it(root: Path, tmp_path: Path):
+    process, address = served(root, tmp_path)
+    with Viewer(address) as viewer:
+        viewer.until(lambda: "/plant" in viewer.channels)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in stderr
+    assert "Traceback" not in stderr

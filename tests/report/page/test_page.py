@@ -1,0 +1,107 @@
+import json
+import re
+from html import unescape
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.paper.fig5_recordings import pressed
+from tests.recording import samples
+from twin.execution import execute
+from twin.experiment.experiment import load_experiment
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+from twin.report.page.page import report_page, write_report
+from twin.report.page.run import ReportRun
+
+EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
+
+
+@pytest.fixture(scope="module")
+def page(force_position: Recording) -> str:
+    return report_page([ReportRun("fig4", force_position)])[0]
+
+
+def data_of(page: str) -> dict:
+    found = re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)
+    assert found
+    return json.loads(found[1])
+
+
+def test_the_verdict_comes_before_everything_else(page: str):
+    titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
+    assert titles[:2] == ["Verdict", "Replay"]
+    assert "4 of 4 claims hold" in page[: page.index("Replay</h2>")]
+
+
+def test_the_same_recording_gives_the_same_page(page: str, force_position: Recording):
+    assert report_page([ReportRun("fig4", read(force_position.path))])[0] == page
+
+
+def test_nothing_is_loaded_from_elsewhere(page: str):
+    assert not re.findall(r'(?:src|href)="(?!data:|#)', page)
+    assert "url(" not in page and "@import" not in page
+    assert "default-src 'none'" in page
+
+
+def test_a_report_of_20_s_at_1_kHz_stays_below_8_MB(page: str):
+    assert len(page.encode()) < 8e6
+
+
+def test_titles_and_texts_cannot_become_markup(root: Path, tmp_path: Path):
+    experiment = load_experiment(root / "experiments/fig4_force_position.toml", ["duration_s=0.1", f"title={EVIL}"])
+    page = report_page([ReportRun(EVIL, read(execute(experiment, tmp_path).recording))])[0]
+    assert page.count("<script") == 2 and page.count("</script>") == 2
+    assert "<img src=x" not in page
+    assert f"<h1>{EVIL}</h1>" in unescape(page)
+    assert data_of(page)["runs"][0]["label"] == EVIL
+
+
+def test_panels_show_truth_beside_belief(page: str):
+    panels = {panel["title"]: panel for panel in data_of(page)["panels"]}
+    roles = {row["role"] for row in panels["Pressing force F_z"]["rows"]}
+    assert roles >= {"truth", "belief", "reference"}
+    assert {row["label"] for row in panels["Motor speed"]["rows"]} >= {"commanded 1", "true 3"}
+
+
+def test_what_a_drive_says_of_its_own_has_a_panel(root: Path, tmp_path: Path):
+    experiment = load_experiment(
+        root / "experiments/fig4_force_position.toml", ["duration_s=0.1"], str(root / "fmus/pmsm_foc")
+    )
+    page = report_page([ReportRun("", read(execute(experiment, tmp_path).recording))])[0]
+    assert "Drives: current" in [panel["title"] for panel in data_of(page)["panels"]]
+
+
+def test_several_runs_are_laid_over_each_other_with_what_differs(force_position: Recording, position: Recording):
+    page = report_page([ReportRun("with", force_position), ReportRun("without", position)])[0]
+    assert "19 of 19 claims hold" in page
+    assert '<th scope="row">controller.mode</th><td></td><td>force_position</td><td>position</td>' in page
+    for panel in data_of(page)["panels"]:
+        assert all(len(row["curves"]) == 2 for row in panel["rows"])
+
+
+def test_an_unfinished_run_says_so_first(root: Path, tmp_path: Path):
+    path = samples.unfinished(tmp_path / "run.mcap")
+    page, headline = report_page([ReportRun("sample", read(path))])
+    assert headline.startswith("Unfinished recording: read up to 1.4")
+    assert "✗ Unfinished recording" in page
+
+
+def test_runs_that_hold_less_than_a_robot_are_shown_as_far_as_they_go(tmp_path: Path):
+    page, _ = report_page([ReportRun("press", pressed(tmp_path))])
+    assert "there is no player" in page
+    assert data_of(page)["scenes"] == [None]
+
+
+def test_samples_that_are_no_numbers_are_left_out_of_the_data(tmp_path: Path):
+    F_z = pressed(tmp_path)["plant.F_ee_B"]
+    assert np.all(np.isfinite(F_z))
+    page, _ = report_page([ReportRun("sample", read(samples.finished(tmp_path / "sample.mcap")))])
+    assert "NaN" not in json.dumps(data_of(page))
+
+
+def test_the_page_lands_beside_its_recording(tmp_path: Path):
+    pressed(tmp_path)
+    assert write_report([tmp_path]).path == tmp_path / "report.html"
+    assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")

@@ -1,0 +1,37 @@
+from pathlib import Path
+
+from tests.paper.fig5_recordings import pressed
+from twin.recording.recording import Recording
+from twin.report.page.run import ReportRun
+from twin.report.page.verdict import verdict
+
+
+def test_both_runs_of_fig4_are_scored_in_any_order(force_position: Recording, position: Recording):
+    runs = [ReportRun("p", position), ReportRun("fp", force_position)]
+    judged = verdict(runs)
+    assert judged.good is True and judged.headline == "19 of 19 claims hold"
+    assert judged.fig4 is not None and judged.fig4.position.recording is position
+
+
+def test_force_control_alone_is_judged_on_the_true_force(force_position: Recording):
+    judged = verdict([ReportRun("fp", force_position)])
+    assert judged.good is True and judged.headline == "4 of 4 claims hold"
+    assert any("report those two together" in remark for remark in judged.remarks)
+
+
+def test_a_run_without_claims_says_what_its_force_came_to(position: Recording):
+    judged = verdict([ReportRun("p", position)])
+    assert judged.good is None and not judged.groups
+    assert judged.headline == "The true force never stays within 5 % of 5 N and ends at 4.473 N"
+
+
+def test_a_task_that_fails_is_named(tmp_path: Path):
+    judged = verdict([ReportRun("press", pressed(tmp_path, force=-0.5))])
+    assert judged.good is False
+    assert "claims fail" in judged.headline
+    assert judged.groups[0].title.startswith("Task press: 8 N")
+
+
+def test_a_trip_is_never_good(tmp_path: Path):
+    judged = verdict([ReportRun("press", pressed(tmp_path, trip=3.0))])
+    assert judged.good is False

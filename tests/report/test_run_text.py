@@ -1,0 +1,43 @@
+import pytest
+
+from twin.report.run_text import MOST_EVENTS, run_facts, run_text
+
+OUTCOME = {"peak": 4.961, "peak_time": 13.54, "end": 4.884, "force_error": 0.451, "lateral_error": 0.00218,
+           "z_error": 0.00102}  # fmt: skip
+RUN = {
+    "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
+    "remarks": ["2 of 2000 deadlines missed"], "outcome": OUTCOME, "trip": "", "changed": False, "punctuality": None,
+    "events": [(5.606, "INFO", "force control triggered at F_z = 0.603 N"), (6.0, "DEBUG", "for whoever looks closer")],
+    "drives": ["a.fmu  FMI 2.0  sha256 0123\n  omega_ref <- w\n  warning: " + 12 * "so long " + "."] * 3,
+    "recording": "results/press/2026/run.mcap",
+}  # fmt: skip
+
+
+def test_a_run_says_its_outcome_first_and_where_it_is_last():
+    lines = run_text(RUN).splitlines()
+    assert lines[:2] == ["press  20 s at 400 x real time", "  2 of 2000 deadlines missed"]
+    assert lines[2] == "  force      4.96 N at 13.54 s at most, 4.88 N in the last second"
+    assert lines[4] == "  position   2.18 mm lateral and 1.02 mm in z rms off the reference"
+    assert lines[5] == "   5.606 s  force control triggered at F_z = 0.603 N"
+    assert lines[-1] == "  recording  results/press/2026/run.mcap"
+    assert max(map(len, lines)) <= 80
+
+
+def test_drives_that_are_the_same_are_told_once():
+    assert run_text(RUN).count("a.fmu") == 1
+
+
+def test_a_run_that_never_touched_says_so():
+    text = run_text(RUN | {"outcome": OUTCOME | {"peak": 0.0, "force_error": None}})
+    assert "  force      none: it never touched\n" in text
+
+
+@pytest.mark.parametrize("count", [MOST_EVENTS, MOST_EVENTS + 3])
+def test_of_many_events_the_first_are_told_and_the_others_counted(count: int):
+    text = run_text(RUN | {"events": [(0.001 * k, "WARNING", "the drive says the same again") for k in range(count)]})
+    assert text.count("says the same") == MOST_EVENTS
+    assert ("and 3 more events, in the recording" in text) == (count > MOST_EVENTS)
+
+
+def test_for_programs_there_is_every_event():
+    assert [event["t_s"] for event in run_facts(RUN)["events"]] == [5.606, 6.0]  # type: ignore[attr-defined]

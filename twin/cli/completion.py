@@ -1,0 +1,57 @@
+"""What the shell offers on TAB. It runs at every TAB: nothing here imports more than TOML files need."""
+
+import os
+from collections.abc import Iterable
+from pathlib import Path
+
+from twin.errors import InputRefused
+
+
+def experiment_files(incomplete: str) -> list[str]:
+    """Experiments of this folder and of experiments/."""
+    files = [*Path().glob("*.toml"), *Path("experiments").glob("*.toml")]
+    return _starting_with(incomplete, map(str, files))
+
+
+def experiment_names(incomplete: str) -> list[str]:
+    """Experiments of the repository, without folder and suffix."""
+    from twin.experiment.source import CHECKOUT
+
+    return _starting_with(incomplete, (file.stem for file in CHECKOUT.glob("experiments/*.toml")))
+
+
+def drive_names(incomplete: str) -> list[str]:
+    """Drives of fmus/."""
+    from twin.experiment.source import located
+
+    shelf = located("fmus", Path.cwd())
+    fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
+    return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
+
+
+def body_names(incomplete: str) -> list[str]:
+    """Bodies of bodies/ and experiments/bodies/."""
+    from twin.experiment.body_files import FOLDERS
+    from twin.experiment.source import located
+
+    bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
+    return _starting_with(incomplete, bodies)
+
+
+def setting_keys(incomplete: str) -> list[str]:
+    """Keys that the experiments on the line, or what they extend, already set."""
+    from twin.experiment.source import read_source
+
+    keys: set[str] = set()
+    # the parser gives up on the whole line while an option lacks its value; the line itself is what shells hand over
+    for word in f"{os.environ.get('COMP_WORDS', '')} {os.environ.get('_TYPER_COMPLETE_ARGS', '')}".split():
+        try:
+            keys |= read_source(Path(word)).origins.keys() if word.endswith(".toml") else set()
+        # whoever is still typing has made no mistake yet
+        except InputRefused:
+            continue
+    return _starting_with(incomplete, (f"{key}=" for key in keys))
+
+
+def _starting_with(incomplete: str, words: Iterable[str]) -> list[str]:
+    return sorted(word for word in words if word.startswith(incomplete))

@@ -1,0 +1,62 @@
+"""What `twin run` shows while it runs and says when it is done."""
+
+import json
+import sys
+from pathlib import Path
+from typing import Any
+
+from twin.cli.progress import progress
+from twin.doctor.native import is_warm
+from twin.guard.remains import seen_from_here
+from twin.recording.folder import LATEST
+from twin.report.run_text import run_facts, run_text
+
+
+class Display:
+    """Progress on standard error if that is a terminal; what each run has to say, plain, on standard output.
+
+    Attributes:
+        folder: of the run that is on, None before the first.
+    """
+
+    def __init__(self, as_json: bool):
+        self.folder: Path | None = None
+        self._name = ""
+        self._as_json = as_json
+        self._progress = progress()
+        self._done: list[Path] = []
+
+    def __enter__(self) -> "Display":
+        self._progress.say("loading" if is_warm() else "compiling for the first time, up to a minute")
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self._progress.clear()
+        if self._done and not self._as_json:
+            print(f"  next       twin report {' '.join(map(str, self._done))}")
+
+    def hear(self, note: dict[str, Any]) -> None:
+        """Take a note of `recorded_runs`."""
+        if "run" in note:
+            facts = {"experiment": self._name, **note["run"]}
+            facts["recording"] = seen_from_here(Path(facts["recording"]))
+            self._progress.clear()
+            print(json.dumps(run_facts(facts)) if self._as_json else run_text(facts), flush=True)
+            self._done.append(_shortest(facts["recording"].parent))
+        elif "serving" in note:
+            self._progress.clear()
+            # not on standard output, which --json keeps for the result
+            print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
+        else:
+            self._name, self.folder = note["experiment"], Path(note["folder"])
+            self._progress.begin(self._name, note["duration"])
+
+    def show(self, done: int, total: int) -> None:
+        """Move the bar."""
+        self._progress.move(done / total)
+
+
+def _shortest(folder: Path) -> Path:
+    """results/EXPERIMENT instead of the folder of its latest run."""
+    latest = folder.parent / LATEST
+    return folder.parent if latest.is_symlink() and latest.resolve() == folder.resolve() else folder

@@ -1,0 +1,147 @@
+"""How far a run is, on one line of a terminal that is gone when the run is over."""
+
+import os
+import shutil
+import sys
+import time
+from typing import Any, Protocol
+
+NARROW = 60
+"""Terminals with fewer columns have no room for a bar."""
+
+
+class Progress(Protocol):
+    """Shows one run after the other."""
+
+    def say(self, what: str) -> None:
+        """From now on `what` is going on, nobody knows for how long."""
+
+    def begin(self, name: str, duration: float) -> None:
+        """The run `name` is made ready; it will simulate `duration` (s)."""
+
+    def move(self, share: float) -> None:
+        """So much of it has been simulated, 0 .. 1."""
+
+    def clear(self) -> None:
+        """Leave the line to others; whatever comes next takes it back."""
+
+
+def progress() -> Progress:
+    """What suits the terminal on standard error: a bar, a plain line without escape codes under NO_COLOR, or nothing.
+
+    Standard output belongs to results, so that it can be piped while progress is still seen.
+    """
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        return Silent()
+    return PlainLine() if os.environ.get("NO_COLOR") else Bar()
+
+
+def clock(share: float, duration: float) -> str:
+    """`12.3 / 20.0 s`, as wide at the beginning as at the end."""
+    total = f"{duration:.1f}"
+    return f"{share * duration:{len(total)}.1f} / {total} s"
+
+
+class Speed:
+    """Simulated time per wall time since the first step."""
+
+    def __init__(self) -> None:
+        self._began: float | None = None
+
+    def text(self, simulated: float) -> str:
+        """`412 x real time`; "" as long as nothing can be said."""
+        now = time.monotonic()
+        if self._began is None:
+            self._began, self._start = now, simulated
+        taken = now - self._began
+        return f"{(simulated - self._start) / taken:.3g} x real time" if taken > 0.1 else ""
+
+
+class Silent:
+    """No terminal, or one that cannot go back on its line."""
+
+    def say(self, what: str) -> None: ...
+
+    def begin(self, name: str, duration: float) -> None: ...
+
+    def move(self, share: float) -> None: ...
+
+    def clear(self) -> None: ...
+
+
+class PlainLine:
+    """A line of text that is written over itself."""
+
+    def __init__(self) -> None:
+        self._name, self._duration, self._speed, self._width = "", 0.0, Speed(), 0
+
+    def say(self, what: str) -> None:
+        self._write(f"{self._name}  {what}".strip())
+
+    def begin(self, name: str, duration: float) -> None:
+        self._name, self._duration, self._speed = name, duration, Speed()
+        self.say("loading")
+
+    def move(self, share: float) -> None:
+        self.say(f"{clock(share, self._duration)}  {self._speed.text(share * self._duration)}")
+
+    def clear(self) -> None:
+        self._write("")
+        sys.stderr.write("\r")
+        sys.stderr.flush()
+
+    def _write(self, text: str) -> None:
+        # the last column is left free: some terminals would go on to the next line
+        text = text[: shutil.get_terminal_size().columns - 1]
+        sys.stderr.write("\r" + text.ljust(self._width))
+        sys.stderr.flush()
+        self._width = len(text)
+
+
+class Bar:
+    """A bar with simulated time, speed and remaining wall time, of `rich`."""
+
+    def __init__(self) -> None:
+        from rich import progress as rich_progress
+        from rich.console import Console
+        from rich.table import Column
+
+        console = Console(stderr=True)
+        self._roomy = console.width >= NARROW
+        name = Column(no_wrap=True, overflow="ellipsis", ratio=None if self._roomy else 1)
+        text = rich_progress.TextColumn
+        columns: list[Any] = [text("{task.description}", table_column=name)]
+        if self._roomy:
+            columns.append(rich_progress.BarColumn(bar_width=None, table_column=Column(ratio=1, min_width=8)))
+        columns += [text("{task.fields[clock]}", table_column=Column(no_wrap=True))]
+        if self._roomy:
+            columns += [
+                text("{task.fields[speed]}", table_column=Column(no_wrap=True)),
+                rich_progress.TimeRemainingColumn(table_column=Column(no_wrap=True)),
+            ]
+        # results are printed on standard output by themselves, with the bar cleared
+        self._line = rich_progress.Progress(
+            *columns, console=console, transient=True, expand=True, redirect_stdout=False, redirect_stderr=False
+        )
+        self._task = self._line.add_task("", total=None, clock="", speed="")
+        self._duration, self._speed = 0.0, Speed()
+
+    def say(self, what: str) -> None:
+        self._line.update(self._task, clock=what)
+        self._line.start()
+
+    def begin(self, name: str, duration: float) -> None:
+        self._duration, self._speed = duration, Speed()
+        self._line.reset(self._task, total=None, description=name, clock="loading", speed="")
+        self._line.start()
+
+    def move(self, share: float) -> None:
+        if self._line.tasks[0].total is None:
+            self._line.reset(self._task, total=1.0)
+        simulated = share * self._duration
+        self._line.update(
+            self._task, completed=share, clock=clock(share, self._duration), speed=self._speed.text(simulated)
+        )
+
+    def clear(self) -> None:
+        self._line.stop()

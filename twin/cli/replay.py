@@ -1,0 +1,58 @@
+"""`twin replay`: a robot's log through the twin."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def replay(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A CSV or MCAP file of a robot, or a run of twin.")],
+    experiment: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Experiment that describes the robot; without it, that of the run."),
+    ] = None,
+    maps: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
+    ] = None,
+    plant: Annotated[
+        bool, typer.Option("--plant", help="Let the plant model run, driven by the log's motor angles.")
+    ] = False,
+    baseline: Annotated[
+        float, typer.Option(metavar="S", help="Beginning of the log that says what is normal; best in free air.")
+    ] = 1.0,
+    tolerance: Annotated[
+        float | None,
+        typer.Option(metavar="N", help="Change of the force that is no news; without it, what rounding can do."),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/replay/NAME/TIME.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+) -> None:
+    """Replay a robot's log: position, force, and whether the twin still matches.
+
+    The log has encoder counts (encoder.count_m[0..2], encoder.count_l[0..2]) or
+    angles (estimator.theta_m[0..2], estimator.theta_l[0..2]), and may have a
+    measured force (scale.F_z, pressing positive).
+    Exit code: 0 done, 1 robot and twin part, 2 input refused, 3 the plant model
+    left the workspace.
+
+    Example: twin replay results/fig4_force_position --plant
+    """
+    from twin.report.replay import Request, replay_report
+
+    report = replay_report(
+        Request(
+            log, maps or (), experiment, settings or (),
+            plant=plant, baseline=baseline, tolerance=tolerance, out=out,
+        )
+    )  # fmt: skip
+    print(json.dumps(report.facts) if as_json else report.text)
+    if not report.matches:
+        raise SystemExit(1)

@@ -1,0 +1,90 @@
+"""`twin report`: runs as one HTML page."""
+
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from twin.errors import InputRefused
+from twin.guard.remains import seen_from_here
+
+if TYPE_CHECKING:
+    from twin.report.page.page import Report
+
+Listener = Callable[[dict[str, Any]], None]
+"""Takes a note of `twin.guard.runs.recorded_runs`."""
+
+
+def report(
+    runs: Annotated[
+        list[Path],
+        typer.Argument(metavar="RUN...", help="A run's folder, its .mcap file, or results/EXPERIMENT for the latest."),
+    ],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="FILE", help="The page; without it report.html beside the run, of several in results/report."
+        ),
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+) -> None:
+    """Write a run, or several side by side, as one HTML page to look at offline.
+
+    Exit code: 0 written, whatever the verdict, 2 input refused.
+
+    Example: twin report results/fig4_force_position results/fig4_position
+    """
+    from twin.report.page.page import write_report
+
+    _tell(write_report(runs, out), as_json)
+
+
+class Reported:
+    """Writes one page on all runs when they are over, also if one of them did not end well.
+
+    Args:
+        wanted: whether to. as_json: tell it as JSON.
+    """
+
+    def __init__(self, wanted: bool, as_json: bool):
+        self._wanted = wanted
+        self._as_json = as_json
+        self._folders: list[Path] = []
+
+    def noting(self, listener: Listener) -> Listener:
+        """`listener`, and the folders of the runs are kept in mind."""
+
+        def hear(note: dict[str, Any]) -> None:
+            if "folder" in note:
+                self._folders.append(Path(note["folder"]))
+            listener(note)
+
+        return hear
+
+    def __enter__(self) -> "Reported":
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *failure: object) -> None:
+        recorded = [folder for folder in self._folders if any(folder.glob("*.mcap*"))]
+        if not self._wanted or not recorded:
+            return
+        from twin.report.page.page import write_report
+
+        try:
+            _tell(write_report(recorded), self._as_json)
+        except InputRefused as problem:
+            if kind is None:
+                raise
+            # why the run itself ended is what the user has to hear last
+            print(problem, file=sys.stderr)
+
+
+def _tell(done: "Report", as_json: bool) -> None:
+    page = seen_from_here(done.path)
+    if as_json:
+        print(json.dumps({"headline": done.headline, "page": str(page)}))
+    else:
+        print(f"{done.headline}\n  page  {page}")

@@ -1,0 +1,50 @@
+"""Everything looked at, and what it comes to."""
+
+import textwrap
+from collections.abc import Sequence
+from pathlib import Path
+
+from twin.doctor.finding import Finding, is_ready, lacking
+from twin.doctor.packages import package_findings, project_table
+from twin.doctor.surroundings import (
+    browser_finding,
+    compiled_finding,
+    disk_finding,
+    drives_finding,
+    isolation_finding,
+    smoke_finding,
+)
+from twin.experiment.source import CHECKOUT
+
+WIDTH = 80
+
+
+def examined(here: Path, with_run: bool) -> list[Finding]:
+    """What this installation has and lacks, for who works in the folder `here`; `with_run`: run something, too."""
+    project = project_table(CHECKOUT)
+    if project is None or not (CHECKOUT / "experiments").is_dir():
+        return [
+            Finding("repository", "bad", f"{CHECKOUT} has no experiments; install with pip install -e . in a clone")
+        ]
+    findings = [Finding("repository", "ok", str(CHECKOUT)), *package_findings(project)]
+    findings += [compiled_finding(), drives_finding(here), isolation_finding(), disk_finding(here), browser_finding()]
+    return [*findings, smoke_finding(CHECKOUT)] if with_run else findings
+
+
+def verdict(findings: Sequence[Finding]) -> str:
+    """`ready`, `ready, without: live` or `not ready: packages`."""
+    if not is_ready(findings):
+        return "not ready: " + ", ".join(finding.topic for finding in findings if finding.state == "bad")
+    without = lacking(findings)
+    return f"ready, without: {', '.join(without)}" if without else "ready"
+
+
+def examination_text(findings: Sequence[Finding]) -> str:
+    """The verdict, then the findings, at most 80 columns but for paths."""
+    lines = [verdict(findings)]
+    for finding in findings:
+        head = f"  {finding.state:6} {finding.topic:10} "
+        lines += textwrap.wrap(
+            finding.text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False
+        )
+    return "\n".join(lines)

@@ -1,0 +1,137 @@
+"""The experiment file as JSON Schema (draft 2020-12), for editors that complete and check TOML.
+
+Made of the models that check an experiment, so that the two cannot differ. The schema says what a single file may hold.
+What a whole experiment needs, and what its tables owe one another, only `load_experiment` knows: a file may leave
+anything to the file that it extends.
+"""
+
+import json
+from typing import Any
+
+from pydantic import BaseModel
+from pydantic.json_schema import GenerateJsonSchema
+
+from twin.experiment import schema
+from twin.experiment.drive_files import JOINTS
+from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
+from twin.experiment.fault import table_of
+from twin.experiment.task import KINDS
+from twin.faults.catalogue import CATALOGUE
+
+DIALECT = "https://json-schema.org/draft/2020-12/schema"
+SCHEMA_FILE = "experiment.schema.json"
+"""How the schema's file is called where nobody says otherwise."""
+
+Node = dict[str, Any]
+
+
+def schema_text() -> str:
+    """The schema as a file."""
+    return json.dumps(experiment_json_schema(), indent=1) + "\n"
+
+
+def experiment_json_schema() -> Node:
+    """The schema of an experiment file, and of what it extends: robots and bodies."""
+    defined: Node = {}
+    head = _table(Head, defined)
+    tables = {name: _table(model, defined) for name, model in {**TABLES, **OPTIONAL_TABLES}.items()}
+    defined["Drive"] = _table(schema.Drive, defined)
+    joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINTS}
+    drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}
+    extends = {"type": "string", "description": "A file whose values hold wherever this one says nothing."}
+    return {
+        "$schema": DIALECT,
+        "title": "Experiment of twin",
+        "type": "object",
+        "additionalProperties": False,
+        "properties": {
+            "extends": extends,
+            **head["properties"],
+            **tables,
+            "drive": drive,
+            "task": _array(_tasks(defined), "What the robot does, one task after the other; instead of [reference]."),
+            "fault": _array(_faults(defined), "What breaks."),
+        },
+        "$defs": defined,
+    }
+
+
+class _Untitled(GenerateJsonSchema):
+    """Without titles made of the keys: editors show the key itself."""
+
+    def field_title_should_be_set(self, schema: Any) -> bool:
+        return False
+
+
+def _tasks(defined: Node) -> list[Node]:
+    return [_complete(model, {"kind": {"const": kind}}, defined) for kind, model in KINDS.items()]
+
+
+def _faults(defined: Node) -> list[Node]:
+    tables = []
+    for name, kind in CATALOGUE.items():
+        target = {"enum": list(kind.targets), "default": kind.targets[0], "description": "What breaks."}
+        tables.append(_complete(table_of(kind), {"kind": {"const": name}, "target": target}, defined))
+    return tables
+
+
+def _array(tables: list[Node], description: str) -> Node:
+    return {"type": "array", "description": description, "items": {"oneOf": tables}}
+
+
+def _complete(model: type[BaseModel], known: Node, defined: Node) -> Node:
+    """An item of an array of tables: it extends nothing, so it has every key that it needs."""
+    table = _table(model, defined)
+    required = [info.alias or name for name, info in model.model_fields.items() if info.is_required()]
+    return {**table, "properties": {**table["properties"], **known}, "required": required}
+
+
+def _table(model: type[BaseModel], defined: Node) -> Node:
+    """The schema of `model`; those that it refers to go to `defined`."""
+    made = model.model_json_schema(schema_generator=_Untitled)
+    defined |= {name: _as_toml(node) for name, node in made.pop("$defs", {}).items()}
+    return _as_toml(made)
+
+
+def _as_toml(table: Node) -> Node:
+    """A pydantic model's schema as a table of the file: nothing is required, and a value may bring its source."""
+    properties = {key: _value(node) for key, node in table["properties"].items()}
+    return {
+        "type": "object",
+        "description": table["description"],
+        "additionalProperties": False,
+        "properties": properties,
+    }
+
+
+def _value(node: Node) -> Node:
+    """A key's value: itself, or `{ value = .., source = ".." }` unless it is a table."""
+    told = {key: node[key] for key in ("description", "default", "examples") if node.get(key) is not None}
+    bare = _without_null({key: node[key] for key in node if key not in ("description", "default", "examples")})
+    if "$ref" in bare:
+        return bare
+    if bare.get("type") == "object":
+        return {**bare, "additionalProperties": _value(bare["additionalProperties"]), **told}
+    return {"anyOf": [bare, _sourced(bare)], **told}
+
+
+def _without_null(node: Node) -> Node:
+    """`node` as TOML can say it: there is no null, what is not said is left out."""
+    kinds = [kind for kind in node.get("anyOf", ()) if kind != {"type": "null"}]
+    node = kinds[0] if len(kinds) == 1 else node
+    entries = node.get("prefixItems", ())
+    if entries and all(entry == entries[0] for entry in entries):
+        # older dialects, which many editors stop at, know this but no prefixItems
+        node = {**{key: node[key] for key in node if key != "prefixItems"}, "items": _without_null(entries[0])}
+    if "items" in node:
+        node = {**node, "items": _without_null(node["items"])}
+    return node
+
+
+def _sourced(value: Node) -> Node:
+    return {
+        "type": "object",
+        "properties": {"value": value, "source": {"type": "string"}},
+        "required": ["value"],
+        "additionalProperties": False,
+    }

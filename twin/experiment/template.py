@@ -1,0 +1,221 @@
+"""An experiment to start from: every table and key there is, with its meaning, its bounds and a value.
+
+Made of the models that check an experiment, so that no key is missing and none is left that is gone.
+"""
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Literal, get_args, get_origin
+
+from pydantic import BaseModel
+from pydantic.fields import FieldInfo
+
+from twin.experiment import schema
+from twin.experiment.body_files import fill_from_body
+from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
+from twin.experiment.fault import table_of
+from twin.experiment.json_schema import SCHEMA_FILE
+from twin.experiment.source import Source, located, read_source
+from twin.experiment.task import KINDS
+from twin.faults.catalogue import CATALOGUE
+
+ROBOT = "robots/massage_robot.toml"
+OTHERS = ("fig4_force_position.toml", "massage.toml")
+"""Where values are taken from for what an experiment does not use."""
+FAULT = "surface_jump"
+"""The kind of fault that is shown."""
+BELIEVED = "What the controller believes where it differs from [robot]: any key of it."
+LED_BY_TASKS = (
+    "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
+)
+BREAKS = "What breaks: docs/faults.md has every kind."
+TRUE = "What is true where it differs from [robot]: any key of it. The controller does not know."
+
+Table = Mapping[str, Any]
+
+
+def commented_experiment(name: str, base: Path) -> str:
+    """The text of an experiment that does what the one at `base` does, with all that it could say besides.
+
+    What `base` says of other tables than [robot] and [plant] stands as it is. All else stands behind a "#", with the
+    value that body or robot give it, or its default, or one that would do.
+
+    Args:
+        name: of the file it will be.
+        base: one of the repository's experiments.
+
+    Raises:
+        InputRefused: a file of the repository is not there.
+    """
+    own = read_source(base)
+    page = _Page(own, _values_of_body_and_robot(base), _values_of_others(base))
+    models: dict[str, type[BaseModel]] = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
+    lines = [
+        f"#:schema {SCHEMA_FILE}",
+        f"# Run this: twin run {name}",
+        "#",
+        "# A key's unit is in its name. What stands behind a # is not set; the value there is the default, if there is",
+        '# one. Instead of any value, { value = 5.0, source = "where it comes from" } may stand.',
+        "",
+        "# the file whose values hold wherever this one says nothing",
+        f'extends = "{ROBOT}"',
+        *page.keys("", Head, own.values, page.origins("")),
+    ]
+    for table, model in models.items():
+        if table not in ("robot", "plant"):
+            lines += page.table(table, model)
+    lines += ["", f"# {LED_BY_TASKS}", *page.tasks(own.values.get("task", ()))]
+    lines += ["", f"# {BREAKS}"]
+    lines += page.item("fault", table_of(CATALOGUE[FAULT]), _fault(), "#")
+    lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
+    lines += page.keys("robot", schema.Robot, {}, {})
+    lines += ["", f"# {TRUE}", "#[plant]", *page.keys("plant", schema.Plant, {}, {})]
+    return "\n".join(lines) + "\n"
+
+
+class _Page:
+    """Writes tables and keys; what is not in use behind a #.
+
+    Args:
+        own: what stands there without a #.
+        nearer, farther: where values of the others are looked up, before and after their default.
+    """
+
+    def __init__(self, own: Source, nearer: Table, farther: Table):
+        self._own, self._nearer, self._farther = own, nearer, farther
+
+    def origins(self, table: str) -> Table:
+        """The sources of the values in `table`, by key; without those that are only the name of a file."""
+        prefix = f"{table}." if table else ""
+        found = {k.removeprefix(prefix): text for k, text in self._own.origins.items() if k.startswith(prefix)}
+        return {key: text for key, text in found.items() if not text.startswith("set in ")}
+
+    def table(self, name: str, model: type[BaseModel]) -> list[str]:
+        """[name] and the tables in it."""
+        own = _at(self._own.values, name)
+        mark = "#" if own is None else ""
+        lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
+        for field, info in model.model_fields.items():
+            inner, path = _model_in(info.annotation), f"{name}.{info.alias or field}"
+            if get_origin(info.annotation) is dict:
+                entries = _at(self._own.values, path) or {}
+                lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
+                lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
+            elif inner is schema.Model:
+                lines += ["", f"# {BELIEVED}", f"#[{path}]"]
+            elif inner is not None:
+                lines += self.table(path, inner)
+        return lines
+
+    def tasks(self, own: tuple[Table, ...]) -> list[str]:
+        """The experiment's tasks; if it has none, those of others behind a #."""
+        lines = []
+        for number, task in enumerate(own or self._farther["task"], start=1):
+            origins = self.origins(f"task.{number}") if own else {}
+            lines += self.item("task", KINDS[task["kind"]], task, "" if own else "#", origins)
+        return lines
+
+    def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table = {}) -> list[str]:  # noqa: B006
+        """One table of the array [[name]], all of `values` with the same mark."""
+        lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]", f'{mark}kind = "{values["kind"]}"']
+        for key, info in _plain_keys(model).items():
+            if key != "kind":
+                value, own = (values[key], mark) if key in values else (_instead(info), "#")
+                lines += [f"# {_meaning(info)}", _line(key, value, own, origins.get(key))]
+        return lines
+
+    def keys(self, table: str, model: type[BaseModel], own: Table, origins: Table) -> list[str]:
+        """The keys of `model` but for tables, each below its meaning."""
+        lines = []
+        for key, info in _plain_keys(model).items():
+            path = f"{table}.{key}" if table else key
+            candidates = (_at(self._nearer, path), _instead(info), _at(self._farther, path))
+            instead = next((value for value in candidates if value is not None), None)
+            value, mark = (own[key], "") if key in own else (instead, "#")
+            lines += [f"# {_meaning(info)}", _line(key, value, mark, origins.get(key))]
+        return lines
+
+
+def _values_of_body_and_robot(base: Path) -> Table:
+    source = read_source(base)
+    fill_from_body(source, base.parent)
+    return source.values
+
+
+def _values_of_others(base: Path) -> Table:
+    others = Source()
+    for name in OTHERS:
+        others.put(read_source(located(name, base.parent)).values, "")
+    return others.values
+
+
+def _fault() -> Table:
+    kind = CATALOGUE[FAULT]
+    assert kind.magnitudes is not None and kind.magnitude_key is not None
+    return {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
+
+
+def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
+    """The keys of `model` that hold no table; of [plant] those that [robot] has not."""
+    repeated = schema.Robot.model_fields if issubclass(model, schema.Plant) else {}
+    return {
+        info.alias or field: info
+        for field, info in model.model_fields.items()
+        if field not in repeated and _model_in(info.annotation) is None and get_origin(info.annotation) is not dict
+    }
+
+
+def _model_in(annotation: Any) -> type[BaseModel] | None:
+    for kind in (annotation, *get_args(annotation)):
+        if isinstance(kind, type) and issubclass(kind, BaseModel):
+            return kind
+    return None
+
+
+def _instead(info: FieldInfo) -> Any:
+    """The default of a key, or an example."""
+    if info.is_required() or info.default is None:
+        return (info.examples or [None])[0]
+    return info.default
+
+
+def _meaning(info: FieldInfo) -> str:
+    """What a key means and what it may be: `largest command; > 0`."""
+    signs = {"gt": ">", "ge": ">=", "lt": "<", "le": "<="}
+    bounds = [
+        f"{sign} {getattr(bound, name):g}"
+        for bound in info.metadata
+        for name, sign in signs.items()
+        # 2**63 is no bound for people
+        if abs(getattr(bound, name, math.inf)) < 1e18
+    ]
+    kinds = (info.annotation, *get_args(info.annotation))
+    choices = [json.dumps(value) for kind in kinds if get_origin(kind) is Literal for value in get_args(kind)]
+    return "; ".join(filter(None, (info.description, " and ".join(bounds), " or ".join(choices))))
+
+
+def _summary(model: type[BaseModel]) -> str:
+    """The first sentence of what is said of a table."""
+    text = " ".join((model.__doc__ or "").split("\n\n")[0].split())
+    return (text.partition(": ")[2] or text).removesuffix(".")
+
+
+def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
+    told = f"{{ value = {_toml(value)}, source = {_toml(source)} }}" if source else _toml(value)
+    return f"{mark}{key} = {told}"
+
+
+def _toml(value: Any) -> str:
+    if isinstance(value, tuple | list):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return json.dumps(value, ensure_ascii=False)
+
+
+def _at(values: Table, path: str) -> Any:
+    """What stands at the dotted `path`, None if nothing."""
+    node: Any = values
+    for key in path.split("."):
+        node = node.get(key) if isinstance(node, Mapping) else None
+    return node

@@ -1,0 +1,1 @@
+"""Recordings for other tools: CSV, Parquet, MATLAB. SI throughout, every unit beside its number."""

@@ -1,0 +1,32 @@
+"""A table as comma-separated values (RFC 4180, but lines end with a line feed): one header, one row per instant."""
+
+from pathlib import Path
+
+import numpy as np
+
+from twin.export.table import Column, Table
+
+
+def write_csv(path: Path, table: Table) -> None:
+    """Write `table` to `path`; names carry the unit, numbers are the shortest that read back to the same float64.
+
+    Truth values are 0 and 1. Not a number is `nan`.
+
+    Raises:
+        OSError: it cannot be written.
+    """
+    columns = [_texts(table.t), *(_texts(column.values) for column in table.columns)]
+    with path.open("w", encoding="utf-8", newline="\n") as file:
+        file.write(",".join(["t_s", *map(heading, table.columns)]) + "\n")
+        file.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
+
+
+def heading(column: Column) -> str:
+    """`plant.p_B[0]_m`, `plant.tau_l[0]_Nm`, `drive/1.omega_m_rad_per_s`: name and unit, like keys of TOML."""
+    if column.unit == "1":
+        return column.name
+    return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
+
+
+def _texts(values: np.ndarray) -> list[str]:
+    return [repr(value) for value in (values.astype(int) if values.dtype == bool else values).tolist()]

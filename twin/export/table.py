@@ -1,0 +1,99 @@
+"""Signals of several rates on one time base."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.errors import InputRefused
+from twin.recording.recording import Recording
+
+NANOSECONDS = 10**9
+LARGEST_RATE = 1e6
+"""Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
+
+
+@dataclass(frozen=True)
+class Column:
+    """One number per row.
+
+    Attributes:
+        name: `topic.field`, with `[i]` (from 0) for an element of a field of several.
+        unit: SI, "1" for pure numbers. meaning: frame and sign.
+        values: (n,) float64, int64 or bool.
+    """
+
+    name: str
+    unit: str
+    meaning: str
+    values: np.ndarray
+
+
+@dataclass(frozen=True)
+class Table:
+    """Columns that share their rows' times.
+
+    Attributes:
+        t: simulation time of the rows (n,), s.
+        columns: in the order of the recording.
+    """
+
+    t: np.ndarray
+    columns: tuple[Column, ...]
+
+
+def table(recording: Recording, signals: Sequence[str], rate: float | None = None) -> Table:
+    """`signals` on one time base, each value the newest one at or before the row's time.
+
+    Nothing is interpolated and nothing filtered: every number is one that was recorded, which is also what a sampled
+    component holds between its samples. Rows begin when every signal has a value.
+
+    Args:
+        recording: a run's.
+        signals: names `topic.field`, each with at least one message.
+        rate: rows per second of simulated time (Hz); without it, the times of the selected topic with most messages.
+
+    Raises:
+        InputRefused: no positive rate, or one too fast for times of whole nanoseconds.
+        UnknownSeries: no such signal.
+    """
+    fields = recording.fields()
+    times = {topic: message_times(recording, topic) for topic in topics_of(signals)}
+    rows = row_times(list(times.values()), rate)
+    columns: list[Column] = []
+    for name in signals:
+        topic = name.rpartition(".")[0]
+        values = recording[name][np.searchsorted(times[topic], rows, side="right") - 1]
+        parts = [(name, values)] if values.ndim == 1 else [(f"{name}[{i}]", v) for i, v in enumerate(values.T)]
+        field = fields[name]
+        columns += [Column(label, field.unit, field.meaning, np.ascontiguousarray(part)) for label, part in parts]
+    return Table(rows / NANOSECONDS, tuple(columns))
+
+
+def topics_of(signals: Sequence[str]) -> tuple[str, ...]:
+    """Topics of `signals`, each once, in their order."""
+    return tuple(dict.fromkeys(name.rpartition(".")[0] for name in signals))
+
+
+def message_times(recording: Recording, topic: str) -> np.ndarray:
+    """Times of the messages of `topic`, ns, (n,) int64."""
+    return recording.streams[topic].head["log_time"].astype(np.int64)
+
+
+def row_times(times: Sequence[np.ndarray], rate: float | None) -> np.ndarray:
+    """Times of the rows, ns, (n,) int64, for topics with messages at `times` (ns, ascending, not empty).
+
+    Raises:
+        InputRefused: see `table`.
+    """
+    first = max(t[0] for t in times)
+    if rate is None:
+        densest = max(times, key=len)
+        return densest[densest >= first]
+    if not (math.isfinite(rate) and 0.0 < rate <= LARGEST_RATE):
+        raise InputRefused(f"--rate {rate:g}: expected rows per second, more than 0 and at most {LARGEST_RATE:g} Hz")
+    last = max(t[-1] for t in times)
+    # each from its own number, so that nothing accumulates
+    count = int((last - first) * rate / NANOSECONDS + 1e-9) + 1
+    return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)

@@ -1,0 +1,132 @@
+"""Messages of any protobuf type as a filled-in form: an example, with blanks where numbers and times go.
+
+A viewer's types nest messages whose lengths depend on what is in them. Protobuf leaves that to the writer: a zero may
+be written out, and an integer may take more bytes than it needs (its conformance tests ask every reader to take
+both). So all messages of a form can have one length, and like those of `messages.py` a series of them is one record
+repeated, with columns of numbers assigned into it.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from google.protobuf.message import Message
+from google.protobuf.timestamp_pb2 import Timestamp
+
+from twin.recording.layout import check_stream
+from twin.recording.messages import HEAD_SIZE, head_dtype, numbered_records, record_template
+
+# seconds and nanoseconds as integers of five groups of 7 bits; both of these need all five
+WIDTH = 5
+BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
+"""Stands in an example where the message's own time goes."""
+TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
+# behind their tags of one byte each
+SECONDS, NANOS = 1, 1 + WIDTH + 1
+SHIFTS = 7 * np.arange(WIDTH)
+MORE = np.array([0x80] * (WIDTH - 1) + [0], dtype=np.uint8)
+# the upper half of a double of about 1e307 that nobody writes in earnest; the lower half is the column
+BLANK = 0x7FC0_7749
+
+
+def blank(column: int) -> float:
+    """Stands in an example where the numbers of `column` of the rows go."""
+    return struct.unpack("<d", struct.pack("<II", column, BLANK))[0]
+
+
+@dataclass(frozen=True)
+class Form:
+    """A stream of messages that differ only in times and numbers.
+
+    Attributes:
+        name: without the leading slash that it has in the file: `tf`.
+        example: with `blank(0)`, `blank(1)`, ... in fields of type double, each somewhere, and `BLANK_TIME`.
+        width: number of columns of the rows handed to `Writer.write`.
+        period: ticks from one message to the next.
+
+    Raises:
+        ValueError: a name or period that no stream can have.
+    """
+
+    name: str
+    example: Message
+    width: int
+    period: int
+
+    def __post_init__(self) -> None:
+        check_stream(self.name, self.period)
+
+
+@dataclass(frozen=True)
+class FormLayout:
+    """Where the bytes of one form's Message records are.
+
+    Attributes:
+        template: one record (stride,) uint8 with its blanks still in it.
+        head: structured dtype of the record's front.
+        columns: column of the rows that goes to each place, (k,).
+        places: bytes of each of these doubles, (k, 8) offsets.
+        times: offsets of the first byte of each time.
+    """
+
+    template: np.ndarray
+    head: np.dtype
+    columns: np.ndarray
+    places: np.ndarray
+    times: tuple[int, ...]
+
+
+def form_layout(channel: int, form: Form) -> FormLayout:
+    """Layout of the Message records of channel number `channel`.
+
+    Raises:
+        ValueError: a column has no blank in the example.
+    """
+    body = form.example.SerializeToString(deterministic=True)
+    doubles = [struct.pack("<d", blank(column)) for column in range(form.width)]
+    found = [(column, place) for column, double in enumerate(doubles) for place in _places(body, double)]
+    missing = set(range(form.width)) - {column for column, _ in found}
+    if missing:
+        raise ValueError(f"form {form.name}: columns {sorted(missing)} have no blank in the example")
+    starts = np.array([place for _, place in found], dtype=np.int64) + HEAD_SIZE
+    template = record_template(channel, body)
+    return FormLayout(
+        template,
+        head_dtype(len(template)),
+        np.array([column for column, _ in found], dtype=np.int64),
+        starts[:, None] + np.arange(8),
+        tuple(place + HEAD_SIZE for place in _places(body, TIME_BYTES)),
+    )
+
+
+def form_records(layout: FormLayout, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
+    """Message records of `rows`, (n, stride) uint8.
+
+    Args:
+        layout: of the form.
+        times: of the messages, ns, (n,) integer, from 0 to 2^34 s.
+        first_sequence: sequence number of the first message.
+        rows: (n, width) float64.
+    """
+    records = numbered_records(layout.template, layout.head, times, first_sequence)
+    numbers = np.ascontiguousarray(rows[:, layout.columns], dtype="<f8")
+    records[:, layout.places] = numbers.view(np.uint8).reshape(len(rows), -1, 8)
+    seconds, nanos = _groups(times // 10**9), _groups(times % 10**9)
+    for start in layout.times:
+        records[:, start + SECONDS : start + SECONDS + WIDTH] = seconds
+        records[:, start + NANOS : start + NANOS + WIDTH] = nanos
+    return records
+
+
+def _groups(numbers: np.ndarray) -> np.ndarray:
+    """`numbers` (n,) as protobuf's base-128 integers of `WIDTH` bytes each, (n, WIDTH) uint8."""
+    return (numbers[:, None] >> SHIFTS & 0x7F).astype(np.uint8) | MORE
+
+
+def _places(body: bytes, wanted: bytes) -> Iterator[int]:
+    """Offsets of `wanted` in `body`, ascending."""
+    place = body.find(wanted)
+    while place >= 0:
+        yield place
+        place = body.find(wanted, place + len(wanted))

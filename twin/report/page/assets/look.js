@@ -1,0 +1,49 @@
+// Colours and lines. Colours are Okabe and Ito's, from the style sheet; line patterns tell the same without them.
+
+const SERIES = ["--blue", "--vermilion", "--green", "--purple", "--orange", "--sky", "--ink"];
+const ROLES = {
+  truth: { color: "--ink", width: 1.4, dash: [] },
+  belief: { color: "--orange", width: 2.6, dash: [] },
+  reference: { color: "--blue", width: 1.6, dash: [7, 4] },
+  shifted: { color: "--green", width: 1.6, dash: [7, 3, 2, 3] },
+  display: { color: "--purple", width: 1.4, dash: [2, 3] },
+};
+const OF_SEVERAL = { truth: [], belief: [8, 3], reference: [2, 3], shifted: [7, 3, 2, 3], display: [1, 4] };
+const MEMBER_DASHES = [[], [9, 3], [2, 2]];
+
+function color(name) {
+  return getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+}
+
+function runColor(run) {
+  return SERIES[run % SERIES.length];
+}
+
+/** How the curve of a row is drawn for a run: {color, width, dash}. */
+function look(row, run) {
+  if (page.runs.length > 1) {
+    const dash = row.member >= 0 && row.role === "truth" ? MEMBER_DASHES[row.member] : OF_SEVERAL[row.role];
+    return { color: runColor(run), width: run < SERIES.length ? 1.5 : 2.6, dash };
+  }
+  if (row.member >= 0) {
+    const dash = row.role === "truth" ? [] : row.role === "belief" ? [8, 3] : [2, 3];
+    return { color: SERIES[row.member], width: 1.5, dash };
+  }
+  return ROLES[row.role];
+}
+
+/** A canvas made as fine as the screen; its context is in CSS pixels. */
+function prepared(canvas, width, height) {
+  const ratio = window.devicePixelRatio || 1;
+  canvas.width = Math.round(width * ratio);
+  canvas.height = Math.round(height * ratio);
+  const pen = canvas.getContext("2d");
+  pen.setTransform(ratio, 0, 0, ratio, 0, 0);
+  return pen;
+}
+
+function made(tag, settings = {}, ...children) {
+  const node = Object.assign(document.createElement(tag), settings);
+  node.append(...children);
+  return node;
+}

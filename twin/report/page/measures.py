@@ -1,0 +1,126 @@
+"""Measures of any run, whatever it was for: of what truly happened, with what the robot believed beside it."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+
+from twin.metrics.response import Curve, first_time, overshoot, settling_time
+from twin.metrics.tracking import rms
+from twin.paper.fig5_runs import trip_time
+from twin.report.page.run import ReportRun
+
+BAND = 0.05
+"""Share of the reference within which a force has settled, as in the paper's Fig. 4."""
+MM = 1e3
+END = "force at the end, mean of the last second"
+
+
+class Measure(NamedTuple):
+    """A number about a run; `true` is judged, `believed` is what the robot would say. NaN: there is none.
+
+    Infinity: it never happened.
+    """
+
+    text: str
+    unit: str
+    true: float
+    believed: float = math.nan
+
+
+def number(value: float, unit: str = "") -> str:
+    """`value` with four digits; `never` for infinity, "" for NaN."""
+    if math.isnan(value):
+        return ""
+    return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "never"
+
+
+def outcome(run: ReportRun) -> str:
+    """What a constant force came to, as half a sentence; "" where no force was asked for."""
+    found = {measure.text: measure for measure in measures(run)}
+    settled = next((measure for text, measure in found.items() if text.startswith("within ")), None)
+    if settled is None:
+        return ""
+    band = settled.text.removesuffix(" to the end from")
+    when = f"stays {band} from {number(settled.true, 's')} on" if math.isfinite(settled.true) else f"never stays {band}"
+    return f"The true force {when} and ends at {number(found[END].true, 'N')}"
+
+
+def measures(run: ReportRun) -> list[Measure]:
+    """All measures that `run` holds the series for, the force first."""
+    found: list[Measure] = []
+    if run.has("plant.F_ee_B"):
+        found += _force(run)
+    if run.has("plant.p_B"):
+        found += _path(run)
+    if run.has(*(f"drive/{joint}.{name}" for joint in (1, 2, 3) for name in ("omega_m", "tau_motor"))):
+        found += _drives(run)
+    if run.has("monitor.tripped"):
+        found.append(Measure("safety monitor tripped at", "s", trip_time(run.recording)))
+    return found
+
+
+def _force(run: ReportRun) -> list[Measure]:
+    t = run.recording.time("plant")
+    F_z = -run.recording["plant.F_ee_B"][:, 2]
+    # not the force's z component: pulling sideways on a tilted surface has one, too
+    touching = (run.recording["plant.F_n"] if run.has("plant.F_n") else F_z) > 0.0
+    believed = run.held("controller.F_z", t) if run.has("controller.F_z") else np.full_like(t, math.nan)
+    found = [
+        Measure("first touch at", "s", first_time(t, touching)),
+        Measure("largest pressing force", "N", float(F_z.max()), float(believed.max())),
+    ]
+    if not np.any(touching):
+        return found
+    found.append(Measure("error of the estimated force in contact, rms", "N", rms((believed - F_z)[touching])))
+    if not run.has("controller.F_z_ref") or run.values.get("task"):
+        return found
+    return found + _regulation(t, F_z, believed, run.held("controller.F_z_ref", t), touching)
+
+
+def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching: np.ndarray) -> list[Measure]:
+    """How well a constant force is reached and kept; the second half of the contact is what has settled."""
+    target = float(F_z_ref[-1])
+    if target <= 0.0:
+        return []
+    contact = np.flatnonzero(touching)
+    late = contact[len(contact) // 2 :]
+
+    def both(text: str, unit: str, of: Callable[[Curve], float]) -> Measure:
+        return Measure(text, unit, of(F_z), of(believed))
+
+    return [
+        both(f"within {100.0 * BAND:g} % of {target:g} N to the end from", "s",
+             lambda F: settling_time(t, F, target, BAND * target)),
+        both("overshoot of the force", "%", lambda F: 100.0 * overshoot(F, target)),
+        both(END, "N", lambda F: float(np.mean(F[t >= t[-1] - 1.0]))),
+        both(f"rms of {target:g} N - F_z, second half of the contact", "N", lambda F: rms(F[late] - F_z_ref[late])),
+    ]  # fmt: skip
+
+
+def _path(run: ReportRun) -> list[Measure]:
+    t, p_B = run.recording.time("plant"), run.recording["plant.p_B"]
+    found = []
+    if run.has("controller.p_ref_B"):
+        off = MM * (p_B - run.held("controller.p_ref_B", t))
+        across = np.hypot(off[:, 0], off[:, 1])
+        found += [
+            Measure("horizontal distance from the reference, rms", "mm", rms(across)),
+            Measure("horizontal distance from the reference, largest", "mm", float(across.max())),
+        ]
+    if run.has("estimator.p_B"):
+        error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)
+        found.append(Measure("error of the estimated position, rms", "mm", MM * rms(error)))
+    return found
+
+
+def _drives(run: ReportRun) -> list[Measure]:
+    worst = {
+        name: max(float(np.abs(run.recording[f"drive/{joint}.{name}"]).max()) for joint in (1, 2, 3))
+        for name in ("omega_m", "tau_motor")
+    }
+    return [
+        Measure("largest motor speed", "rad/s", worst["omega_m"]),
+        Measure("largest motor torque", "N m", worst["tau_motor"]),
+    ]

@@ -1,0 +1,41 @@
+"""One run laid out and coloured like the paper's Fig. 4: height, pressing force, and the force along x and y."""
+
+from pathlib import Path
+
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from twin.metrics.response import Curve
+from twin.paper.fig4_runs import Fig4Run
+from twin.report.fig4 import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH
+
+
+def draw_one_run(run: Fig4Run, path: Path) -> None:
+    """Write the picture to `path` (PNG): the robot's own estimates coloured, the truth dotted."""
+    figure = Figure(figsize=(12, 7.5), dpi=100, layout="constrained")
+    FigureCanvasAgg(figure)
+    (height, force), (x, y) = figure.subplots(2, 2, sharex=True)
+    height.plot(run.t, 1e3 * run.z_cmd, color=FP_REFERENCE, lw=1.2, label="after the force loop")
+    height.plot(run.t, 1e3 * run.z_ref, color=PRE_DEFINE, lw=2.2, label="pre-defined")
+    height.plot(run.t, 1e3 * run.z, color=FP_BASED, lw=1.6, label="estimated")
+    _dotted(height, run.t_plant, 1e3 * run.recording["plant.p_B"][:, 2])
+    height.set_ylabel("z position (mm)")
+    force.plot(run.t, run.recording["controller.F_z_ref"], color=PRE_DEFINE, lw=1.6, label="reference")
+    force.plot(run.t, run.F_z, color=FP_BASED, lw=1.6, label="estimated")
+    _dotted(force, run.t_plant, run.true_F_z)
+    force.set_ylabel("F_z, pressing (N)")
+    for axes, axis, letter in ((x, 0, "x"), (y, 1, "y")):
+        axes.plot(run.t, run.F_ee_B[:, axis], color=FP_BASED, lw=0.9, label="estimated")
+        _dotted(axes, run.t_plant, run.true_F_ee_B[:, axis])
+        axes.set(ylabel=f"F_{letter} (N)", xlabel="time (s)")
+    for axes, letter in zip((height, force, x, y), "ABCD", strict=True):
+        axes.set_title(letter, loc="left", fontweight="bold")
+        axes.legend(frameon=False)
+        axes.grid(alpha=0.25)
+        axes.spines[["top", "right"]].set_visible(False)
+    figure.savefig(path, metadata={"Software": None})
+
+
+def _dotted(axes: Axes, t: Curve, values: Curve) -> None:
+    axes.plot(t, values, color=TRUTH, lw=0.9, ls=":", label="true")

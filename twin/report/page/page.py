@@ -1,0 +1,118 @@
+"""The page: gathers what a report shows and writes it as one file."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.metadata import version
+from importlib.resources import files
+from pathlib import Path
+from string import Template
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.report.page.block import Block
+from twin.report.page.curves import curves
+from twin.report.page.markup import Markup, element, joined
+from twin.report.page.picture import picture
+from twin.report.page.run import ReportRun, report_runs
+from twin.report.page.scene import scene
+from twin.report.page.sections import sections, verdict_section
+from twin.report.page.verdict import verdict
+
+ASSETS = files("twin.report.page") / "assets"
+SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
+"""In an order in which each finds what it needs."""
+REPORT = "report.html"
+SEVERAL = Path("results/report")
+
+
+@dataclass(frozen=True)
+class Report:
+    """A written report: its file and its first sentence."""
+
+    path: Path
+    headline: str
+
+
+def write_report(paths: Sequence[Path], out: Path | None = None) -> Report:
+    """Write the report on the runs meant by `paths`.
+
+    Args:
+        paths: at least one; see `report_runs`. out: the file; None: report.html beside the recording, of several runs
+            in results/report.
+
+    Raises:
+        RecordingRefused: a recording is missing, empty, damaged or foreign.
+        InputRefused: a run is given twice or holds no samples, or the file cannot be written.
+    """
+    runs = report_runs(paths)
+    path = out or (runs[0].recording.path.parent if len(runs) == 1 else SEVERAL) / REPORT
+    html, headline = report_page(runs)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(html, encoding="utf-8")
+    except OSError as problem:
+        raise InputRefused(f"{path}: cannot be written: {problem.strerror}; name another file with --out") from None
+    return Report(path, headline)
+
+
+def report_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
+    """(HTML, first sentence). The same recordings and summaries give the same text."""
+    judged = verdict(runs)
+    blocks = [Block() for _ in runs]
+    panels, factor = curves(runs, blocks)
+    scenes = [scene(run, block) for run, block in zip(runs, blocks, strict=True)]
+    data = {
+        "end": max(run.end for run in runs),
+        "runs": [{"label": run.label, "block": block.text()} for run, block in zip(runs, blocks, strict=True)],
+        "panels": panels,
+        "scenes": scenes,
+        "events": [
+            {"run": number, "t": event.time, "level": event.level, "text": event.text}
+            for number, run in enumerate(runs)
+            for event in run.recording.events
+        ],
+    }
+    parts = sections(runs, picture(runs, judged))
+    title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
+    links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
+    html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
+        title=joined([title]),
+        subtitle=element("p", " | ".join(run.label for run in runs)),
+        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
+        verdict=verdict_section(runs, judged),
+        remark=_remark(scenes, factor),
+        chooser=_chooser(runs, scenes),
+        sections=joined([part.html for part in parts]),
+        version=joined([version("twin")]),
+        data=_json(data),
+        script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
+    )
+    return html, judged.headline
+
+
+def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:
+    told = []
+    if not any(scenes):
+        told.append("Nothing here says where the robot's joints were, so there is no player.")
+    if factor > 1:
+        told.append(f"So much was recorded that the curves show the extremes of every {2 * factor} samples only.")
+    return joined([element("p", text) for text in told])
+
+
+def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None]) -> Markup:
+    """Which run the player shows; nothing to choose with one."""
+    if len(runs) == 1:
+        return Markup()
+    options = [
+        element("option", run.label, value=str(number))
+        for number, (run, its) in enumerate(zip(runs, scenes, strict=True))
+        if its
+    ]
+    return element("label", "Run ", element("select", *options, id="run"))
+
+
+def _json(data: object) -> str:
+    """JSON that cannot end the script element it stands in, whatever texts it holds."""
+    return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

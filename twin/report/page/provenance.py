@@ -1,0 +1,108 @@
+"""Where a run comes from: its drives with hashes, its time, and how to make it again."""
+
+import base64
+import json
+import shlex
+from collections.abc import Sequence
+
+from twin.report.page.markup import Markup, element, joined, table
+from twin.report.page.measures import number
+from twin.report.page.parameters import flat, told
+from twin.report.page.run import ReportRun
+
+SET = "set on the command line"
+
+
+def command(run: ReportRun) -> str:
+    """What makes this recording again, from the repository: `twin run experiments/... --set ...`."""
+    words = ["twin", "run", f"experiments/{run.name}.toml"]
+    tables = {"drive.fmu": "--drive", "contact.body": "--body"}
+    values = dict(flat(run.values))
+    whole = set()
+    for key, option in tables.items():
+        if run.origins.get(key) == SET and key in values:
+            words += [option, str(values[key])]
+            whole.add(key)
+    for key, value in values.items():
+        if run.origins.get(key) == SET and key not in whole and not key.startswith("fault."):
+            words += ["--set", f"{key}={_toml(value)}"]
+    faults = run.values.get("fault", ())
+    if any(origin == SET for key, origin in run.origins.items() if key.startswith("fault.")):
+        words += ["--set", f"fault={_toml(faults)}"]
+    return shlex.join(words)
+
+
+def provenance(run: ReportRun) -> Markup:
+    """Command, seed, hash of the recording, versions; the whole experiment to take away."""
+    versions = run.recording.metadata.get("versions", {})
+    rows = [
+        ("command", element("code", command(run))),
+        ("seed of the noise", told(run.values.get("seed", 0))),
+        ("recording", run.recording.path.name),
+        ("its sha256", element("code", run.sha256)),
+        ("versions", ", ".join(f"{name} {text}" for name, text in versions.items())),
+    ]
+    values = json.dumps(run.values, indent=2, ensure_ascii=False)
+    link = "data:application/json;base64," + base64.b64encode(values.encode()).decode("ascii")
+    whole = element("details", element("summary", "The whole experiment, as it was checked"), element("pre", values))
+    save = element("a", "Save it as JSON", href=link, download=f"{run.name}.json")
+    same = "The same versions on the same kind of machine give the same recording, byte for byte."
+    return joined(
+        [table(("", "is"), rows, f"provenance of {run.label}"), element("p", same), element("p", save), whole]
+    )
+
+
+def drives(run: ReportRun) -> Markup:
+    """Every FMU: which joint, file, model, FMI version, tool, hash, what was set, how its names were mapped."""
+    joints: dict[str, list[str]] = {}
+    for name, fmu in run.fmus.items():
+        joints.setdefault(json.dumps(fmu), []).append(name.removeprefix("drive_"))
+    rows = []
+    for text, names in joints.items():
+        fmu = json.loads(text)
+        settings = ", ".join(f"{key} = {told(value)}" for key, value in fmu["set"].items())
+        rows.append(
+            (
+                ", ".join(names),
+                fmu["file"],
+                fmu["model"],
+                fmu["fmi"],
+                fmu["generation_tool"] or "not said",
+                element("code", fmu["sha256"]),
+                settings or "nothing",
+                joined([element("div", text) for text in fmu["mapped"]]),
+            )
+        )
+    head = ("joint", "file", "model", "FMI", "made by", "sha256", "set", "signals")
+    return table(head, rows, f"drives of {run.label}")
+
+
+def timing(runs: Sequence[ReportRun]) -> Markup:
+    """How long the runs took, and each component's share where it was measured."""
+    rows = []
+    for text, key, unit in (
+        ("simulated", "simulated", "s"),
+        ("stepping", "stepping", "s"),
+        ("recording", "writing", "s"),
+        ("times as fast as the real robot", "real_time_factor", ""),
+    ):
+        rows.append((text, *(_told(run.summary.get(key), unit) for run in runs)))
+    shares = [run.summary.get("microseconds") or {} for run in runs]
+    for name in dict.fromkeys(name for share in shares for name in share):
+        rows.append((f"{name}, per tick", *(_told(share.get(name), "us") for share in shares)))
+    text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
+    head = ("", *(run.label if len(runs) > 1 else "time" for run in runs))
+    return joined([table(head, rows, "time that the runs took"), element("p", text)])
+
+
+def _told(value: object, unit: str) -> str:
+    return number(float(value), unit) if isinstance(value, int | float) else "not recorded"
+
+
+def _toml(value: object) -> str:
+    """A value as --set takes it."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
+    if isinstance(value, list | tuple):
+        return "[" + ", ".join(_toml(item) for item in value) + "]"
+    return json.dumps(value, ensure_ascii=False)

@@ -1,0 +1,114 @@
+"""One run of a report: its recording and what lies beside it."""
+
+import hashlib
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.metrics.response import Curve
+from twin.paper.fig5_runs import settings
+from twin.recording.folder import recording_in
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+
+SUMMARY = "summary.json"
+
+
+@dataclass(frozen=True)
+class ReportRun:
+    """A recording with a name that no other run of the report has."""
+
+    label: str
+    recording: Recording
+
+    @property
+    def name(self) -> str:
+        """Of the experiment."""
+        return self.recording.metadata.get("experiment", {}).get("name", "unknown experiment")
+
+    @property
+    def title(self) -> str:
+        return self.recording.metadata.get("experiment", {}).get("title", self.name)
+
+    @cached_property
+    def values(self) -> dict[str, Any]:
+        """The experiment as it was checked, keys with units."""
+        return settings(self.recording)
+
+    @property
+    def origins(self) -> dict[str, str]:
+        """Where each value comes from, by dotted key."""
+        return self.recording.metadata.get("origins", {})
+
+    @cached_property
+    def fmus(self) -> dict[str, dict[str, Any]]:
+        """What is recorded of each drive's FMUs, by `drive_1` or `drive_1.part`."""
+        return {name: json.loads(text) for name, text in self.recording.metadata.get("fmu", {}).items()}
+
+    @cached_property
+    def sha256(self) -> str:
+        """Of the recording's file."""
+        with self.recording.path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """What the run wrote beside its recording; empty if that is missing or no longer readable."""
+        try:
+            return dict(json.loads((self.recording.path.parent / SUMMARY).read_text()))
+        except (OSError, ValueError):
+            return {}
+
+    @cached_property
+    def end(self) -> float:
+        """Time of the last sample (s)."""
+        return max(float(self.recording.time(topic)[-1]) for topic, stream in self.streams if len(stream.records))
+
+    @property
+    def streams(self) -> list[tuple[str, Any]]:
+        return list(self.recording.streams.items())
+
+    def has(self, *keys: str) -> bool:
+        """Whether it holds samples of all these series."""
+        fields = self.recording.fields()
+        return all(key in fields and len(self.recording.streams[key.rpartition(".")[0]].records) for key in keys)
+
+    def held(self, key: str, t: Curve) -> Curve:
+        """Samples of a series as they held at times `t` (n,) in s; before its first sample, that one."""
+        topic = key.rpartition(".")[0]
+        # half a nanosecond: rounding of the recorded times
+        place = self.recording.time(topic).searchsorted(t + 5e-10, side="right") - 1
+        return self.recording[key][place.clip(min=0)]
+
+
+def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
+    """The runs meant by `paths`: folders, .mcap files, or results/EXPERIMENT for the latest.
+
+    Runs of one experiment are told apart by the name of their folder.
+
+    Raises:
+        RecordingRefused: one is missing, empty, damaged or foreign.
+        InputRefused: one holds no samples, or is given twice.
+    """
+    recordings = [read(recording_in(path)) for path in paths]
+    for path, recording in zip(paths, recordings, strict=True):
+        if not any(len(stream.records) for stream in recording.streams.values()):
+            note = f" ({recording.note})" if recording.note else ""
+            raise InputRefused(f"{path}: holds no samples{note}; there is nothing to report, run it again")
+    places = [recording.path.resolve() for recording in recordings]
+    twice = next((path for path, place in zip(paths, places, strict=True) if places.count(place) > 1), None)
+    if twice is not None:
+        raise InputRefused(f"{twice}: given twice; name each run once")
+    names = [ReportRun("", recording).name for recording in recordings]
+    runs = []
+    for name, place, recording in zip(names, places, recordings, strict=True):
+        alike = [other for other, its in zip(places, names, strict=True) if its == name]
+        folder = place.parent.name
+        apart = [other.parent.name for other in alike].count(folder) == 1
+        label = name if len(alike) == 1 else f"{name} {folder}" if apart else f"{name} {place.parent}"
+        runs.append(ReportRun(label, recording))
+    return runs

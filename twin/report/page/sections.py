@@ -1,0 +1,134 @@
+"""The sections of the page that are text, tables and a picture."""
+
+import math
+from collections.abc import Callable, Sequence
+from typing import NamedTuple
+
+from twin.paper.claim import Finding
+from twin.paper.score import tally
+from twin.report.page.markup import Markup, element, joined, section, table
+from twin.report.page.measures import Measure, measures, number
+from twin.report.page.parameters import differences, flat, parameters
+from twin.report.page.provenance import drives, provenance, timing
+from twin.report.page.run import ReportRun
+from twin.report.page.verdict import Group, Verdict
+
+MARKS = {
+    "holds": ("✓ holds", "good"),
+    "fails": ("✗ fails", "bad"),
+    "trivial": ("- trivial", ""),
+    "not reproducible": ("- not reproducible", ""),
+}
+
+
+LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
+
+
+class Section(NamedTuple):
+    """A section of the page, and what the list of contents calls it."""
+
+    key: str
+    title: str
+    html: Markup
+
+
+def sections(runs: Sequence[ReportRun], picture: Markup | None) -> list[Section]:
+    """Everything after the replay."""
+    found: list[tuple[str, str, Markup]] = []
+    if picture is not None:
+        found.append(("figure", "Figure", picture))
+    found.append(("events", "Events", _of_each(runs, events)))
+    found.append(("drives", "Drives and FMUs", _of_each(runs, drives)))
+    found.append(("parameters", "Parameters", _of_each(runs, _folded_parameters)))
+    found.append(("timing", "Timing", timing(runs)))
+    found.append(("provenance", "How to make this again", _of_each(runs, provenance)))
+    return [Section(key, title, section(key, title, html)) for key, title, html in found]
+
+
+def verdict_section(runs: Sequence[ReportRun], verdict: Verdict) -> Markup:
+    """The first section: the sentence, the remarks, what differs, the measures, the claims."""
+    mark, look = LOOKS[verdict.good]
+    parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
+    if verdict.remarks:
+        parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
+    parts += [_claims(group) for group in verdict.groups]
+    parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
+    if len(runs) > 1:
+        head = ("what differs", "unit", *(run.label for run in runs))
+        rows = differences(runs)
+        parts.append(element("h3", "Differences"))
+        same = element("p", "Nothing in experiments, FMUs and versions.")
+        parts.append(table(head, rows, "what differs between the runs") if rows else same)
+    return section("verdict", "Verdict", *parts)
+
+
+def events(run: ReportRun) -> Markup:
+    """What happened when; a click on a time goes there. Phases of tasks, which are many, are folded away."""
+    rows = {
+        debug: [
+            (element("button", f"{event.time:.3f} s", type="button", class_="at", data_t=f"{event.time:.9g}"),
+             event.level, event.name, event.text)
+            for event in run.recording.events if (event.level == "debug") == debug
+        ]
+        for debug in (False, True)
+    }  # fmt: skip
+    head = ("at", "level", "of", "what")
+    parts = [table(head, rows[False], f"events of {run.label}") if rows[False] else element("p", "None.")]
+    if rows[True]:
+        inside = table(head, rows[True], f"phases of {run.label}")
+        parts.append(element("details", element("summary", f"{len(rows[True])} phases"), inside))
+    return joined(parts)
+
+
+def _claims(group: Group) -> Markup:
+    held, judged = tally(group.findings)
+    rows = [_claim(finding) for finding in group.findings]
+    head = ("claim", "verdict", "measured", "expected", "why")
+    told = element("summary", f"{group.title}: {held} of {judged} hold")
+    unfolded = {"open": ""} if held < judged else {}
+    return element("details", told, table(head, rows, group.title), **unfolded)
+
+
+def _claim(finding: Finding) -> tuple[str, ...]:
+    claim = finding.claim
+    text, look = MARKS[finding.verdict]
+    place = f"Fig. {claim.figure}: " if claim.figure[0].isdigit() else ""
+    quoted = element("small", f"{place}{claim.quote}")
+    expected = f"{finding.expected} {claim.unit}".rstrip() if finding.expected else ""
+    return (
+        joined([claim.text, quoted]),
+        element("span", text, class_=look),
+        finding.measured,
+        expected,
+        finding.reason or claim.source,
+    )
+
+
+def _measures(runs: Sequence[ReportRun]) -> Markup:
+    """A measure per line, a run per column."""
+    found = [{(m.text, m.unit): m for m in measures(run)} for run in runs]
+    lines = dict.fromkeys(key for one in found for key in one)
+    if len(runs) == 1:
+        told = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]
+        return table(("measure", "true", "believed", "unit"), told, "measures")
+    rows = [(text, unit, *(_measure(one.get((text, unit))) for one in found)) for text, unit in lines]
+    return table(("measure", "unit", *(run.label for run in runs)), rows, "measures")
+
+
+def _measure(measure: Measure | None) -> Markup:
+    if measure is None:
+        return Markup("-")
+    believed = [] if math.isnan(measure.believed) else [element("small", f"believed {number(measure.believed)}")]
+    return joined([number(measure.true), *believed])
+
+
+def _folded_parameters(run: ReportRun) -> Markup:
+    count = sum(1 for _ in flat(run.values))
+    return element("details", element("summary", f"{count} values with unit and source"), parameters(run))
+
+
+def _of_each(runs: Sequence[ReportRun], told: Callable[[ReportRun], Markup]) -> Markup:
+    """One run plainly, several under their names."""
+    if len(runs) == 1:
+        return told(runs[0])
+    return joined([part for run in runs for part in (element("h3", run.label), told(run))])

@@ -1,0 +1,125 @@
+"""What a report says first: how it went, in a sentence, and every claim behind it."""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twin.errors import InputRefused
+from twin.paper.claim import Finding, judged
+from twin.paper.fig4 import QUALITY
+from twin.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs, fig4_runs
+from twin.paper.fig5_score import Fig5Score, fig5_score
+from twin.paper.score import failed, fig4_score, tally
+from twin.report.page.measures import outcome
+from twin.report.page.run import ReportRun
+
+FIG4 = "fig4"
+"""How the names of experiments begin that follow the paper's Fig. 4."""
+ON_TRUTH = "Judged on the true contact force, force-position run"
+
+
+@dataclass(frozen=True)
+class Group:
+    """Claims that belong together: of a figure, or of one task."""
+
+    title: str
+    findings: tuple[Finding, ...]
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """How the runs went.
+
+    Attributes:
+        headline: one sentence. good: whether all is well; None if there was nothing to judge.
+        remarks: what one has to know besides, worst first.
+        groups: claims that were judged, empty if the runs are none that the paper says anything about.
+        fig4, fig5: what the paper's picture is drawn from, if it applies.
+    """
+
+    headline: str
+    good: bool | None
+    remarks: tuple[str, ...]
+    groups: tuple[Group, ...]
+    fig4: Fig4Runs | None
+    fig5: Fig5Score | None
+
+
+def verdict(runs: Sequence[ReportRun]) -> Verdict:
+    """Judge `runs`: Fig. 4 if there is one with force control and one without, Fig. 5 every run of tasks."""
+    pair, why_not = _fig4_pair(runs)
+    with_tasks = [run.recording for run in runs if run.values.get("task") and run.has("controller.task")]
+    fig5 = fig5_score(with_tasks) if with_tasks else None
+    groups: list[Group] = []
+    if pair is not None:
+        score = fig4_score(pair)
+        groups.append(Group("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
+        groups.append(Group(ON_TRUTH, score.quality))
+    elif len(runs) == 1 and _is_fig4(runs[0], "force_position") and runs[0].end >= WHOLE:
+        # what we ask of the true force concerns this run alone
+        run = Fig4Run(runs[0].recording)
+        groups.append(Group(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
+    if fig5 is not None:
+        labels = {run.recording.path: run.label for run in runs}
+        for task in fig5.tasks:
+            whose = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
+            groups.append(Group(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings))
+    alarms = [remark for run in runs for remark in _alarms(run, len(runs) > 1)]
+    findings = [finding for group in groups for finding in group.findings]
+    remarks = [*alarms[1:], *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
+    remarks += [remark for run in runs for remark in _faults(run, len(runs) > 1)]
+    good = None if not findings and not alarms else not failed(findings) and not alarms
+    return Verdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
+
+
+def _headline(runs: Sequence[ReportRun], findings: Sequence[Finding], alarms: Sequence[str]) -> str:
+    said = []
+    held, of = tally(findings)
+    failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
+    if failing:
+        named = f": {failing[0]}" if len(failing) == 1 else ""
+        said.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
+    elif of:
+        said.append(f"{held} of {of} claims hold")
+    said += alarms[:1]
+    outcomes = [outcome(run) for run in runs]
+    if not said and len(runs) == 1 and outcomes[0]:
+        return outcomes[0]
+    return "; ".join(said) or f"{_numbered(len(runs))} complete, without failure or trip; no claim applies"
+
+
+def _numbered(count: int) -> str:
+    return "The run is" if count == 1 else f"All {count} runs are"
+
+
+def _fig4_pair(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
+    """The two runs of Fig. 4, and what is to be said if there is only one of them, or if they do not reach its end."""
+    with_force, without = ([run for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position"))
+    if not with_force and not without:
+        return None, []
+    if len(with_force) != 1 or len(without) != 1:
+        return None, ["Fig. 4 is scored on two runs, one with force control and one without: report those two together"]
+    try:
+        return fig4_runs(with_force[0].recording, without[0].recording), []
+    except InputRefused as problem:
+        return None, [str(problem)]
+
+
+def _is_fig4(run: ReportRun, mode: str) -> bool:
+    """Whether `run` follows the paper's Fig. 4 in a mode of the controller."""
+    asked = run.name.startswith(FIG4) and run.values.get("controller", {}).get("mode") == mode
+    return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B")
+
+
+def _alarms(run: ReportRun, several: bool) -> list[str]:
+    """What is wrong with a run: it is not whole, a component failed, the monitor tripped."""
+    who = f"{run.label}: " if several else ""
+    note = run.recording.note
+    texts = [f"{note[0].upper()}{note[1:]}"] if note else []
+    texts += [f"{event.text} ({event.time:.3f} s)" for event in run.recording.events if event.level == "error"]
+    return [f"{who}{text}" for text in texts]
+
+
+def _faults(run: ReportRun, several: bool) -> list[str]:
+    who = f"{run.label}: " if several else ""
+    return [f"{who}injected on purpose: {json.dumps(fault)}" for fault in run.values.get("fault", ())]

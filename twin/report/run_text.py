@@ -1,0 +1,71 @@
+"""What a run has to say in text: the outcome first, then what happened, what it was made with, where it is."""
+
+import textwrap
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+WIDTH = 80
+MOST_EVENTS = 20
+"""So many events are told; the recording has all of them."""
+
+
+def run_text(run: Mapping[str, Any]) -> str:
+    """For people, at most 80 columns but for paths.
+
+    Args:
+        run: the fields of `twin.execution.Run`, `real_time_factor`, `remarks`, and the name of the `experiment`.
+    """
+    speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
+    lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
+    return "\n".join(
+        [*lines, *_outcome(run["outcome"]), *_events(run), *_drives(run), _row("recording", run["recording"])]
+    )
+
+
+def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
+    """For programs; `run` as for `run_text`."""
+    return {
+        "experiment": run["experiment"],
+        "recording": str(run["recording"]),
+        "simulated_s": run["simulated"],
+        "stepping_s": run["stepping"],
+        "recording_s": run["writing"],
+        "real_time_factor": run["real_time_factor"],
+        "drives": list(run["drives"]),
+        "trip": run["trip"],
+        "changed": run["changed"],
+        "punctuality": run["punctuality"],
+        "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
+    }
+
+
+def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
+    if outcome["peak"] > 0.0:
+        peak = f"{outcome['peak']:.2f} N at {outcome['peak_time']:.2f} s at most"
+        yield _row("force", f"{peak}, {outcome['end']:.2f} N in the last second")
+        if outcome["force_error"] is not None:
+            yield _row("", f"{outcome['force_error']:.2f} N rms off the reference while the force loop is on")
+    else:
+        yield _row("force", "none: it never touched")
+    lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
+    yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z rms off the reference")
+
+
+def _events(run: Mapping[str, Any]) -> Iterator[str]:
+    told = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
+    for t, text in told[:MOST_EVENTS]:
+        yield from textwrap.wrap(f"{t:8.3f} s  {text}", WIDTH, subsequent_indent=" " * 12)
+    if len(told) > MOST_EVENTS:
+        yield f"{'':8}    and {len(told) - MOST_EVENTS} more events, in the recording"
+
+
+def _drives(run: Mapping[str, Any]) -> Iterator[str]:
+    for drive in dict.fromkeys(run["drives"]):
+        head, *rest = drive.splitlines()
+        yield _row("drive", head)
+        for line in rest:
+            yield from textwrap.wrap(line.strip(), WIDTH, initial_indent=" " * 13, subsequent_indent=" " * 15)
+
+
+def _row(name: str, text: object) -> str:
+    return f"  {name:10} {text}"
