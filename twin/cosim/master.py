@@ -92,9 +92,10 @@ def _publish(part):
 
 
 @njit(cache=True, inline="always")
-def _call_all(table, sampled, functions):
+def _call_all(table, sampled, functions, k, mark):
     """Call one function of every continuous component; returns (component, status) of the first that fails, or -1."""
     for c in range(sampled, table.shape[0]):
+        mark[0], mark[1] = k, c
         status = call_step(functions[c], table[c].rewind, 0.0, 0.0, 0, 0)
         if status != 0:
             return c, status
@@ -134,12 +135,12 @@ def advance(table, sampled, timed, dt, y, width, iterations, rows, first, count,
         if k == last:
             return k - first + 1, -1, 0
         if iterations > 1:
-            c, status = _call_all(table, sampled, table["save"])
+            c, status = _call_all(table, sampled, table["save"], k, mark)
             if c >= 0:
                 return k - first + 1, c, status
         for n in range(iterations):
             if n > 0:
-                c, status = _call_all(table, sampled, table["restore"])
+                c, status = _call_all(table, sampled, table["restore"], k, mark)
                 if c >= 0:
                     return k - first + 1, c, status
             for c in range(sampled, components):

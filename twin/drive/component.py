@@ -98,7 +98,8 @@ class FmuComponent(Component):
         said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
         if status == TERMINATE:
             return f"{prefix}DoStep asked to terminate the simulation{said}"
-        functions = {SET: "Set", DO_STEP: "DoStep", GET: "Get", SAVE: "GetFMUState", RESTORE: "SetFMUState"}
+        functions = {SET: "Set", DO_STEP: "DoStep", GET: "Get", SAVE: f"Get{self._state_name}"}
+        functions[RESTORE] = f"Set{self._state_name}"
         called = functions[status // 16 * 16]
         code = STATUSES.get(status % 16, f" status {status % 16}")
         return f"{prefix}{called} returned {prefix}{code}{said}"
@@ -108,13 +109,19 @@ class FmuComponent(Component):
             return None
         # from now on a step may be repeated
         self._memory["final"] = 0
-        state = "FMUstate" if self.instance.description.version == 2 else "FMUState"
         memory = self._state = np.zeros(1, dtype=fmu_state.MEMORY)
         m = memory[0]
         m["instance"] = self.instance.handle
-        m["get"], m["set"] = self.instance.address(f"Get{state}"), self.instance.address(f"Set{state}")
+        m["get"], m["set"] = (
+            self.instance.address(f"{verb}{self._state_name}") for verb in ("Get", "Set")
+        )
         m["cell"] = memory.ctypes.data + fmu_state.MEMORY.fields["state"][1]
         return Rewind(fmu_state.save.address, fmu_state.restore.address, memory.ctypes.data, memory)
+
+    @property
+    def _state_name(self) -> str:
+        """What the state is called in names of functions, which changed from FMI 2.0 to 3.0."""
+        return "FMUstate" if self.instance.description.version == 2 else "FMUState"
 
     def keep_time(self, clock: np.ndarray) -> None:
         self.instance.clock = clock
