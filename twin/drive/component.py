@@ -112,9 +112,7 @@ class FmuComponent(Component):
         memory = self._state = np.zeros(1, dtype=fmu_state.MEMORY)
         m = memory[0]
         m["instance"] = self.instance.handle
-        m["get"], m["set"] = (
-            self.instance.address(f"{verb}{self._state_name}") for verb in ("Get", "Set")
-        )
+        m["get"], m["set"] = (self.instance.address(f"{verb}{self._state_name}") for verb in ("Get", "Set"))
         m["cell"] = memory.ctypes.data + fmu_state.MEMORY.fields["state"][1]
         return Rewind(fmu_state.save.address, fmu_state.restore.address, memory.ctypes.data, memory)
 
