@@ -17,8 +17,8 @@ class Coupling:
 
     @property
     def name(self) -> str:
-        """In the words of [cosim]."""
-        again = f", {self.iterations} iterations" if self.iterations > 1 else ""
+        """In the words of [cosim]; "2 times": iterations = 2."""
+        again = f", {self.iterations} times" if self.iterations > 1 else ""
         return f"{self.scheme}, {self.inputs}{again}"
 
     @property

@@ -49,7 +49,7 @@ class Servos:
 
 def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
     """What stands behind three joints, if its equations are known here: velocity_servo.fmu or ideal_velocity.fmu."""
-    found = []
+    found: list[tuple[float, ...]] = []
     for plan in plans:
         fmu, table = plan.parts.get(ALONE), plan.table
         plain = table.gear_ratio == 1.0 and table.sign == 1 and table.velocity_loop is None and table.substeps == 1
@@ -87,7 +87,8 @@ def monolithic_rows(
         drives: behind the joints. rtol, atol: tolerances of the solver, (14,) as the state of `coupled_derivative`.
 
     Returns:
-        Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the controller.
+        Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
+        controller.
     """
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
     x_plant, theta_m = resting(parameters, experiment.start)

@@ -113,7 +113,7 @@ class FmuComponent(Component):
         m = memory[0]
         m["instance"] = self.instance.handle
         m["get"], m["set"] = (self.instance.address(f"{verb}{self._state_name}") for verb in ("Get", "Set"))
-        m["cell"] = memory.ctypes.data + fmu_state.MEMORY.fields["state"][1]
+        m["cell"] = memory["state"].ctypes.data
         return Rewind(fmu_state.save.address, fmu_state.restore.address, memory.ctypes.data, memory)
 
     @property

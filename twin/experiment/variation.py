@@ -32,7 +32,7 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
         InputRefused: a duration or period is not a whole number of the new ticks.
     """
     cosim = experiment.cosim.model_copy(update=values)
-    counts = {
+    counts: dict[str, Any] = {
         name: _recounted(experiment, name, cosim.tick)
         for name, there in (
             ("duration_ticks", True),

@@ -7,6 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
+from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from twin.convergence.signals import FORCE
 from twin.convergence.study import Series, Study
@@ -17,7 +18,7 @@ STYLES = (("#0072b2", "o"), ("#e69f00", "s"), ("#009e73", "^"), ("#cc79a7", "D")
 
 def draw_convergence(study: Study, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
-    figure = Figure(figsize=(11, 5.2), dpi=110, layout="constrained")
+    figure = Figure(figsize=(11, 5.6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     by_tick, by_cost = figure.subplots(1, 2, sharey=True)
     for one, (color, marker) in zip(study.series, STYLES, strict=False):
@@ -50,7 +51,10 @@ def draw_convergence(study: Study, path: Path) -> None:
     by_tick.set_xlabel("tick (ms)")
     by_tick.set_ylabel("largest error of F_z (mN)")
     by_cost.set_xlabel("computing per simulated second (ms)")
-    by_tick.legend(frameon=False, loc="best", fontsize="small")
+    by_cost.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+    by_cost.xaxis.set_minor_formatter(NullFormatter())
+    figure.legend(frameon=False, loc="outside lower center", fontsize="small", ncols=3)
     by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
     figure.savefig(path, metadata={"Software": None})
 
@@ -61,7 +65,7 @@ def _label(one: Series) -> str:
 
 
 def _draw_slopes(axes: Axes, study: Study) -> None:
-    """Slopes 1 and 2 from the largest error of each kind of input on, half a decade above it."""
+    """Slopes 1 and 2 from the largest error of each kind of input on, twice as high."""
     for order in (1, 2):
         series = [one for one in study.series if one.coupling.expected_order == order]
         points = [point for one in series for point in one.points if isfinite(point.cost)]
@@ -72,6 +76,6 @@ def _draw_slopes(axes: Axes, study: Study) -> None:
         line = 1e3 * 2.0 * top * (ticks / ticks[-1]) ** order
         axes.plot(1e3 * ticks, line, color="0.6", lw=1.0, ls=":")
         axes.annotate(
-            f"slope {order}", (1e3 * ticks[0], line[0]), (0, 4), textcoords="offset points", color="0.45",
-            fontsize="small",
+            f"slope {order}", (1e3 * ticks[len(ticks) // 2], line[len(ticks) // 2]), (0, 8),
+            textcoords="offset points", color="0.45", fontsize="small", ha="right",
         )  # fmt: skip

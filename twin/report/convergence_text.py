@@ -9,7 +9,7 @@ from twin.convergence.signals import FORCE, SIGNALS
 from twin.convergence.study import Point, Series, Study
 
 WIDTH = 80
-NAME = 34
+NAME = 31
 COLUMN = 9
 
 
@@ -49,7 +49,7 @@ def _own(study: Study) -> Point | None:
 
 def _errors_by_tick(study: Study) -> list[str]:
     ticks = sorted({point.tick for one in study.series for point in one.points}, reverse=True)
-    told = [_columns("largest error of F_z (mN), tick of", [f"{1e3 * tick:g} ms" for tick in ticks])]
+    told = [_columns("largest error of F_z in mN at", [f"{1e3 * tick:g} ms" for tick in ticks])]
     for one in study.series:
         by_tick = {point.tick: point.errors[FORCE.name] for point in one.points}
         told.append(_columns(one.coupling.name, [_error(by_tick.get(tick), FORCE.scale) for tick in ticks]))
@@ -110,8 +110,10 @@ def _error(value: float | None, scale: float) -> str:
 
 
 def _number(value: float) -> str:
-    """Three digits."""
-    return f"{value:.3g}" if abs(value) < 1e-3 or abs(value) >= 1e3 else f"{float(f'{value:.3g}'):g}"
+    """Three digits, in at most eight columns."""
+    if value == 0.0 or 1e-3 <= abs(value) < 1e3:
+        return f"{float(f'{value:.3g}'):g}"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.1e}"
 
 
 def _order(order: Order) -> str:
