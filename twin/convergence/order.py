@@ -10,6 +10,8 @@ UNEVEN = 0.3
 """Slopes of neighbouring pairs that differ by more belong to no power of the tick."""
 FEWEST = 3
 """So many errors above the floor make a slope that can contradict itself."""
+LEAST = 0.5
+"""A smaller slope is no order: what is left is not the coupling's error."""
 
 
 class Finding(StrEnum):
@@ -17,6 +19,7 @@ class Finding(StrEnum):
 
     SMOOTH = "smooth"
     NOT_SMOOTH = "not smooth"
+    NOT_FALLING = "does not fall with the tick"
     AT_FLOOR = "at the reference's own accuracy"
     UNSTABLE = "not stable at every tick"
 
@@ -45,5 +48,7 @@ def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
     by_tick = np.argsort(h[told])
     log_h, log_e = np.log(h[told][by_tick]), np.log(e[told][by_tick])
     pairs = np.diff(log_e) / np.diff(log_h)
-    uneven = np.ptp(pairs) > UNEVEN
-    return Order(float(np.polyfit(log_h, log_e, 1)[0]), Finding.NOT_SMOOTH if uneven else Finding.SMOOTH)
+    slope = float(np.polyfit(log_h, log_e, 1)[0])
+    if slope < LEAST:
+        return Order(None, Finding.NOT_FALLING)
+    return Order(slope, Finding.NOT_SMOOTH if np.ptp(pairs) > UNEVEN else Finding.SMOOTH)

@@ -11,6 +11,13 @@ from twin.convergence.study import Point, Series, Study
 WIDTH = 80
 NAME = 31
 COLUMN = 9
+REMARKS = {
+    Finding.NOT_SMOOTH: ("~", "slopes of neighbouring ticks differ by more than 0.3: an event moves with the tick"),
+    Finding.NOT_FALLING: ("x", "does not fall with the tick: not the coupling's error, but the drive's or an event's"),
+    Finding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
+    Finding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
+}
+"""How orders are marked, and why."""
 
 
 def convergence_text(study: Study, files: Mapping[str, str]) -> str:
@@ -72,12 +79,9 @@ def _orders(study: Study) -> list[str]:
         orders = [_order(one.orders[signal.name]) for signal in SIGNALS]
         told.append(_columns(one.coupling.name, [*orders, str(one.coupling.expected_order)]))
     found = {order.finding for one in study.series for order in one.orders.values()}
-    if Finding.NOT_SMOOTH in found:
-        told += _row("~", "slopes of neighbouring ticks differ by more than 0.3: friction, backlash or touch-down")
-    if Finding.AT_FLOOR in found:
-        told += _row("-", "too few errors are above the reference's own to make an order")
-    if Finding.UNSTABLE in found:
-        told += _row("!", "a run failed: the coupling is not stable at that tick")
+    for finding, (mark, meaning) in REMARKS.items():
+        if finding in found:
+            told += _row(mark, meaning)
     return told
 
 
@@ -117,9 +121,8 @@ def _number(value: float) -> str:
 
 
 def _order(order: Order) -> str:
-    if order.slope is None:
-        return "!" if order.finding is Finding.UNSTABLE else "-"
-    return ("~" if order.finding is Finding.NOT_SMOOTH else "") + f"{order.slope:.2f}"
+    mark = REMARKS[order.finding][0] if order.finding in REMARKS else ""
+    return mark if order.slope is None else f"{mark}{order.slope:.2f}"
 
 
 def _row(name: str, text: str) -> list[str]:
