@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from tests.coupling.monolith import monolithic_run
-from tests.laws.runs import EXACT_ENCODERS, POSITION, co_simulated, shipped
+from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, co_simulated, shipped
 
 DURATION = 7.0
 STEPS_MS = (2.0, 1.0, 0.5, 0.25)
@@ -35,27 +35,33 @@ def test_error_of_the_pressing_force_is_of_order_one(reference, scheme):
     assert slope == pytest.approx(1.0, abs=0.15)
 
 
-LONG_PERIOD = ("controller.period_ms=8", "scale.period_ms=16", "contact.friction=0")
+JUMP = (*SMOOTH, "contact.friction=0", "controller.force.trigger_N=1e9", "controller.force.trigger_time_s=5.6")
+"""The force loop comes on at a time, not at a force, and nothing sticks or slips: what excites the coupling is a jump
+of the command at a tick, far larger than what the touch-down does."""
+JUMP_DURATION = 6.5
 
 
 @pytest.fixture(scope="module")
-def frictionless_reference():
-    return monolithic_run(shipped(POSITION, *SMOOTH, *LONG_PERIOD), DURATION)
+def jump_reference():
+    return monolithic_run(shipped(FORCE, *JUMP), JUMP_DURATION)
 
 
 @pytest.mark.parametrize("scheme", ["gauss_seidel", "jacobi"])
-@pytest.mark.parametrize("iterations", [1, 2])
-def test_interpolated_inputs_make_it_of_order_two(frictionless_reference, scheme, iterations):
-    # a longer period of the controller leaves room for steps whose error is far from that of the reference, 1e-8 N m;
-    # the torque of a spring, because the touch-down is an event that no order reaches through
+@pytest.mark.parametrize(
+    ("inputs", "iterations", "expected"), [("hold", 1, 1.0), ("linear", 1, 2.0), ("linear", 2, 2.0), ("linear", 3, 2.0)]
+)
+def test_held_inputs_are_of_order_one_and_interpolated_ones_of_order_two(
+    jump_reference, scheme, inputs, iterations, expected
+):
     errors = []
-    for step in (4.0, 2.0, 1.0):
-        options = (f"cosim.tick_ms={step}", f"cosim.scheme={scheme}", f"cosim.iterations={iterations}")
-        experiment = shipped(POSITION, *SMOOTH, *LONG_PERIOD, "cosim.inputs=linear", *options)
-        tau_load = co_simulated(experiment, DURATION)["plant.tau_load"][:: experiment.controller_ticks, 0]
-        errors.append(np.abs(tau_load - frictionless_reference["tau_load_1"]).max())
-    slope = np.polyfit(np.log((4.0, 2.0, 1.0)), np.log(errors), 1)[0]
-    assert slope == pytest.approx(2.0, abs=0.2)
+    for step in STEPS_MS:
+        options = (f"tick_ms={step}", f"scheme={scheme}", f"inputs={inputs}", f"iterations={iterations}")
+        experiment = shipped(FORCE, *JUMP, *(f"cosim.{option}" for option in options))
+        F_z = co_simulated(experiment, JUMP_DURATION)["plant.F_ee_B"][:: experiment.controller_ticks, 2]
+        errors.append(np.abs(F_z - jump_reference["F_ee_B_z"]).max())
+    slope = np.polyfit(np.log(STEPS_MS), np.log(errors), 1)[0]
+    # measured 0.99 and 1.01, 2.00 everywhere
+    assert slope == pytest.approx(expected, abs=0.15)
 
 
 @pytest.mark.parametrize("scheme", ["gauss_seidel", "jacobi"])

@@ -26,7 +26,7 @@ class Uncertainty:
     reason: str = ""
 
     def of(self, experiment: Experiment) -> Experiment:
-        """`experiment` whose controller believes too much by this; what is true stays."""
+        """`experiment` whose controller believes otherwise by this; what is true stays."""
         model = experiment.controller.model
         off: dict[str, object] = {}
         for name in self.names:
@@ -44,13 +44,13 @@ MACHINED = "of machined parts with ball joints"
 STOPPED = "of a zero that is set against a mechanical stop"
 
 UNCERTAINTIES = (
-    Uncertainty("k_s, 2 %", ("k_s",), share=0.02, reason=SPRING),
-    # no belt gives back more than it is given
-    Uncertainty("eta, 2 %", ("eta",), share=-0.02, reason="belts of this kind lose 0 to 4 %"),
-    Uncertainty("masses, 5 %", ("m_a", "m_b", "m_p"), share=0.05, reason=WEIGHED),
-    *(Uncertainty(f"{name}, 0.1 mm", (name,), amount=1e-4, reason=MACHINED) for name in ("a", "b", "l_a", "l_b")),
+    Uncertainty("k_s +2 %", ("k_s",), share=0.02, reason=SPRING),
+    # less, because no belt gives back more than it is given
+    Uncertainty("eta -2 %", ("eta",), share=-0.02, reason="belts of this kind lose 0 to 4 %"),
+    Uncertainty("masses +5 %", ("m_a", "m_b", "m_p"), share=0.05, reason=WEIGHED),
+    *(Uncertainty(f"{name} +0.1 mm", (name,), amount=1e-4, reason=MACHINED) for name in ("a", "b", "l_a", "l_b")),
     *(
-        Uncertainty(f"zero of {encoder} encoder {joint + 1}, 0.05 deg", (name,), joint, amount=radians(0.05),
+        Uncertainty(f"zero of {encoder} encoder {joint + 1} +0.05 deg", (name,), joint, amount=radians(0.05),
                     reason=STOPPED)
         for encoder, name in (("motor", "motor_zero"), ("joint", "joint_zero"))
         for joint in range(3)

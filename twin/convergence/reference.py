@@ -32,22 +32,22 @@ def reference_of(experiment: Experiment) -> Reference:
     """
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
-    if drives is not None and applies(experiment):
+    why = "no equations of this drive are known here"
+    if drives is not None and not applies(experiment):
+        why = "the monolithic one knows neither moving bodies nor delays"
+    elif drives is not None:
         rows = monolithic_rows(experiment, drives)
         if within_limits(rows, drives):
-            return Reference(
-                chosen(rows, rows["theta_m"]), _solver_floor(experiment),
-                "monolithic: drives and plant as one equation",
-            )  # fmt: skip
+            meaning = "monolithic: drives and plant as one equation"
+            return Reference(chosen(rows, rows["theta_m"]), _solver_floor(experiment), meaning)
+        why = "a drive reaches a limit"
     tick = experiment.cosim.tick
     finest, _ = sampled_run(FINEST.of(experiment, tick / FINER))
     coarser, _ = sampled_run(FINEST.of(experiment, 2.0 * tick / FINER))
     # of order two the finer one is off by a third of what it differs from the coarser one
     floor = {name: error / 3.0 for name, error in largest_errors(coarser, finest).items()}
-    return Reference(
-        finest, floor,
-        f"the finest run: {FINEST.name}, {1e3 * tick / FINER:g} ms; no equations of this drive are known here",
-    )  # fmt: skip
+    meaning = f"the finest run: {FINEST.name}, {1e3 * tick / FINER:g} ms; {why}"
+    return Reference(finest, floor, meaning)
 
 
 def _solver_floor(experiment: Experiment) -> dict[str, float]:

@@ -28,7 +28,7 @@ def accuracy_text(budget: Budget, facts: str) -> str:
         f"  {'root of the sum of squares':<{NAME}}{'':>18}{budget.together:>9.4f}",
         _line(total),
         "",
-        f"  {'if the controller believed too much, N':<{NAME + 2}}{'bias':>7}{'std':>9}{'rms':>9}",
+        f"  {'if the controller believed, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in parameters),
         f"  {'root of the sum of squares':<{NAME}}{'':>18}{budget.parameters:>9.4f}",
         "",
@@ -39,7 +39,9 @@ def accuracy_text(budget: Budget, facts: str) -> str:
 
 
 def _line(one: Contribution) -> str:
-    return f"  {one.label:<{NAME}}{one.bias:>+9.4f}{one.std:>9.4f}{one.rms:>9.4f}"
+    # a zero has no sign
+    bias = round(one.bias, 4) + 0.0
+    return f"  {one.label:<{NAME}}{bias:>+9.4f}{one.std:>9.4f}{one.rms:>9.4f}"
 
 
 def _wrapped(text: str, indent: str = "") -> list[str]:
