@@ -6,8 +6,8 @@ is what statics leave out (inertia and the joints' friction, Eq. 21-27 know neit
 that error when one imperfection is put back, in a run of its own; the coupling's is the change of the true force, which
 is the twin's own error and not the robot's.
 
-Contributions of a known sign add up as they are, others as squares: the root of the sum of squares is compared with the
-error of the experiment as it is.
+Biases add up with their signs, scatter adds up as squares. Both sums are set beside the error of the experiment as it
+is: what is missing there comes of imperfections that act on each other.
 """
 
 from collections.abc import Iterator
@@ -40,7 +40,7 @@ class Contribution:
     Attributes:
         label: for people. bias, std, rms: over the window; rms^2 = bias^2 + std^2.
         meaning: what was compared with what.
-        group: "imperfection", "parameter" or "total".
+        group: "imperfection", "twin", "parameter" or "total".
     """
 
     label: str
@@ -57,8 +57,8 @@ class Budget:
 
     Attributes:
         name: of the experiment. start, end: of the window (s). force: mean true pressing force in it (N).
-        contributions: imperfections, then parameters.
-        together: root of the sum of squares of what the run itself contains (N): the imperfections.
+        contributions: imperfections, the twin's own error, parameters.
+        bias: sum of the biases of the imperfections (N). together: root of the sum of their squares.
         parameters: likewise of the parameters, which the run does not contain: its belief is true.
         as_is: the error of the experiment as it is.
     """
@@ -68,6 +68,7 @@ class Budget:
     end: float
     force: float
     contributions: tuple[Contribution, ...]
+    bias: float
     together: float
     parameters: float
     as_is: Contribution
@@ -115,14 +116,13 @@ def accuracy_budget(experiment: Experiment) -> Budget:
         line("encoder counts", added["counts"], "encoders as they are, instead of exact"),
         line("backlash", added["backlash"], "backlash as it is, taken off as far as the controller believes in it"),
         line("statics only", ideal.error, "what is left when all else is perfect: inertia and joint friction"),
-        line(
-            "coupling", traces["coupling"].true - ideal.true, "true force at the experiment's coupling less a fine one"
-        ),
     ]
     if "belief" in added:
         imperfections.append(
             line("belief", added["belief"], "the controller's parameters as they are, instead of true")
         )
+    meaning = "true force at the experiment's coupling less that at a fine one: the twin's error, not the robot's"
+    coupling = line("coupling", traces["coupling"].true - ideal.true, meaning, "twin")
     parameters = [line(u.label, t.error - ideal.error, u.reason, "parameter") for u, t in believed.items()]
     t = np.flatnonzero(window) * experiment.controller_ticks * experiment.cosim.tick
     return Budget(
@@ -130,7 +130,8 @@ def accuracy_budget(experiment: Experiment) -> Budget:
         start=float(t[0]),
         end=float(t[-1]),
         force=float(traces["as it is"].true[window].mean()),
-        contributions=(*imperfections, *parameters),
+        contributions=(*imperfections, coupling, *parameters),
+        bias=sum(one.bias for one in imperfections),
         together=_root_of_squares(imperfections),
         parameters=_root_of_squares(parameters),
         as_is=line(

@@ -58,6 +58,7 @@ def accuracy_facts(budget: Budget) -> dict[str, object]:
             }
             for one in (*budget.contributions, budget.as_is)
         ],
+        "bias_N": budget.bias,
         "together_N": budget.together,
         "parameters_N": budget.parameters,
     }  # fmt: skip

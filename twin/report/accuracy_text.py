@@ -12,6 +12,7 @@ def accuracy_text(budget: Budget, facts: str) -> str:
     """The whole report. facts: path of the file."""
     total = budget.as_is
     imperfections = [one for one in budget.contributions if one.group == "imperfection"]
+    twin = [one for one in budget.contributions if one.group == "twin"]
     parameters = [one for one in budget.contributions if one.group == "parameter"]
     worst = max(imperfections, key=lambda one: one.rms)
     lines = [
@@ -25,15 +26,18 @@ def accuracy_text(budget: Budget, facts: str) -> str:
         "",
         f"  {'in this run, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in imperfections),
-        f"  {'root of the sum of squares':<{NAME}}{'':>18}{budget.together:>9.4f}",
+        f"  {'sum of biases, root of squares':<{NAME}}{budget.bias:>+9.4f}{'':>9}{budget.together:>9.4f}",
         _line(total),
+        "",
+        f"  {'the twin itself, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
+        *(_line(one) for one in twin),
         "",
         f"  {'if the controller believed, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in parameters),
         f"  {'root of the sum of squares':<{NAME}}{'':>18}{budget.parameters:>9.4f}",
         "",
     ]
-    for one in imperfections:
+    for one in (*imperfections, *twin):
         lines += _wrapped(f"{one.label}: {one.meaning}", "  ")
     return "\n".join([*lines, f"  {'facts':<10} {facts}"])
 
