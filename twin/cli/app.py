@@ -6,7 +6,22 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import analyse, compare, doctor, drive, export, faults, init, replay, report, run, schema
+from twin.cli import (
+    accuracy,
+    analyse,
+    check,
+    compare,
+    converge,
+    doctor,
+    drive,
+    export,
+    faults,
+    init,
+    replay,
+    report,
+    run,
+    schema,
+)
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -38,6 +53,8 @@ app.command("check")(check.check)
 app.command("faults")(faults.faults)
 app.command("report")(report.report)
 app.command("replay")(replay.replay)
+app.command("converge")(converge.converge)
+app.command("accuracy")(accuracy.accuracy)
 app.command("export")(export.export)
 app.command("analyse")(analyse.analyse)
 app.add_typer(drive.app, name="drive")

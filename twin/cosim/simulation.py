@@ -69,8 +69,7 @@ class Simulation:
         self._mark, self._u = memory.mark, memory.u
         for component in system.components:
             component.keep_time(self._mark)
-        valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])
-        self._y = np.concatenate([valid, valid])
+        self._y = system.outputs()
         self._rows = np.empty((slice_ticks, system.outputs_width))
         self._table = system.table(self._u, self._y)
         self._timed = timed
@@ -138,7 +137,7 @@ class Simulation:
     def _advance(self, first: int, count: int, row: int = 0) -> tuple[int, int, int]:
         done = advance(
             self._table, self.system.sampled, self._timed, self.system.tick, self._y,
-            self._rows[row:], first, count, self.last_tick, self._mark,
+            self.system.outputs_width, self.system.iterations, self._rows[row:], first, count, self.last_tick, self._mark,
         )  # fmt: skip
         self._mark[1] = NOBODY
         return done

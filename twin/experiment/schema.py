@@ -66,6 +66,10 @@ class Cosim(Section):
     scheme: Literal["gauss_seidel", "jacobi"] = Field(
         description="whether plant and drives see each other's newest values, or all those of the tick before"
     )
+    inputs: Literal["hold", "linear"] = Field(
+        "hold", description="whether they see values of one end of the step, or a line between both ends"
+    )
+    iterations: int = Field(1, ge=1, le=100, description="how often plant and drives make each step")
 
 
 class Recording(Section):
