@@ -1,0 +1,129 @@
+"""Least squares that knows what it cannot know.
+
+The unknowns, in units of their sizes, go through a Gauss-Newton search. At each step the singular values of the
+whitened Jacobian say how well each direction of parameter space is seen; a direction that rounding alone leaves
+uncertain by more than `BLIND` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
+named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within a cluster.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.controller.belief import Belief
+from twin.identification.balance import Rows, clear, in_air, on_scale, rows
+from twin.identification.clustered import sandwich, t_factor
+from twin.identification.parameters import COUNT, KAPPA, Parameter, sizes, starts
+from twin.identification.windows import Windows
+
+BLIND = 0.3
+"""Sizes: a direction that is known to no better than this is not seen."""
+TOLD = 0.1
+"""Sizes: a parameter is told if its interval and what hides in unseen directions stay within this."""
+STEPS = 12
+CONVERGED = 1e-6
+"""Sizes."""
+SMALLEST = 0.05
+"""Of the believed k_s eta: the search goes no lower, and what ends there has no springs in it."""
+
+
+@dataclass(frozen=True)
+class Fit:
+    """Parameters, and how sure.
+
+    Attributes:
+        unknowns: what was searched for.
+        x: values (13,); what is not seen stands at its start.
+        covariance: (13, 13), of what is seen.
+        unseen: orthonormal directions in units of sizes that the data do not see (13, k).
+        singular: singular values of the whitened Jacobian in units of sizes, descending (13,).
+        seen: the windows used. rows: their equations at x.
+        clusters: how many groups of windows. t_factor: half width of a 95 % interval in standard deviations.
+    """
+
+    unknowns: tuple[Parameter, ...]
+    x: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    unseen: NDArray[np.float64]
+    singular: NDArray[np.float64]
+    seen: Windows
+    rows: Rows
+    clusters: int
+    t_factor: float
+
+    def half_width(self, direction: NDArray[np.float64]) -> float:
+        """Of the 95 % interval of direction . x, `direction` (13,)."""
+        return float(self.t_factor * np.sqrt(direction @ self.covariance @ direction))
+
+    def told(self, direction: NDArray[np.float64], size: float) -> bool:
+        """Whether direction . x is known to `TOLD` of `size`, unseen directions included."""
+        hidden = float(np.linalg.norm((direction * sizes(self.unknowns)) @ self.unseen))
+        return self.clusters > 1 and np.hypot(self.half_width(direction), hidden) < TOLD * size
+
+    def one(self, index: int) -> NDArray[np.float64]:
+        """The direction of parameter `index`."""
+        return np.eye(COUNT)[index]
+
+
+def fit(
+    seen: Windows, belief: Belief, unknowns: tuple[Parameter, ...], resolution: float, fixed: tuple[int, ...] = ()
+) -> Fit:
+    """The parameters that meet `balance.rows` best.
+
+    Args:
+        seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are left
+            out. belief: geometry, masses, N, counts. unknowns: of `parameters`. resolution: step of the force (N).
+        fixed: indices of parameters that are known and stay at their start.
+
+    Raises:
+        Unreachable: joint angles that do not close.
+    """
+    x, scale = starts(unknowns), sizes(unknowns)
+    scale = np.where(np.isin(np.arange(COUNT), fixed), 0.0, scale)
+    settled = seen.where(in_air(seen) | on_scale(seen))
+    used = settled.where(clear(x, settled, belief.N))
+    change = np.inf
+    for _ in range(STEPS):
+        if len(used.t) == 0 or change < CONVERGED:
+            break
+        at = rows(x, used, belief, resolution)
+        A = _jacobian(x, scale, used, belief, resolution) / at.sigma[:, None]
+        step = _seen(A, fixed)[0] @ (-at.residual / at.sigma)
+        step = np.clip(step, -0.5, 0.5)
+        change = float(np.max(np.abs(step)))
+        x = x + scale * step
+        x[KAPPA] = max(x[KAPPA], SMALLEST * unknowns[KAPPA].start)
+        used = settled.where(clear(x, settled, belief.N))
+    return _finished(x, scale, used, belief, unknowns, resolution, fixed)
+
+
+def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
+    at = rows(x, used, belief, resolution)
+    A = _jacobian(x, scale, used, belief, resolution) / at.sigma[:, None]
+    inverse, unseen, singular = _seen(A, fixed)
+    covariance = sandwich(inverse, at.residual / at.sigma, used.cluster[at.window]) * np.outer(scale, scale)
+    clusters = len(np.unique(used.cluster))
+    return Fit(unknowns, x, covariance, unseen, singular, used, at, clusters, t_factor(clusters))
+
+
+def _jacobian(x, scale, used, belief, resolution) -> NDArray[np.float64]:
+    """d residual / d (x / scale) (m, 13) by central differences; the equations are smooth away from dead zones."""
+    h = 1e-5
+    columns = [
+        (rows(x + e, used, belief, resolution).residual - rows(x - e, used, belief, resolution).residual) / (2.0 * h)
+        for e in np.diag(h * scale)
+    ]
+    return np.stack(columns, axis=1)
+
+
+def _seen(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Pseudo-inverse of A over the directions that it sees; those that it does not, (13, k); all singular values."""
+    U, s, Vt = np.linalg.svd(A, full_matrices=len(A) < COUNT)
+    s = np.pad(s, (0, COUNT - len(s)))
+    good = s > 1.0 / BLIND
+    inverse = (Vt[good].T / s[good]) @ U[:, : len(s)][:, good[: U.shape[1]]].T
+    unseen = Vt[~good].T
+    # a parameter that is known is no secret of the data
+    unseen = unseen[:, np.linalg.norm(unseen[list(fixed)], axis=0) < 0.5] if fixed else unseen
+    return inverse, unseen, s
