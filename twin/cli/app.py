@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import compare, doctor, drive, export, faults, init, replay, report, run, schema
+from twin.cli import compare, doctor, drive, export, faults, identify, init, replay, report, run, schema
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -37,6 +37,7 @@ app.command("compare")(compare.compare)
 app.command("faults")(faults.faults)
 app.command("report")(report.report)
 app.command("replay")(replay.replay)
+app.command("identify")(identify.identify)
 app.command("export")(export.export)
 app.add_typer(drive.app, name="drive")
 app.command("init")(init.init)

@@ -63,12 +63,14 @@ class Rows(NamedTuple):
         sigma: what rounding alone would leave in one of them (m,), of a single sample.
         window: which window each is of (m,).
         kind: 0 free air, 1 force on the scale, 2 depth in the scale (m,).
+        per_newton: residual of kind 1 for each newton (k,), rad/N.
     """
 
     residual: NDArray[np.float64]
     sigma: NDArray[np.float64]
     window: NDArray[np.int64]
     kind: NDArray[np.int64]
+    per_newton: NDArray[np.float64]
 
 
 def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
@@ -140,8 +142,9 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
     J_z = at.J[scale, :, 2]
     length = np.linalg.norm(J_z, axis=1)
     F = seen.force[scale]
-    force = (np.sum(J_z * torque[scale], axis=1) - W + F) / length * per_torque
-    force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) / length * per_torque)
+    per_newton = per_torque / length
+    force = (np.sum(J_z * torque[scale], axis=1) - W + F) * per_newton
+    force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) * per_newton)
 
     climb = np.linalg.inv(at.J[scale])[:, 2]
     rate = np.sum(climb * seen.speed[scale], axis=1)
@@ -154,6 +157,7 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
         np.concatenate([np.full(3 * len(air), rounding), force_rounding, depth_rounding]),
         np.concatenate([np.repeat(air, 3), scale, scale]),
         np.repeat([0, 1, 2], [3 * len(air), len(scale), len(scale)]),
+        per_newton,
     )
 
 

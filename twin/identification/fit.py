@@ -3,7 +3,8 @@
 The unknowns, in units of their sizes, go through a Gauss-Newton search. At each step the singular values of the
 whitened Jacobian say how well each direction of parameter space is seen; a direction that rounding alone leaves
 uncertain by more than `BLIND` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
-named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within a cluster.
+named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within a cluster,
+but no narrower than if all errors were independent and of one size: few clusters can agree by chance.
 """
 
 from dataclasses import dataclass
@@ -35,7 +36,7 @@ class Fit:
     Attributes:
         unknowns: what was searched for.
         x: values (13,); what is not seen stands at its start.
-        covariance: (13, 13), of what is seen.
+        covariance: (13, 13), of what is seen, by the scatter between clusters. independent: as if there were none.
         unseen: orthonormal directions in units of sizes that the data do not see (13, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (13,).
         seen: the windows used. rows: their equations at x.
@@ -45,6 +46,7 @@ class Fit:
     unknowns: tuple[Parameter, ...]
     x: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    independent: NDArray[np.float64]
     unseen: NDArray[np.float64]
     singular: NDArray[np.float64]
     seen: Windows
@@ -53,13 +55,21 @@ class Fit:
     t_factor: float
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
-        """Of the 95 % interval of direction . x, `direction` (13,)."""
-        return float(self.t_factor * np.sqrt(direction @ self.covariance @ direction))
+        """Of the 95 % interval of direction . x, `direction` (13,); what is not seen counts with its whole size."""
+        scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
+        independent = self.t_factor * np.sqrt(direction @ self.independent @ direction)
+        hidden = np.linalg.norm((direction * sizes(self.unknowns)) @ self.unseen)
+        return float(max(scatter, independent) + hidden)
 
     def told(self, direction: NDArray[np.float64], size: float) -> bool:
-        """Whether direction . x is known to `TOLD` of `size`, unseen directions included."""
-        hidden = float(np.linalg.norm((direction * sizes(self.unknowns)) @ self.unseen))
-        return self.clusters > 1 and np.hypot(self.half_width(direction), hidden) < TOLD * size
+        """Whether direction . x is known to `TOLD` of `size`."""
+        return self.half_width(direction) < TOLD * size
+
+    @property
+    def force_residual(self) -> NDArray[np.float64]:
+        """Force by the springs less that of the scale, of the windows in contact (n,), N."""
+        at = self.rows.kind == 1
+        return self.rows.residual[at] / self.rows.per_newton
 
     def one(self, index: int) -> NDArray[np.float64]:
         """The direction of parameter `index`."""
@@ -102,9 +112,12 @@ def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
     at = rows(x, used, belief, resolution)
     A = _jacobian(x, scale, used, belief, resolution) / at.sigma[:, None]
     inverse, unseen, singular = _seen(A, fixed)
-    covariance = sandwich(inverse, at.residual / at.sigma, used.cluster[at.window]) * np.outer(scale, scale)
+    r = at.residual / at.sigma
+    covariance = sandwich(inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
+    variance = float(r @ r) / max(len(r) - COUNT, 1)
+    independent = variance * inverse @ inverse.T * np.outer(scale, scale)
     clusters = len(np.unique(used.cluster))
-    return Fit(unknowns, x, covariance, unseen, singular, used, at, clusters, t_factor(clusters))
+    return Fit(unknowns, x, covariance, independent, unseen, singular, used, at, clusters, t_factor(clusters))
 
 
 def _jacobian(x, scale, used, belief, resolution) -> NDArray[np.float64]:
