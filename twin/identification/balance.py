@@ -1,7 +1,7 @@
 """What statics asks of every window: three equations per pose in free air, two on the scale.
 
 With the wind-up w = motor - N joint - w_0 as the encoders read it, w_0 its zero, k = k_s eta, b the half width of the
-dead zone and s = sign(w) sign(theta_l'), the spring's torque is (18)-(20) with the losses of (P1) at full speed
+dead zone and s = sign(w) tanh(theta_l'/rate), the spring's torque is (18)-(20) with the losses of (P1)
 
     tau_l = k N e^(loss s) dead_zone(w, b)
 
@@ -13,9 +13,9 @@ In free air F_ee = 0: three equations. On the scale F_ee,z = -F is measured, but
 by up to mu F and nobody measures it: only the z row holds, whatever they do. All are divided by k N (and by the length
 of the z column of J), so that residuals are wind-ups in rad: the rounding of the encoders is then the error of the
 response and not of the regressor, which would bias k low. The second equation on the scale is its own law, Hunt and
-Crossley's at a slow speed, with the scale flat and level:
+Crossley's at a slow speed, on a plane of slopes m_x and m_y:
 
-    p_z = z_s - C F / (1 - c p_z')
+    p_z = z_s + m_x p_x + m_y p_y - C F / (1 - c p_z')
 """
 
 from typing import NamedTuple
@@ -34,6 +34,8 @@ from twin.identification.parameters import (
     KAPPA,
     LOSS,
     OFFSET,
+    RATE,
+    SLOPE,
 )
 from twin.identification.windows import Windows
 from twin.robot.forward_kinematics import position
@@ -112,12 +114,12 @@ def on_scale(seen: Windows) -> NDArray[np.bool_]:
 def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
     """tau_l - b_j theta_l' (n, 3), N m: what the joints pass on to the links."""
     d = wound(wind_up(x, seen, N), x[BACKLASH])
-    direction = np.sign(d * seen.speed)
+    direction = np.sign(d) * np.tanh(seen.speed / x[RATE])
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
 
 def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float) -> Rows:
-    """Residuals of all equations at parameters `x` (13,).
+    """Residuals of all equations at parameters `x` (16,).
 
     Args:
         seen: windows in free air or in contact. belief: geometry, masses, N and counts.
@@ -148,7 +150,8 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
 
     climb = np.linalg.inv(at.J[scale])[:, 2]
     rate = np.sum(climb * seen.speed[scale], axis=1)
-    depth = at.p_B[scale, 2] - x[HEIGHT] + x[COMPLIANCE] * F / (1.0 - x[DAMPING] * rate)
+    surface = x[HEIGHT] + at.p_B[scale, :2] @ x[SLOPE : SLOPE + 2]
+    depth = at.p_B[scale, 2] - surface + x[COMPLIANCE] * F / (1.0 - x[DAMPING] * rate)
     depth_rounding = np.hypot(
         np.linalg.norm(climb, axis=1) * step_l / np.sqrt(12.0), 1e-3 * resolution / np.sqrt(12.0)
     )

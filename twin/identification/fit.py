@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from twin.controller.belief import Belief
 from twin.identification.balance import Rows, clear, in_air, on_scale, rows
 from twin.identification.clustered import sandwich, t_factor
-from twin.identification.parameters import COUNT, KAPPA, Parameter, sizes, starts
+from twin.identification.parameters import COUNT, KAPPA, RATE, Parameter, sizes, starts
 from twin.identification.windows import Windows
 
 BLIND = 0.3
@@ -26,7 +26,7 @@ STEPS = 12
 CONVERGED = 1e-6
 """Sizes."""
 SMALLEST = 0.05
-"""Of the believed k_s eta: the search goes no lower, and what ends there has no springs in it."""
+"""Of what is positive by nature (k_s eta, a rate) and of its start: the search goes no lower."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +35,10 @@ class Fit:
 
     Attributes:
         unknowns: what was searched for.
-        x: values (13,); what is not seen stands at its start.
-        covariance: (13, 13), of what is seen, by the scatter between clusters. independent: as if there were none.
-        unseen: orthonormal directions in units of sizes that the data do not see (13, k).
-        singular: singular values of the whitened Jacobian in units of sizes, descending (13,).
+        x: values (16,); what is not seen stands at its start.
+        covariance: (16, 16), of what is seen, by the scatter between clusters. independent: as if there were none.
+        unseen: orthonormal directions in units of sizes that the data do not see (16, k).
+        singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
         seen: the windows used. rows: their equations at x.
         clusters: how many groups of windows. t_factor: half width of a 95 % interval in standard deviations.
     """
@@ -55,7 +55,7 @@ class Fit:
     t_factor: float
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
-        """Of the 95 % interval of direction . x, `direction` (13,); what is not seen counts with its whole size."""
+        """Of the 95 % interval of direction . x, `direction` (16,); what is not seen counts with its whole size."""
         scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
         independent = self.t_factor * np.sqrt(direction @ self.independent @ direction)
         hidden = np.linalg.norm((direction * sizes(self.unknowns)) @ self.unseen)
@@ -103,7 +103,8 @@ def fit(
         step = np.clip(step, -0.5, 0.5)
         change = float(np.max(np.abs(step)))
         x = x + scale * step
-        x[KAPPA] = max(x[KAPPA], SMALLEST * unknowns[KAPPA].start)
+        for index in (KAPPA, RATE):
+            x[index] = max(x[index], SMALLEST * unknowns[index].start)
         used = settled.where(clear(x, settled, belief.N))
     return _finished(x, scale, used, belief, unknowns, resolution, fixed)
 
@@ -121,7 +122,7 @@ def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
 
 
 def _jacobian(x, scale, used, belief, resolution) -> NDArray[np.float64]:
-    """d residual / d (x / scale) (m, 13) by central differences; the equations are smooth away from dead zones."""
+    """d residual / d (x / scale) (m, 16) by central differences; the equations are smooth away from dead zones."""
     h = 1e-5
     columns = [
         (rows(x + e, used, belief, resolution).residual - rows(x - e, used, belief, resolution).residual) / (2.0 * h)
@@ -131,12 +132,14 @@ def _jacobian(x, scale, used, belief, resolution) -> NDArray[np.float64]:
 
 
 def _seen(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pseudo-inverse of A over the directions that it sees; those that it does not, (13, k); all singular values."""
-    U, s, Vt = np.linalg.svd(A, full_matrices=len(A) < COUNT)
-    s = np.pad(s, (0, COUNT - len(s)))
+    """Pseudo-inverse of A over the directions that it sees (16, m); those that it does not, (16, k), without the
+    `fixed` parameters, which are no secret of the data; the singular values."""
+    free = np.setdiff1d(np.arange(COUNT), fixed)
+    n = len(free)
+    U, s, Vt = np.linalg.svd(A[:, free], full_matrices=len(A) < n)
+    s = np.pad(s, (0, n - len(s)))
     good = s > 1.0 / BLIND
-    inverse = (Vt[good].T / s[good]) @ U[:, : len(s)][:, good[: U.shape[1]]].T
-    unseen = Vt[~good].T
-    # a parameter that is known is no secret of the data
-    unseen = unseen[:, np.linalg.norm(unseen[list(fixed)], axis=0) < 0.5] if fixed else unseen
+    inverse, unseen = np.zeros((COUNT, len(A))), np.zeros((COUNT, int(np.sum(~good))))
+    inverse[free] = (Vt[good].T / s[good]) @ U[:, : np.sum(good)].T
+    unseen[free] = Vt[~good].T
     return inverse, unseen, s

@@ -14,7 +14,7 @@ from twin.identification.fit import Fit, fit
 from twin.identification.friction import friction
 from twin.identification.motor_torque import spring_stiffness
 from twin.identification.one_pose import OnePose, one_pose
-from twin.identification.parameters import BACKLASH, COMPLIANCE, HEIGHT, KAPPA, LOSS, parameters
+from twin.identification.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
 from twin.identification.windows import COUNTS, Windows, windows
 from twin.logs.errors import LogRefused
 from twin.logs.log import Log
@@ -23,6 +23,8 @@ from twin.replay.robot_log import robot_log
 
 PLAUSIBLE = 5.0
 """k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
+LEVEL = (HEIGHT, SLOPE, SLOPE + 1)
+"""What is known of a level scale whose height was measured."""
 LOSS_SEEN = 0.02
 """A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
 
@@ -58,6 +60,14 @@ class Identification:
     notes: tuple[str, ...]
 
     @property
+    def loss(self) -> Estimate | None:
+        """ln(eta) of losses that depend on direction; None: loading and unloading cannot be compared."""
+        axis, one = self.fit.one(LOSS), self.fit.unknowns[LOSS]
+        if not self.fit.told(axis, one.size):
+            return None
+        return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)
+
+    @property
     def apart(self) -> bool:
         """Whether k_s and eta are known one by one."""
         return self.quantities["k_s"].found is not None
@@ -79,7 +89,7 @@ def identified(log: Log, model: Model, height: float | None = None, motor_torque
 
     Args:
         log: as `read_log` gives it. model: geometry, masses, N and counts that are believed.
-        height: of the scale (m), if it was measured: it makes the joints' zeros exact.
+        height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
         motor_torque: whether drive/n.tau_motor is a measured torque.
 
     Raises:
@@ -102,7 +112,7 @@ def identified(log: Log, model: Model, height: float | None = None, motor_torque
         )
     unknowns = parameters(belief, model.plant.z_s if height is None else height)
     try:
-        found = fit(seen, belief, unknowns, model.resolution, () if height is None else (HEIGHT,))
+        found = fit(seen, belief, unknowns, model.resolution, () if height is None else LEVEL)
     except Unreachable as problem:
         raise LogRefused(
             f"{path}: {problem}; are units, signs and zeros of the joint encoders those of the experiment?"
@@ -110,7 +120,7 @@ def identified(log: Log, model: Model, height: float | None = None, motor_torque
     _refuse_nonsense(found, belief, log)
     split = _split(found, belief, log, motor_torque)
     quantities = {**split, **_quantities(found, height)}
-    quantities["friction"] = Quantity("friction under the head", None, friction(found.x, seen, belief))
+    quantities["friction"] = Quantity("friction under the head", None, friction(found, seen, belief))
     press = one_pose(seen, belief, found.x)
     return Identification(model, found, seen, quantities, press, _alike(found), taken.notes)
 
@@ -161,7 +171,7 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
     """The other unknowns of the fit, with the scale's stiffness for its compliance."""
     told: dict[str, Quantity] = {}
     for index, one in enumerate(found.unknowns):
-        if index in (KAPPA, LOSS) or (index == HEIGHT and height is not None):
+        if index in (KAPPA, LOSS, RATE) or (index in LEVEL and height is not None):
             continue
         axis, x = found.one(index), float(found.x[index])
         estimate = Estimate(x, found.half_width(axis), one.unit) if found.told(axis, one.size) else None
@@ -170,14 +180,14 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
                 estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")
             told["stiffness"] = Quantity("stiffness of the scale", None, estimate)
             continue
-        believed = one.start if index in (BACKLASH, HEIGHT) or one.unit == "rad" else None
+        believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL) else None
         told[one.name] = Quantity(one.meaning, believed, estimate)
     return told
 
 
 def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
     """For each direction that is not seen, the unknowns that make it up."""
-    groups = []
+    groups: list[tuple[str, ...]] = []
     for direction in found.unseen.T:
         weight = np.abs(direction)
         members = np.flatnonzero(weight > 0.3 * np.max(weight))

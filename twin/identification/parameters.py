@@ -25,9 +25,11 @@ class Parameter:
     size: float
 
 
-KAPPA, LOSS, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, COMPLIANCE, DAMPING = 0, 1, 2, 5, 8, 9, 10, 11, 12
-"""Where each stands in a vector of parameters; offsets and joint zeros are three each."""
-COUNT = 13
+KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING = (
+    0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15
+)  # fmt: skip
+"""Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
+COUNT = 16
 
 
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
@@ -38,6 +40,7 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
     return (
         Parameter("k_s_eta", "k_s eta", "N m/rad", k, k),
         Parameter("loss", "ln(eta) of a belt that loses by direction", "1", 0.0, 0.5),
+        Parameter("loss_rate", "speed at which its losses turn over", "rad/s", 0.01, 0.05),
         *(Parameter(f"wind_up_zero_{i + 1}", f"zero of wind-up {i + 1}", "rad", float(offsets[i]), degree)
           for i in range(3)),
         *(Parameter(f"joint_zero_{i + 1}", f"zero of joint {i + 1}", "rad", belief.joint_zero[i], degree)
@@ -45,6 +48,7 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
         Parameter("backlash", "backlash, half width", "rad", belief.backlash, 0.5 * degree),
         Parameter("b_j", "viscous friction of a joint", "N m s/rad", 0.0, 0.02),
         Parameter("height", "height of the scale", "m", height, 5e-3),
+        *(Parameter(f"slope_{axis}", f"slope of the scale along {axis}", "rad", 0.0, degree) for axis in "xy"),
         Parameter("compliance", "compliance of the scale", "m/N", 1e-3, 1e-3),
         Parameter("damping", "damping of the scale", "s/m", 0.0, 10.0),
     )  # fmt: skip

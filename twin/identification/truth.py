@@ -29,6 +29,9 @@ def truth(model: Model) -> Mapping[str, float]:
         "backlash": plant.backlash,
         "b_j": plant.b_j - k * plant.N**2 * early,
         "height": surface.z_s,
+        # the normal of `surface.surface_frame` leans towards +x and -y
+        "slope_x": -float(np.tan(surface.tilt)),
+        "slope_y": float(np.tan(surface.tilt_x)),
         "stiffness": surface.K,
         "damping": surface.damping,
         "friction": surface.mu,

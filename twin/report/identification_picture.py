@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twin.identification.identification import Identification
+from twin.identification.windows import JOINTS_PER_METRE
 
 LOADING, UNLOADING, PAPER, INK = "#2f6db5", "#e2661a", "#c62828", "#1c1c1c"
 JOINTS = ("#2f6db5", "#8e44ad", "#2e7d32")
@@ -55,7 +56,7 @@ def _draw_force(axes: Axes, one: Identification) -> None:
 
 
 def _draw_halves(axes: Axes, one: Identification, window: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
-    down = np.mean(one.fit.seen.speed[window], axis=1) / 17.0
+    down = np.mean(one.fit.seen.speed[window], axis=1) / JOINTS_PER_METRE
     for chosen, color, label in (
         (down > STILL, LOADING, "loading"),
         (down < -STILL, UNLOADING, "unloading"),

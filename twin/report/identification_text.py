@@ -14,9 +14,12 @@ def identification_text(one: Identification, name: str, files: Mapping[str, str]
     k = one.quantities["k_s_eta"]
     assert k.found is not None and k.believed is not None
     digits = decimals(k.found)
-    lines = [
+    verdict = (
         f"{name}: {k.meaning} = {k.found.value:.{digits}f} +- {k.found.half_width:.{digits}f} N m/rad (95 %), "
-        f"believed {k.believed:g}",
+        f"believed {k.believed:g}"
+    )
+    lines = [
+        *textwrap.wrap(verdict, WIDTH, subsequent_indent="  ", break_on_hyphens=False),
         "",
         *_table(one, true),
         *_unknown(one),
@@ -29,7 +32,7 @@ def identification_text(one: Identification, name: str, files: Mapping[str, str]
 
 
 def _table(one: Identification, true: Mapping[str, float]) -> list[str]:
-    head = f"  {'':<27} {'found':>10} {'+- 95 %':>9} {'':<10} {'believed':>9}"
+    head = f"  {'':<27} {'found':>9} {'+- 95 %':>9} {'':<10} {'believed':>9}"
     rows = [head + (f" {'true':>9}" if true else "")]
     for name, quantity in one.quantities.items():
         if quantity.found is not None:
@@ -45,7 +48,7 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> str:
     def told(value: float | None) -> str:
         return "" if value is None else f"{shown(value, unit):.{digits}f}"
 
-    row = f"  {quantity.meaning:<27} {told(found.value):>10} {told(found.half_width):>9} {shown_unit(unit):<10}"
+    row = f"  {quantity.meaning:<27} {told(found.value):>9} {told(found.half_width):>9} {shown_unit(unit):<10}"
     row += f" {told(quantity.believed):>9}"
     return row + (f" {told(true.get(name)):>9}" if true else "")
 
@@ -54,9 +57,14 @@ def _unknown(one: Identification) -> list[str]:
     """What this log does not say, in plain words."""
     lines = ["", "  Not identifiable from this log:"]
     if not one.apart:
+        loss = (
+            "and loading and unloading agree"
+            if one.loss is not None
+            else "and loading is not compared with unloading"
+        )
         lines += _item(
-            "k_s and eta one by one: encoders and scale see only their product (20), and loading and unloading show no "
-            "loss that depends on direction; a measured motor torque would part them (--motor-torque)"
+            f"k_s and eta one by one: encoders and scale see only their product (20), {loss}; a measured motor torque "
+            "would part them (--motor-torque)"
         )
     missing = [
         quantity.meaning
@@ -67,7 +75,9 @@ def _unknown(one: Identification) -> list[str]:
         lines += _item(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
     for group in one.alike:
         if len(group) > 1:
-            lines += _item(f"{_list(group)}: only together")
+            lines += _item(f"{_list(group)}: they trade against each other")
+    if "height" in one.quantities:
+        lines += _item("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
     lines += _item(
         "b_j by itself: encoders of motor and joint that are read dt apart look like friction of k_s eta N^2 dt"
     )
@@ -85,7 +95,8 @@ def _paper(one: Identification) -> list[str]:
     if press is None:
         return _wrapped("paper", "no gradual press in one place, so Sec. III.A cannot be followed")
     k = one.fit.x[0]
-    x, y = 1e3 * press.place
+    # + 0.0: no minus before a zero
+    x, y = (1e3 * press.place).round() + 0.0
     lines = _wrapped(
         "paper",
         f"Sec. III.A on the press of {press.start:.1f} to {press.end:.1f} s at ({x:.0f}, {y:.0f}) mm, "
