@@ -22,7 +22,7 @@ def identify(
     ] = None,
     height: Annotated[
         float | None,
-        typer.Option(metavar="MM", help="Height of the scale, if it is level and you measured it: for the joints' zeros."),
+        typer.Option(metavar="MM", help="Height of a level scale, if you measured it: for the zeros."),
     ] = None,
     motor_torque: Annotated[
         bool, typer.Option("--motor-torque", help="Take drive/n.tau_motor as measured: parts k_s from eta.")

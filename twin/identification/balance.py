@@ -152,9 +152,7 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
     rate = np.sum(climb * seen.speed[scale], axis=1)
     surface = x[HEIGHT] + at.p_B[scale, :2] @ x[SLOPE : SLOPE + 2]
     depth = at.p_B[scale, 2] - surface + x[COMPLIANCE] * F / (1.0 - x[DAMPING] * rate)
-    depth_rounding = np.hypot(
-        np.linalg.norm(climb, axis=1) * step_l / np.sqrt(12.0), 1e-3 * resolution / np.sqrt(12.0)
-    )
+    depth_rounding = np.hypot(np.linalg.norm(climb, axis=1) * step_l / np.sqrt(12.0), 1e-3 * resolution / np.sqrt(12.0))
     return Rows(
         np.concatenate([joints.ravel(), force, depth]),
         np.concatenate([np.full(3 * len(air), rounding), force_rounding, depth_rounding]),
@@ -170,4 +168,3 @@ def pressing_force(x: NDArray[np.float64], seen: Windows, belief: Belief) -> NDA
     F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a)
     F[:, 2] -= platform_weight(belief)
     return F
-

@@ -22,7 +22,7 @@ def t_factor(clusters: int) -> float:
 
 
 def sandwich(
-    inverse: NDArray[np.float64], residual: NDArray[np.float64], cluster: NDArray[np.int64]
+    inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Covariance (p, p) of least squares whose errors are independent between clusters and anything within.
 
@@ -45,6 +45,6 @@ def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int
     if len(y) < A.shape[1] or np.linalg.matrix_rank(A) < A.shape[1]:
         return None
     inverse = np.linalg.pinv(A)
-    c = inverse @ y
+    c: NDArray[np.float64] = inverse @ y
     covariance = sandwich(inverse, y - A @ c, cluster)
     return Line(c, t_factor(len(np.unique(cluster))) * np.sqrt(np.diag(covariance)))

@@ -3,7 +3,7 @@
 The unknowns, in units of their sizes, go through a Gauss-Newton search. At each step the singular values of the
 whitened Jacobian say how well each direction of parameter space is seen; a direction that rounding alone leaves
 uncertain by more than `BLIND` sizes is not moved in at all: what the data cannot see stays as it is believed, and is
-named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within a cluster,
+named. Intervals are those of clustered errors (`clustered.sandwich`), which asks nothing of the errors within one,
 but no narrower than if all errors were independent and of one size: few clusters can agree by chance.
 """
 
@@ -23,8 +23,8 @@ BLIND = 0.3
 TOLD = 0.1
 """Sizes: a parameter is told if its interval and what hides in unseen directions stay within this."""
 STEPS = 12
-CONVERGED = 1e-6
-"""Sizes."""
+CONVERGED = 1e-4
+"""Sizes: the step that ends the search; what is left after it is its square."""
 SMALLEST = 0.05
 """Of what is positive by nature (k_s eta, a rate) and of its start: the search goes no lower."""
 
@@ -56,6 +56,8 @@ class Fit:
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
         """Of the 95 % interval of direction . x, `direction` (16,); what is not seen counts with its whole size."""
+        if self.clusters < 2:
+            return np.inf
         scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
         independent = self.t_factor * np.sqrt(direction @ self.independent @ direction)
         hidden = np.linalg.norm((direction * sizes(self.unknowns)) @ self.unseen)

@@ -1,8 +1,8 @@
 """Coefficient of friction from sweeps under load: how hard the robot pulls sideways while it slides.
 
-While the head slides with the velocity v along a level scale, the force by the robot on it is F_t = mu F v/|v|, the edge
-of the cone of (P10). F_t comes from the identified springs by statics, F from the scale. What the zeros leave in F_t is
-the same in both directions of a sweep, so it is a constant of its own: F_t = mu F v/|v| + beta.
+While the head slides with the velocity v along a level scale, the force by the robot on it is F_t = mu F v/|v|, the
+edge of the cone of (P10). F_t comes from the identified springs by statics, F from the scale. What the zeros leave in
+F_t is the same in both directions of a sweep, so it is a constant of its own: F_t = mu F v/|v| + beta.
 """
 
 import numpy as np
@@ -43,9 +43,7 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
         return None
     mu, width = found
     step = 1e-4 * sizes(springs.unknowns)
-    ends = [
-        [_coefficient(springs.x + side * e, swept, along, belief) for side in (1.0, -1.0)] for e in np.diag(step)
-    ]
+    ends = [[_coefficient(springs.x + side * e, swept, along, belief) for side in (1.0, -1.0)] for e in np.diag(step)]
     slope = np.array([(up[0] - low[0]) / (2.0 * h) for (up, low), h in zip(ends, step, strict=True) if up and low])
     width = float(np.hypot(width, springs.half_width(slope)))
     return Estimate(mu, width, "1") if width < TOLD else None
@@ -65,7 +63,7 @@ def _coefficient(
     return None if found is None else (float(found.coefficients[0]), float(found.half_widths[0]))
 
 
-def _sliding(seen: Windows, v: NDArray[np.float64]) -> NDArray[np.bool_]:
+def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:
     """Windows (n,) on the scale that have gone on in one direction for `SETTLED` already; v (n, 2), m/s."""
     speed = np.linalg.norm(v, axis=1)
     moving = np.flatnonzero(on_scale(seen) & (speed > SLIDING))

@@ -138,9 +138,9 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
         )
     known = 100.0 * min(found.half_width(axis) / believed, 9.99)
     raise NotIdentifiable(
-        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave it open by "
-        f"{known:.0f} %, {found.clusters} independent stretches; press gradually, in several places, up and down, as "
-        "experiments/calibration.toml does"
+        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave "
+        f"{known:.0f} % of it open; press gradually, in several places, up and down, as experiments/calibration.toml "
+        "does"
     )
 
 
@@ -193,4 +193,3 @@ def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
         members = np.flatnonzero(weight > 0.3 * np.max(weight))
         groups.append(tuple(found.unknowns[i].meaning for i in members))
     return tuple(dict.fromkeys(groups))
-

@@ -1,7 +1,7 @@
 """k_s by itself, from the torque of the motors: the one measurement that parts it from eta.
 
-A motor that turns slowly holds the spring and its own friction, tau_motor = k_s d + f sign(theta_m') + beta, d being the
-wind-up less its dead zone (18). eta is then k_s eta / k_s.
+A motor that turns slowly holds the spring and its own friction, tau_motor = k_s d + f sign(theta_m') + beta, with the
+wind-up d less its dead zone (18). eta is then k_s eta / k_s.
 """
 
 import numpy as np

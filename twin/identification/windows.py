@@ -5,7 +5,7 @@ no better than one; while it moves across several counts the errors run through 
 a window is kept if every motor crosses some counts in it, and if it neither starts, stops nor turns.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,8 +20,9 @@ LENGTH = 0.1
 COUNTS = 4.0
 """Motor counts that have to be crossed in a window, on average over the joints."""
 ACCELERATION = 0.05
-"""m/s2, times 17 rad/m of the joints: with 0.3 kg it leaves 0.015 N of inertia in the balance, three steps of a scale."""
+"""m/s2: with 0.3 kg it leaves 0.015 N of inertia in the balance, a third of a step of the paper's scale."""
 JOINTS_PER_METRE = 17.0
+"""rad/m: d theta_l / d p_z at home."""
 CLUSTER = 2.0
 """s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
 
@@ -53,8 +54,8 @@ class Windows(NamedTuple):
 
     def where(self, chosen: NDArray[np.bool_]) -> "Windows":
         """The `chosen` (n,) ones."""
-        *columns, length = self
-        return Windows(*(column[chosen] for column in columns), length)
+        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
+        return self._replace(**columns)
 
     def runs(self, chosen: NDArray[np.intp], joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
         """The windows `chosen` (m,) in runs without a pause, broken also where `joined` (m - 1,) is False.
@@ -99,10 +100,12 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
         np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 0, 0, 0, 1, 1)
     ]
     *means, travel, change = columns
+    t, motor, joint, speed, spread, force_mean, lowest, highest = means
     counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
     calm = np.all(np.abs(change) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
-    cluster = np.floor(means[0] / CLUSTER).astype(np.int64)
-    return Windows(*means, cluster, length).where((counts >= COUNTS) & calm)
+    cluster = np.floor(t / CLUSTER).astype(np.int64)
+    every = Windows(t, motor, joint, speed, spread, force_mean, lowest, highest, cluster, length)
+    return every.where((counts >= COUNTS) & calm)
 
 
 def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:

@@ -46,7 +46,8 @@ def _row(name: str, quantity: Quantity, true: Mapping[str, float]) -> str:
     digits, unit = decimals(found), found.unit
 
     def told(value: float | None) -> str:
-        return "" if value is None else f"{shown(value, unit):.{digits}f}"
+        # + 0.0: no minus before a zero
+        return "" if value is None else f"{round(shown(value, unit), digits) + 0.0:.{digits}f}"
 
     row = f"  {quantity.meaning:<27} {told(found.value):>9} {told(found.half_width):>9} {shown_unit(unit):<10}"
     row += f" {told(quantity.believed):>9}"
@@ -58,9 +59,7 @@ def _unknown(one: Identification) -> list[str]:
     lines = ["", "  Not identifiable from this log:"]
     if not one.apart:
         loss = (
-            "and loading and unloading agree"
-            if one.loss is not None
-            else "and loading is not compared with unloading"
+            "and loading and unloading agree" if one.loss is not None else "and loading is not compared with unloading"
         )
         lines += _item(
             f"k_s and eta one by one: encoders and scale see only their product (20), {loss}; a measured motor torque "
