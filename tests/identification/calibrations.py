@@ -3,6 +3,7 @@
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from tests.replay.logs import EXPERIMENTS, ran
 from twin.controller.belief import Belief
@@ -34,6 +35,7 @@ STEP = 0.005 * 9.81
 PLANE = -0.101
 
 
+@cache
 def belief() -> Belief:
     """That of the massage robot."""
     return loaded_model(EXPERIMENTS / "calibration.toml").belief
@@ -81,13 +83,13 @@ def windows_of_statics(x: np.ndarray, rng: np.random.Generator, noise: float = 0
     z[F == 0.0] = np.tile(np.linspace(-0.085, -0.098, 6), len(grid))
     p_B = np.column_stack([where, z])
     theta_l, J = joint_angles(geometry, p_B), jacobian(geometry, p_B)
-    speed = J @ np.array([0.0, 0.0, -1.0]) * down[:, None]
+    speed: NDArray[np.float64] = -J[:, :, 2] * down[:, None]
     pulled = rng.uniform(-side_force, side_force, (n, 2)) * F[:, None]
     load = np.column_stack([pulled, platform_weight(robot) - F])
     tau = joint_torques(geometry, p_B, load) - arm_gravity_torque(robot, robot, theta_l) + x[FRICTION] * speed
     d = tau / (x[KAPPA] * robot.N)
-    joint = theta_l + x[JOINT_ZERO : JOINT_ZERO + 3]
-    motor = d + np.sign(d) * x[BACKLASH] + robot.N * joint + x[OFFSET : OFFSET + 3]
+    joint: NDArray[np.float64] = theta_l + x[JOINT_ZERO : JOINT_ZERO + 3]
+    motor: NDArray[np.float64] = d + np.sign(d) * x[BACKLASH] + robot.N * joint + x[OFFSET : OFFSET + 3]
     cluster = np.arange(n) // 6
     motor += noise * np.sqrt(0.5) * (rng.normal(size=(n, 3)) + rng.normal(size=(n // 6, 3))[cluster])
     return Windows(0.1 * np.arange(n), motor, joint, speed, np.full((n, 3), 1e-3), F, F, F, cluster, 0.1)

@@ -47,14 +47,22 @@ AIR = 0.05
 """N: less is free air; twice the step of the paper's scale."""
 CONTACT = 0.15
 """N: more, all through a window, is contact."""
+PLAUSIBLE_COMPLIANCE = 1e-3
+"""m/N: only weighs the reading's steps against those of the encoders."""
 
 
 class Pose(NamedTuple):
-    """Where a window is. p_B (n, 3) m; J: d theta_l / d p_B (n, 3, 3) rad/m; g_a: weight of the arms (n, 3) N m."""
+    """Where windows are.
+
+    Attributes:
+        p_B: (n, 3), m. J: d theta_l / d p_B (n, 3, 3), rad/m. g_a: weight of the arms (n, 3), N m.
+        lift: d p_z / d theta_l (n, 3), m/rad: the third row of J^-1, so that J^-T e_z is the same.
+    """
 
     p_B: NDArray[np.float64]
     J: NDArray[np.float64]
     g_a: NDArray[np.float64]
+    lift: NDArray[np.float64]
 
 
 class Rows(NamedTuple):
@@ -83,7 +91,8 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
     """
     geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     p_B = position(geometry, theta_l)
-    return Pose(p_B, jacobian_rows(geometry, theta_l, p_B), arm_gravity_torque(belief, belief, theta_l))
+    J = jacobian_rows(geometry, theta_l, p_B)
+    return Pose(p_B, J, arm_gravity_torque(belief, belief, theta_l), np.linalg.inv(J)[:, 2])
 
 
 def wind_up(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
@@ -118,17 +127,13 @@ def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
 
-def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float) -> Rows:
+def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose) -> Rows:
     """Residuals of all equations at parameters `x` (16,).
 
     Args:
         seen: windows in free air or in contact. belief: geometry, masses, N and counts.
-        resolution: step of the force (N).
-
-    Raises:
-        Unreachable: joint angles that do not close.
+        resolution: step of the force (N). at: `pose` at x's zeros of the joints.
     """
-    at = pose(belief, seen.joint - x[JOINT_ZERO : JOINT_ZERO + 3])
     W = platform_weight(belief)
     torque = joint_torques(x, seen, belief.N) + at.g_a
     air, scale = np.flatnonzero(in_air(seen)), np.flatnonzero(on_scale(seen))
@@ -136,10 +141,7 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
     step_m, step_l = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
     rounding = np.hypot(step_m, belief.N * step_l) / np.sqrt(12.0)
 
-    weight = np.zeros((len(air), 3, 1))
-    weight[:, 2, 0] = W
-    held = np.linalg.solve(np.swapaxes(at.J[air], 1, 2), weight)[..., 0]
-    joints = (torque[air] - held) * per_torque
+    joints = (torque[air] - W * at.lift[air]) * per_torque
 
     J_z = at.J[scale, :, 2]
     length = np.linalg.norm(J_z, axis=1)
@@ -148,11 +150,11 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
     force = (np.sum(J_z * torque[scale], axis=1) - W + F) * per_newton
     force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) * per_newton)
 
-    climb = np.linalg.inv(at.J[scale])[:, 2]
-    rate = np.sum(climb * seen.speed[scale], axis=1)
+    rate = np.sum(at.lift[scale] * seen.speed[scale], axis=1)
     surface = x[HEIGHT] + at.p_B[scale, :2] @ x[SLOPE : SLOPE + 2]
     depth = at.p_B[scale, 2] - surface + x[COMPLIANCE] * F / (1.0 - x[DAMPING] * rate)
-    depth_rounding = np.hypot(np.linalg.norm(climb, axis=1) * step_l / np.sqrt(12.0), 1e-3 * resolution / np.sqrt(12.0))
+    turn = np.linalg.norm(at.lift[scale], axis=1)
+    depth_rounding = np.hypot(turn * step_l, PLAUSIBLE_COMPLIANCE * resolution) / np.sqrt(12.0)
     return Rows(
         np.concatenate([joints.ravel(), force, depth]),
         np.concatenate([np.full(3 * len(air), rounding), force_rounding, depth_rounding]),

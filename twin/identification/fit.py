@@ -13,15 +13,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
-from twin.identification.balance import Rows, clear, in_air, on_scale, rows
+from twin.identification.balance import Rows, clear, in_air, on_scale, pose, rows
 from twin.identification.clustered import sandwich, t_factor
-from twin.identification.parameters import COUNT, KAPPA, RATE, Parameter, sizes, starts
+from twin.identification.parameters import COUNT, JOINT_ZERO, KAPPA, RATE, Parameter, sizes, starts
 from twin.identification.windows import Windows
 
 BLIND = 0.3
 """Sizes: a direction that is known to no better than this is not seen."""
 TOLD = 0.1
 """Sizes: a parameter is told if its interval and what hides in unseen directions stay within this."""
+JOINTS = slice(JOINT_ZERO, JOINT_ZERO + 3)
+DIFFERENCE = 1e-5
+"""Sizes."""
 STEPS = 12
 CONVERGED = 1e-4
 """Sizes: the step that ends the search; what is left after it is its square."""
@@ -99,8 +102,7 @@ def fit(
     for _ in range(STEPS):
         if len(used.t) == 0 or change < CONVERGED:
             break
-        at = rows(x, used, belief, resolution)
-        A = _jacobian(x, scale, used, belief, resolution) / at.sigma[:, None]
+        at, A = _linearised(x, scale, used, belief, resolution)
         step = _seen(A, fixed)[0] @ (-at.residual / at.sigma)
         step = np.clip(step, -0.5, 0.5)
         change = float(np.max(np.abs(step)))
@@ -112,8 +114,7 @@ def fit(
 
 
 def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
-    at = rows(x, used, belief, resolution)
-    A = _jacobian(x, scale, used, belief, resolution) / at.sigma[:, None]
+    at, A = _linearised(x, scale, used, belief, resolution)
     inverse, unseen, singular = _seen(A, fixed)
     r = at.residual / at.sigma
     covariance = sandwich(inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
@@ -123,14 +124,22 @@ def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
     return Fit(unknowns, x, covariance, independent, unseen, singular, used, at, clusters, t_factor(clusters))
 
 
-def _jacobian(x, scale, used, belief, resolution) -> NDArray[np.float64]:
-    """d residual / d (x / scale) (m, 16) by central differences; the equations are smooth away from dead zones."""
-    h = 1e-5
-    columns = [
-        (rows(x + e, used, belief, resolution).residual - rows(x - e, used, belief, resolution).residual) / (2.0 * h)
-        for e in np.diag(h * scale)
-    ]
-    return np.stack(columns, axis=1)
+def _linearised(x, scale, used, belief, resolution) -> tuple[Rows, NDArray[np.float64]]:
+    """Equations at x, and d residual / d (x / scale) over their sigma (m, 16), by central differences: the equations
+    are smooth away from dead zones. Kinematics are solved anew for the zeros of the joints only."""
+    here = pose(belief, used.joint - x[JOINTS])
+    at = rows(x, used, belief, resolution, here)
+    A = np.zeros((len(at.residual), COUNT))
+    for index in np.flatnonzero(scale):
+        ends = []
+        for side in (DIFFERENCE, -DIFFERENCE):
+            near = x.copy()
+            near[index] += side * scale[index]
+            turned = JOINTS.start <= index < JOINTS.stop
+            there = pose(belief, used.joint - near[JOINTS]) if turned else here
+            ends.append(rows(near, used, belief, resolution, there).residual)
+        A[:, index] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE * at.sigma)
+    return at, A
 
 
 def _seen(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
