@@ -55,7 +55,7 @@ def identification(name: str = "calibration", *settings: str, height: float | No
 
 
 def true_parameters() -> np.ndarray:
-    """A robot that is not what it is taken for (16,)."""
+    """A robot that is not what it is taken for (17,)."""
     x = starts(parameters(belief(), PLANE))
     x[KAPPA] = 0.828
     x[OFFSET : OFFSET + 3] = np.radians([0.5, -0.3, 0.2])
@@ -91,5 +91,8 @@ def windows_of_statics(x: np.ndarray, rng: np.random.Generator, noise: float = 0
     joint: NDArray[np.float64] = theta_l + x[JOINT_ZERO : JOINT_ZERO + 3]
     motor: NDArray[np.float64] = d + np.sign(d) * x[BACKLASH] + robot.N * joint + x[OFFSET : OFFSET + 3]
     cluster = np.arange(n) // 6
+    rate = np.where(F > 0.0, down / x[COMPLIANCE], 0.0)
     motor += noise * np.sqrt(0.5) * (rng.normal(size=(n, 3)) + rng.normal(size=(n // 6, 3))[cluster])
-    return Windows(0.1 * np.arange(n), motor, joint, speed, np.full((n, 3), 1e-3), F, F, F, cluster, 0.1)
+    return Windows(
+        0.1 * np.arange(n), motor, joint, np.asarray(speed, float), np.full((n, 3), 1e-3), F, rate, F, F, cluster, 0.1
+    )

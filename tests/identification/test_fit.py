@@ -21,7 +21,7 @@ def fitted(seen: Windows, height: float | None = None) -> Fit:
 def test_statics_without_noise_give_every_parameter_back():
     x = true_parameters()
     found = fitted(windows_of_statics(x, np.random.default_rng(1)), height=-0.1012)
-    seen = np.setdiff1d(np.arange(16), [1, 2])
+    seen = np.setdiff1d(np.arange(17), [1, 2])
     # Newton's method ends at 1e-6 of sizes of up to 10 (s/m)
     np.testing.assert_allclose(found.x[seen], x[seen], atol=1e-4, rtol=1e-4)
     assert found.x[KAPPA] == pytest.approx(0.828, rel=1e-6)
@@ -52,7 +52,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty():
 def test_free_air_alone_does_not_tell_backlash_from_zeros():
     seen = windows_of_statics(true_parameters(), np.random.default_rng(4))
     found = fitted(seen.where(in_air(seen)))
-    together = np.zeros(16)
+    together = np.zeros(17)
     # every spring holds the platform up, on one side of its dead zone
     together[OFFSET : OFFSET + 3], together[BACKLASH] = 1.0, 2.0
     together /= np.linalg.norm(together)

@@ -150,3 +150,13 @@ def test_a_motor_torque_that_is_not_there_is_named():
     log = run()
     without = replace(log, series={k: one for k, one in log.series.items() if k != "drive/2.tau_motor"})
     assert "'drive/2.tau_motor' is not there" in refused(without, motor_torque=True)
+
+
+def test_a_scale_that_shows_its_force_late_is_found_out():
+    log = run()
+    F = log.series["scale.F_z"]
+    late = replace(log, series={**log.series, "scale.F_z": Series(F.t + 0.04, F.values, F.unit)})
+    one = identified(late, model())
+    assert one.estimate("delay").value == pytest.approx(0.04, abs=2e-3)
+    # a line through each window replaces the force of 40 ms before
+    assert one.estimate("k_s_eta").value == pytest.approx(1.07, rel=5e-3)

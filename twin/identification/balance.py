@@ -16,6 +16,8 @@ response and not of the regressor, which would bias k low. The second equation o
 Crossley's at a slow speed, on a plane of slopes m_x and m_y:
 
     p_z = z_s + m_x p_x + m_y p_y - C F / (1 - c p_z')
+
+A scale shows its force late; F is its reading and delay times the reading's slope.
 """
 
 from typing import NamedTuple
@@ -28,6 +30,7 @@ from twin.identification.parameters import (
     BACKLASH,
     COMPLIANCE,
     DAMPING,
+    DELAY,
     FRICTION,
     HEIGHT,
     JOINT_ZERO,
@@ -128,7 +131,7 @@ def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np
 
 
 def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose) -> Rows:
-    """Residuals of all equations at parameters `x` (16,).
+    """Residuals of all equations at parameters `x` (17,).
 
     Args:
         seen: windows in free air or in contact. belief: geometry, masses, N and counts.
@@ -145,7 +148,7 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
 
     J_z = at.J[scale, :, 2]
     length = np.linalg.norm(J_z, axis=1)
-    F = seen.force[scale]
+    F = seen.force[scale] + x[DELAY] * seen.force_rate[scale]
     per_newton = per_torque / length
     force = (np.sum(J_z * torque[scale], axis=1) - W + F) * per_newton
     force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) * per_newton)

@@ -38,9 +38,9 @@ class Fit:
 
     Attributes:
         unknowns: what was searched for.
-        x: values (16,); what is not seen stands at its start.
-        covariance: (16, 16), of what is seen, by the scatter between clusters. independent: as if there were none.
-        unseen: orthonormal directions in units of sizes that the data do not see (16, k).
+        x: values (17,); what is not seen stands at its start.
+        covariance: (17, 17), of what is seen, by the scatter between clusters. independent: as if there were none.
+        unseen: orthonormal directions in units of sizes that the data do not see (17, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
         seen: the windows used. rows: their equations at x.
         clusters: how many groups of windows. t_factor: half width of a 95 % interval in standard deviations.
@@ -58,7 +58,7 @@ class Fit:
     t_factor: float
 
     def half_width(self, direction: NDArray[np.float64]) -> float:
-        """Of the 95 % interval of direction . x, `direction` (16,); what is not seen counts with its whole size."""
+        """Of the 95 % interval of direction . x, `direction` (17,); what is not seen counts with its whole size."""
         if self.clusters < 2:
             return np.inf
         scatter = self.t_factor * np.sqrt(direction @ self.covariance @ direction)
@@ -125,7 +125,7 @@ def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
 
 
 def _linearised(x, scale, used, belief, resolution) -> tuple[Rows, NDArray[np.float64]]:
-    """Equations at x, and d residual / d (x / scale) over their sigma (m, 16), by central differences: the equations
+    """Equations at x, and d residual / d (x / scale) over their sigma (m, 17), by central differences: the equations
     are smooth away from dead zones. Kinematics are solved anew for the zeros of the joints only."""
     here = pose(belief, used.joint - x[JOINTS])
     at = rows(x, used, belief, resolution, here)
@@ -143,7 +143,7 @@ def _linearised(x, scale, used, belief, resolution) -> tuple[Rows, NDArray[np.fl
 
 
 def _seen(A, fixed) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Pseudo-inverse of A over the directions that it sees (16, m); those that it does not, (16, k), without the
+    """Pseudo-inverse of A over the directions that it sees (17, m); those that it does not, (17, k), without the
     `fixed` parameters, which are no secret of the data; the singular values."""
     free = np.setdiff1d(np.arange(COUNT), fixed)
     n = len(free)

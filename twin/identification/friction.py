@@ -55,6 +55,7 @@ def _coefficient(
     """mu and the half width of its interval for springs `x`; `along` (n, 2): direction of each window's motion."""
     F = pressing_force(x, swept, belief)[:, :2]
     A = np.zeros((2 * len(F), 3))
+
     A[:, 0] = (swept.force[:, None] * along).ravel()
     A[0::2, 1] = A[1::2, 2] = 1.0
     # a sweep one way only cannot tell a false zero from friction, and takes the zeros as they were identified

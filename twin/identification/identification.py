@@ -190,6 +190,8 @@ def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
     groups: list[tuple[str, ...]] = []
     for direction in found.unseen.T:
         weight = np.abs(direction)
+        # how fast a loss turns over means nothing where there is none
+        weight[RATE] = 0.0
         members = np.flatnonzero(weight > 0.3 * np.max(weight))
         groups.append(tuple(found.unknowns[i].meaning for i in members))
     return tuple(dict.fromkeys(groups))

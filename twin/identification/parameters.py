@@ -25,11 +25,11 @@ class Parameter:
     size: float
 
 
-KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING = (
-    0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15
+KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING, DELAY = (
+    0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15, 16
 )  # fmt: skip
 """Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
-COUNT = 16
+COUNT = 17
 
 
 def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
@@ -51,6 +51,7 @@ def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
         *(Parameter(f"slope_{axis}", f"slope of the scale along {axis}", "rad", 0.0, degree) for axis in "xy"),
         Parameter("compliance", "compliance of the scale", "m/N", 1e-3, 1e-3),
         Parameter("damping", "damping of the scale", "s/m", 0.0, 10.0),
+        Parameter("delay", "delay of the scale", "s", 0.0, 0.1),
     )  # fmt: skip
 
 

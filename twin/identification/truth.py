@@ -34,5 +34,6 @@ def truth(model: Model) -> Mapping[str, float]:
         "slope_y": float(np.tan(surface.tilt_x)),
         "stiffness": surface.K,
         "damping": surface.damping,
+        "delay": 0.0,
         "friction": surface.mu,
     }

@@ -23,6 +23,8 @@ ACCELERATION = 0.05
 """m/s2: with 0.3 kg it leaves 0.015 N of inertia in the balance, a third of a step of the paper's scale."""
 JOINTS_PER_METRE = 17.0
 """rad/m: d theta_l / d p_z at home."""
+GUARD = 0.1
+"""s: a scale may show what it carries this late; until then nobody knows whether the robot still touches it."""
 CLUSTER = 2.0
 """s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
 
@@ -36,7 +38,8 @@ class Windows(NamedTuple):
         speed: of the joints (n, 3), rad/s.
         spread: half of the range that the wind-up motor - N joint runs through (n, 3), rad.
         force: of the scale, pressing positive (n,), N.
-        lowest, highest: force in the window (n,), N.
+        force_rate: its slope (n,), N/s.
+        lowest, highest: force in the window and for `GUARD` after it (n,), N.
         cluster: number of the group of windows each belongs to (n,), for the covariance.
         length: of each, s.
     """
@@ -47,6 +50,7 @@ class Windows(NamedTuple):
     speed: NDArray[np.float64]
     spread: NDArray[np.float64]
     force: NDArray[np.float64]
+    force_rate: NDArray[np.float64]
     lowest: NDArray[np.float64]
     highest: NDArray[np.float64]
     cluster: NDArray[np.int64]
@@ -90,21 +94,21 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
     F = np.interp(log.t, force.t, force.values)
     motor = log.count_m * (2.0 * np.pi / belief.motor_counts)
     joint = log.count_l * (2.0 * np.pi / belief.joint_counts)
-    full = 0.8 * length / log.period
+    full, late = 0.8 * length / log.period, round(GUARD / log.period)
     rows = [
-        _window(log.t[a:b], motor[a:b], joint[a:b], F[a:b], belief.N)
+        _window(log.t[a:b], motor[a:b], joint[a:b], F[a:b], F[a : b + late], belief.N)
         for a, b in zip(*_edges(bins), strict=True)
         if b - a >= full and np.all(known[a:b])
     ]
     columns = [np.array(column) for column in zip(*rows, strict=True)] or [
-        np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 0, 0, 0, 1, 1)
+        np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 0, 0, 0, 0, 1, 1)
     ]
     *means, travel, change = columns
-    t, motor, joint, speed, spread, force_mean, lowest, highest = means
+    t, motor, joint, speed, spread, force_mean, force_rate, lowest, highest = means
     counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
     calm = np.all(np.abs(change) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
     cluster = np.floor(t / CLUSTER).astype(np.int64)
-    every = Windows(t, motor, joint, speed, spread, force_mean, lowest, highest, cluster, length)
+    every = Windows(t, motor, joint, speed, spread, force_mean, force_rate, lowest, highest, cluster, length)
     return every.where((counts >= COUNTS) & calm)
 
 
@@ -114,7 +118,7 @@ def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]
     return np.concatenate([[0], turns]), np.concatenate([turns, [len(bins)]])
 
 
-def _window(t, motor, joint, F, N) -> tuple[object, ...]:
+def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
     """One row of the columns of `Windows`, then range of the motors (3,) and acceleration of the joints (3,)."""
     half = len(t) // 2
     # slopes of both halves by regression: an encoder's step costs them least
@@ -122,12 +126,12 @@ def _window(t, motor, joint, F, N) -> tuple[object, ...]:
     wind_up = motor - N * joint
     return (
         float(np.mean(t)), motor.mean(axis=0), joint.mean(axis=0), _slope(t, joint), 0.5 * np.ptp(wind_up, axis=0),
-        float(np.mean(F)), float(np.min(F)), float(np.max(F)), np.ptp(motor, axis=0),
-        (last - first) / (t[half:].mean() - t[:half].mean()),
+        float(np.mean(F)), float(_slope(t, F)), float(np.min(F_and_later)), float(np.max(F_and_later)),
+        np.ptp(motor, axis=0), (last - first) / (t[half:].mean() - t[:half].mean()),
     )  # fmt: skip
 
 
 def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the straight lines through y (n, 3) over t (n,)."""
+    """Of the straight lines through y (n, ...) over t (n,)."""
     centred = t - t.mean()
     return centred @ y / (centred @ centred)

@@ -1,12 +1,13 @@
 """An identification as text of at most 80 columns: the answer, the table, what cannot be had, the paper's way."""
 
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from twin.identification.identification import Identification, Quantity
 from twin.report.identification_units import decimals, shown, shown_unit
 
 WIDTH = 80
+ALL_THREE = {"zero of joint": "zeros of the joints", "zero of wind-up": "zeros of the wind-ups"}
 
 
 def identification_text(one: Identification, name: str, files: Mapping[str, str], true: Mapping[str, float]) -> str:
@@ -72,9 +73,8 @@ def _unknown(one: Identification) -> list[str]:
     ]
     if missing:
         lines += _item(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
-    for group in one.alike:
-        if len(group) > 1:
-            lines += _item(f"{_list(group)}: they trade against each other")
+    for told in dict.fromkeys(_list(group) for group in one.alike if len(group) > 1):
+        lines += _item(f"trade against each other: {told}")
     if "height" in one.quantities:
         lines += _item("joint zeros as well as a level scale of known height would give them: measure it (--height MM)")
     lines += _item(
@@ -84,7 +84,14 @@ def _unknown(one: Identification) -> list[str]:
     return [*lines, ""]
 
 
-def _list(names: list[str] | tuple[str, ...]) -> str:
+def _list(names: Sequence[str]) -> str:
+    """Names as people list them, three of a kind as one."""
+    names = list(names)
+    for one, all_three in ALL_THREE.items():
+        numbered = [f"{one} {i}" for i in (1, 2, 3)]
+        if set(numbered) <= set(names):
+            names[names.index(numbered[0])] = all_three
+            names = [name for name in names if name not in numbered]
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
 

@@ -4,7 +4,7 @@ from math import degrees, floor, log10
 
 from twin.identification.estimate import Estimate
 
-SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "1": (1.0, "")}
+SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
 
 
 def shown(value: float, unit: str) -> float:
