@@ -93,6 +93,5 @@ def windows_of_statics(x: np.ndarray, rng: np.random.Generator, noise: float = 0
     cluster = np.arange(n) // 6
     rate = np.where(F > 0.0, down / x[COMPLIANCE], 0.0)
     motor += noise * np.sqrt(0.5) * (rng.normal(size=(n, 3)) + rng.normal(size=(n // 6, 3))[cluster])
-    return Windows(
-        0.1 * np.arange(n), motor, joint, np.asarray(speed, float), np.full((n, 3), 1e-3), F, rate, F, F, cluster, 0.1
-    )
+    t = 0.1 * np.arange(n, dtype=np.float64)
+    return Windows(t, motor, joint, speed, np.full((n, 3), 1e-3), F, rate, F, F, cluster, 0.1)

