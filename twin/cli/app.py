@@ -16,6 +16,7 @@ from twin.cli import (
     drive,
     export,
     faults,
+    identify,
     init,
     replay,
     report,
@@ -55,6 +56,7 @@ app.command("report")(report.report)
 app.command("replay")(replay.replay)
 app.command("converge")(converge.converge)
 app.command("accuracy")(accuracy.accuracy)
+app.command("identify")(identify.identify)
 app.command("export")(export.export)
 app.command("analyse")(analyse.analyse)
 app.add_typer(drive.app, name="drive")
