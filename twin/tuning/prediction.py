@@ -20,6 +20,8 @@ HORIZON = 8.0
 """Of a step response (s)."""
 SETTLED = 0.05
 """Band around the final value (share of the step)."""
+END = 0.1
+"""Share of the samples."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
 
 
@@ -29,7 +31,7 @@ class Answer:
 
     Attributes:
         overshoot: share of the step. settling: time from which it stays within `SETTLED` (s); infinity: not in
-            `HORIZON`. short: distance from the final value in the end (share of the step).
+            `HORIZON`. short: mean distance from the final value over the last `END` of it (share of the step).
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
 
@@ -134,7 +136,7 @@ def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
     return Answer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED),
-        float(abs(1.0 - share[-1])),
+        float(abs(1.0 - np.mean(share[-round(END * len(share)) :]))),
         bandwidth,
     )
 
@@ -152,3 +154,8 @@ def _worst(each: list[Answer]) -> Answer:
         max(found.short for found in each),
         min(found.bandwidth for found in each),
     )
+
+
+def final_value(corner: Corner, gains: LawGains, i: int) -> float:
+    """Where the response of `step_response` ends."""
+    return step_response(corner, gains, i)[2]

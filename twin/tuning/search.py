@@ -17,14 +17,14 @@ from twin.tuning.goals import Goals
 from twin.tuning.prediction import HORIZON, Prediction, predicted
 
 SEED = 1
-POPULATION, GENERATIONS = 10, 30
+POPULATION, GENERATIONS = 8, 25
 """Population per gain; most generations."""
 BOUNDS = LawGains((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))  # type: ignore[arg-type]
 """Searched range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
 ROUNDING = 1e-3
 """By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
-FORBIDDEN, UNSTABLE = 1e3, 1e6
-"""A goal that is missed costs more than any slowness, and instability more than any goal."""
+PRICES = {"bandwidth": 1e2, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
+"""A goal that is missed costs more than any slowness; what keeps people safe comes before bandwidth."""
 
 
 class Miss(NamedTuple):
@@ -68,17 +68,14 @@ def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
 
 def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
     """Less is better: goals first, then the logarithms of the longest settling time of each law, added."""
-    missed = worst_misses(predictions, goals)
-    unstable = [miss.by for miss in missed if miss.goal == "stability"]
-    if unstable:
-        return UNSTABLE * (1.0 + max(unstable))
+    price = sum(PRICES[miss.goal] * (1.0 + miss.by) for miss in worst_misses(predictions, goals))
     longest: dict[str, float] = {}
     for prediction in predictions:
         for law, found in prediction.answers.items():
             slowness = found.settling if math.isfinite(found.settling) else HORIZON * (1.0 + found.short)
             longest[law] = max(longest.get(law, 0.0), slowness)
-    slow = sum(math.log(max(time, 1e-3)) for time in longest.values())
-    return slow + (FORBIDDEN * (1.0 + sum(miss.by for miss in missed)) if missed else 0.0)
+    # faster than a millisecond is no better
+    return price + sum(math.log(max(time, 1e-3)) for time in longest.values())
 
 
 def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains) -> LawGains:
