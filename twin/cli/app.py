@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import analyse, compare, doctor, drive, export, faults, init, replay, report, run, schema
+from twin.cli import analyse, compare, doctor, drive, export, faults, init, replay, report, run, schema, tune
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -39,6 +39,7 @@ app.command("report")(report.report)
 app.command("replay")(replay.replay)
 app.command("export")(export.export)
 app.command("analyse")(analyse.analyse)
+app.command("tune")(tune.tune)
 app.add_typer(drive.app, name="drive")
 app.command("init")(init.init)
 app.command("schema")(schema.schema)

@@ -35,7 +35,12 @@ class Goals:
         if not 0.0 <= self.overshoot <= 1.0:
             raise InputRefused(f"--overshoot-percent {100 * self.overshoot:g}: expected 0 to 100")
         if self.bandwidth is not None and not (math.isfinite(self.bandwidth) and self.bandwidth > 0.0):
-            raise InputRefused(f"--bandwidth-Hz {self.bandwidth / (2.0 * math.pi):g}: expected more than 0")
+            raise InputRefused(f"--bandwidth-Hz {self.bandwidth_hertz:g}: expected more than 0")
+
+    @property
+    def bandwidth_hertz(self) -> float:
+        """For people; 0 if none is asked."""
+        return (self.bandwidth or 0.0) / (2.0 * math.pi)
 
     def refuse_period(self, period: float) -> None:
         """Refuse a bandwidth that a controller with `period` (s) cannot have.
@@ -45,20 +50,23 @@ class Goals:
         """
         if self.bandwidth is not None and self.bandwidth >= math.pi / period:
             raise InputRefused(
-                f"--bandwidth-Hz {self.bandwidth / (2.0 * math.pi):g}: beyond half the controller's rate of "
+                f"--bandwidth-Hz {self.bandwidth_hertz:g}: beyond half the controller's rate of "
                 f"{1.0 / period:g} Hz; ask for less, or lower [controller] period_ms"
             )
 
 
-def checked_range(stiffness: tuple[float, float]) -> tuple[float, float]:
-    """`stiffness` (lowest, highest), N/m.
+def stiffness_range(text: str) -> tuple[float, float]:
+    """(lowest, highest) stiffness (N/m) of `text`, "300:5000".
 
     Raises:
         InputRefused: it is not an ascending range of positive numbers.
     """
-    low, high = stiffness
+    try:
+        low, high = (float(number) for number in text.split(":"))
+    except ValueError:
+        low, high = 0.0, 0.0
     if not (math.isfinite(high) and 0.0 < low <= high):
         raise InputRefused(
-            f"--stiffness-N-per-m {low:g}:{high:g}: expected two numbers above 0, the lower first, for example 300:5000"
+            f"--stiffness-N-per-m {text}: expected two numbers above 0, the lower first, for example 300:5000"
         )
-    return stiffness
+    return low, high

@@ -20,6 +20,8 @@ HORIZON = 8.0
 """Of a step response (s)."""
 SETTLED = 0.05
 """Band around the final value (share of the step)."""
+BLOCK = 64
+"""Samples; a power of two."""
 END = 0.1
 """Share of the samples."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
@@ -124,11 +126,20 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
     A, B, C = closed(corner, gains)
     rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i])
     final = float(C[i] @ rest)
-    # x(k) = rest - A^k rest; the rows C A^k are doubled in number until there are enough
-    samples, rows, power = round(HORIZON / corner.period), C[[i]], A
-    while len(rows) < samples:
+    # x(k) = rest - A^k rest; C A^(64 a + b) rest is the product of a few rows C A^b and columns A^(64 a) rest
+    samples = round(HORIZON / corner.period)
+    rows, power = _powers(C[[i]], A, BLOCK)
+    columns, _ = _powers(rest[None], power.T, -(-samples // BLOCK))
+    y = final - (columns @ rows.T).ravel()[:samples]
+    return np.arange(samples) * corner.period, y, final
+
+
+def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
+    """(`row` A^k for k = 0 .. count - 1 (count, n), A^m with m the power of two that is not below `count`)."""
+    rows, power = row, A
+    while len(rows) < count:
         rows, power = np.vstack([rows, rows @ power]), power @ power
-    return np.arange(samples) * corner.period, final - rows[:samples] @ rest, final
+    return rows[:count], power
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:

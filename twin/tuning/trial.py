@@ -1,6 +1,5 @@
 """Gains in the co-simulation with the real drives: a step at a corner, and the experiment itself."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,7 +14,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.schema import Reference
 from twin.tuning.corner import Corner, at_stiffness
 from twin.tuning.gains import LawGains, with_gains
-from twin.tuning.prediction import HORIZON, Answer, Prediction, answer, final_value
+from twin.tuning.prediction import HORIZON, Answer, answer, final_value
 
 REST = 3.0
 """Time (s) before the step, in which the platform sags under the drives' droop."""
@@ -44,22 +43,13 @@ class Trial:
     answer: Answer
 
 
-def tried_corners(predictions: Sequence[Prediction]) -> list[int]:
-    """Numbers of the corners to simulate a step at: for each drive, law and stiffness the place of largest M_s.
+def can_be_tried(corner: Corner) -> bool:
+    """Whether a step can be simulated: the position law's in air, the force law's pressing.
 
-    The position law is tried in air and the force law pressing. Where [controller.damping] acts nothing is tried: only
-    tasks have it, and tasks make no steps.
+    Where [controller.damping] acts there is none: only tasks have it, and tasks make no steps.
     """
-    worst: dict[tuple[str, str, float], int] = {}
-    for i, prediction in enumerate(predictions):
-        corner = prediction.corner
-        damping = corner.experiment.controller.damping if corner.experiment.tasks else None
-        if corner.point.in_contact != corner.point.force_on or (damping is not None and damping.gain > 0.0):
-            continue
-        key = (corner.drive, corner.laws[0], corner.point.parameters.K)
-        if key not in worst or prediction.sensitivity > predictions[worst[key]].sensitivity:
-            worst[key] = i
-    return sorted(worst.values())
+    damping = corner.experiment.controller.damping if corner.experiment.tasks else None
+    return corner.point.in_contact == corner.point.force_on and (damping is None or damping.gain == 0.0)
 
 
 def step_trial(corner: Corner, gains: LawGains) -> Trial | None:

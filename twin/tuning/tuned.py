@@ -13,7 +13,7 @@ from twin.tuning.gains import LawGains, gains_of
 from twin.tuning.goals import Goals
 from twin.tuning.prediction import Prediction, predicted
 from twin.tuning.search import Miss, best_gains, worst_misses
-from twin.tuning.trial import Trial, Whole, step_trial, tried_corners, whole_run
+from twin.tuning.trial import Trial, Whole, can_be_tried, step_trial, whole_run
 
 DOUBT = 0.05
 """Share of a step by which a simulated overshoot may exceed its goal, and a simulated end miss the predicted one:
@@ -122,9 +122,20 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
     goals = replace(goals, law=law)
     after = best_gains(found, goals, start)
     predictions = [predicted(corner, after) for corner in found]
-    tried = tried_corners(predictions)
+    tried = [i for i in worst_places(predictions) if can_be_tried(found[i])]
     judged = [_judged(experiments, found, drives, goals, gains, tried) for gains in (start, after)]
     return Tuned(list(experiments), goals, stiffness, drives, problems, *judged)
+
+
+def worst_places(predictions: Sequence[Prediction]) -> list[int]:
+    """Numbers of the corners that stand for all: for each drive, law and stiffness the place of largest M_s."""
+    worst: dict[tuple[str, str, bool, float], int] = {}
+    for i, prediction in enumerate(predictions):
+        corner = prediction.corner
+        key = (corner.drive, corner.laws[0], corner.point.in_contact, corner.point.parameters.K)
+        if key not in worst or prediction.sensitivity > predictions[worst[key]].sensitivity:
+            worst[key] = i
+    return sorted(worst.values())
 
 
 def _judged(
