@@ -20,7 +20,8 @@ def tune(
         float, typer.Option("--overshoot-percent", metavar="PERCENT", help="Largest overshoot of a step.")
     ] = 5.0,
     bandwidth: Annotated[
-        float | None, typer.Option("--bandwidth-Hz", metavar="HZ", help="Least bandwidth, of force if it is controlled.")
+        float | None,
+        typer.Option("--bandwidth-Hz", metavar="HZ", help="Least bandwidth, of force if it is controlled."),
     ] = None,
     stiffness: Annotated[
         str | None, typer.Option("--stiffness-N-per-m", metavar="LOW:HIGH", help="Stiffness of what is pressed on.")

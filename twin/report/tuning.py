@@ -38,10 +38,8 @@ def draw_tuning(done: Tuned, path: Path) -> None:
         axes.set_xlabel("time since the step (s)", fontsize=8)
         axes.tick_params(labelsize=8)
         axes.spines[["top", "right"]].set_visible(False)
-    handles, labels = [], []
-    for handle, label in zip(*grid.flat[0].get_legend_handles_labels(), strict=True):
-        handles.append(handle)
-        labels.append(label)
+    # a panel without a trial, or of an unstable loop, has fewer lines
+    handles, labels = max((axes.get_legend_handles_labels() for axes in grid.flat), key=lambda found: len(found[1]))
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     verdict = "goals met" if done.met else "GOALS NOT MET"
     title = f"Steps of {done.experiments[0].name}, share of the step: {verdict}"

@@ -44,7 +44,8 @@ def _verdict(done: Tuned) -> Iterator[str]:
     name, corners = done.experiments[0].name, len(done.after.predictions)
     if done.met:
         confirmed = ", and the co-simulation agrees" if done.after.trials else ""
-        yield f"{name}  GOALS MET at all {corners} corners{confirmed}"
+        where = "the one corner" if corners == 1 else f"all {corners} corners"
+        yield f"{name}  GOALS MET at {where}{confirmed}"
         return
     yield f"{name}  GOALS NOT MET; this is the best there is"
     for miss in done.after.misses:
@@ -79,52 +80,53 @@ def _gain(law: str, now: str, before: float) -> str:
 
 
 def _table(done: Tuned) -> Iterator[str]:
-    head = f"{'M_s':>5} {'over':>5} {'5 % in':>8} {'-3 dB':>8}"
-    yield f"{'':22} {'before':^29}{'':2}{'after':^27}".rstrip()
-    yield f"{'a step of':21} {head} {head}"
+    head = f"{'M_s':>5} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
+    yield f"{'':21}  {'before':-^27}  {'after':-^27}"
+    yield f"{'a step of':21}  {head}  {head}"
     drive = ""
     for i in worst_places(done.after.predictions):
         corner = done.after.predictions[i].corner
         if corner.drive != drive:
             drive = corner.drive
             yield Path(drive).stem
-        yield f"  {corner_name(corner):19} {_predicted(done.before, i)} {_predicted(done.after, i)}"
+        yield f"  {corner_name(corner):19}  {_predicted(done.before, i)}  {_predicted(done.after, i)}"
         if i in done.after.trials:
-            yield f"  {'  simulated':19} {_simulated(done.before, i)} {_simulated(done.after, i)}"
+            yield f"  {'  simulated':19}  {_simulated(done.before, i)}  {_simulated(done.after, i)}"
 
 
 def _predicted(judged: Judged, i: int) -> str:
     prediction = judged.predictions[i]
     if not prediction.stable:
-        return f"{'UNSTABLE':^29}"
+        return f"{'UNSTABLE':^27}"
     found = next(iter(prediction.answers.values()))
-    return f"{prediction.sensitivity:5.2f} {_answer(found)} {found.bandwidth / (2.0 * math.pi):5.3g} Hz"
+    return f"{prediction.sensitivity:5.2f} {_answer(found)} {found.bandwidth / (2.0 * math.pi):4.2g} Hz"
 
 
 def _simulated(judged: Judged, i: int) -> str:
     trial = judged.trials.get(i)
     if trial is None:
-        return f"{'failed' if i in judged.trials else 'not tried':^29}"
-    return f"{'':5} {_answer(trial.answer)} {'':8}"
+        return f"{'failed' if i in judged.trials else 'not tried':^27}"
+    return f"{'':5} {_answer(trial.answer)} {'':7}"
 
 
 def _answer(found: Answer) -> str:
     settling = f"{found.settling:.2f} s" if math.isfinite(found.settling) else f"> {HORIZON:g} s"
-    return f"{100.0 * found.overshoot:3.0f} % {settling:>8}"
+    return f"{100.0 * found.overshoot:3.0f} % {settling:>7}"
 
 
 def _runs(done: Tuned) -> Iterator[str]:
     for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
         text = f"{_run(before)} before, {_run(after)} after"
-        yield from _wrapped("run   ", f"the experiment itself with {Path(after.drive).stem}: {text}")
+        kind = "z" if after.outcome is None or after.outcome.force_error is None else "force"
+        yield from _wrapped("run   ", f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)")
 
 
 def _run(whole: Whole) -> str:
     if whole.outcome is None:
-        return "it fails"
+        return "it failed"
     force, z = whole.outcome.force_error, 1e3 * whole.outcome.z_error
-    error = f"z off by {z:.2g} mm rms" if force is None else f"force off by {force:.2g} N rms"
-    return f"safety trip, {error}" if whole.trip else error
+    error = f"{z:.2g} mm" if force is None else f"{force:.2g} N"
+    return f"{error} and a safety trip" if whole.trip else error
 
 
 def _wrapped(head: str, text: str) -> list[str]:

@@ -9,6 +9,7 @@ from twin.analysis.drive_model import Matrix
 from twin.analysis.margins import LOWEST, Complex, response
 from twin.analysis.sampled_law import ESTIMATED, LOOPS
 from twin.analysis.sampled_robot import TRUE
+from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.loop_analysis.linear_point import Linearised, LinearPoint
 from twin.loop_analysis.operating_point import OperatingPoint, on_stiffness, operating_points
@@ -71,7 +72,10 @@ def corners(
         low, high = stiffness
         each = np.geomspace(low, high, STIFFNESSES) if high > low else [low]
         air = [point for point in points if not point.in_contact]
-        points = air + [on_stiffness(point, float(K)) for point in points if point.in_contact for K in each]
+        try:
+            points = air + [on_stiffness(point, float(K)) for point in points if point.in_contact for K in each]
+        except InputRefused as refusal:
+            raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: {refusal}; raise the lower end") from None
     found, drives = [], []
     for experiment in experiments:
         shared = Linearised(with_gains(experiment, UNITY), points)

@@ -80,7 +80,7 @@ def closed(corner: Corner, gains: LawGains) -> tuple[Matrix, Matrix, Matrix]:
 
     The force law's integral is a state only where that law acts with an integral gain.
     """
-    n, T = len(corner.A), corner.period
+    T = corner.period
     kp, kp_F, ki = gains
     on = corner.point.force_on
     c_p, c_F = corner.C[:3], corner.C[3]
@@ -124,7 +124,7 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
         gains: with which the corner is stable.
     """
     A, B, C = closed(corner, gains)
-    rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i])
+    rest: Matrix = np.linalg.solve(np.eye(len(A)) - A, B[:, i])
     final = float(C[i] @ rest)
     # x(k) = rest - A^k rest; C A^(64 a + b) rest is the product of a few rows C A^b and columns A^(64 a) rest
     samples = round(HORIZON / corner.period)

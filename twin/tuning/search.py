@@ -19,7 +19,7 @@ from twin.tuning.prediction import HORIZON, Prediction, predicted
 SEED = 1
 POPULATION, GENERATIONS = 8, 25
 """Population per gain; most generations."""
-BOUNDS = LawGains((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))  # type: ignore[arg-type]
+BOUNDS = ((0.1, 200.0), (1e-6, 0.1), (1e-5, 1.0))
 """Searched range of each gain: kp (1/s), force_kp (m/N), force_ki (m/(N s))."""
 ROUNDING = 1e-3
 """By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
@@ -53,7 +53,7 @@ def misses(prediction: Prediction, goals: Goals) -> Iterator[Miss]:
         if found.overshoot > goals.overshoot + ROUNDING:
             yield Miss("overshoot", found.overshoot - goals.overshoot, found.overshoot, prediction)
         if goals.bandwidth and law == goals.law and found.bandwidth < (1.0 - ROUNDING) * goals.bandwidth:
-            yield Miss("bandwidth", goals.bandwidth / found.bandwidth - 1.0, found.bandwidth, prediction)
+            yield Miss("bandwidth", 1.0 - found.bandwidth / goals.bandwidth, found.bandwidth, prediction)
 
 
 def worst_misses(predictions: Sequence[Prediction], goals: Goals) -> list[Miss]:
@@ -81,7 +81,7 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
 def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains) -> LawGains:
     """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it."""
     force = any(corner.point.force_on for corner in corners)
-    bounds = [(math.log10(low), math.log10(high)) for low, high in (BOUNDS if force else BOUNDS[:1])]  # type: ignore[misc]
+    bounds = [(math.log10(low), math.log10(high)) for low, high in (BOUNDS if force else BOUNDS[:1])]
 
     def gains(logarithms: np.ndarray) -> LawGains:
         return rounded(LawGains(*(float(10.0**x) for x in logarithms), *start[len(logarithms) :]))

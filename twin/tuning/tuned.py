@@ -128,14 +128,18 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
 
 
 def worst_places(predictions: Sequence[Prediction]) -> list[int]:
-    """Numbers of the corners that stand for all: for each drive, law and stiffness the place of largest M_s."""
+    """Numbers of the corners that stand for all: for each drive, law and stiffness the place of largest M_s.
+
+    In the order of the drives, in air first, then by stiffness.
+    """
     worst: dict[tuple[str, str, bool, float], int] = {}
     for i, prediction in enumerate(predictions):
         corner = prediction.corner
         key = (corner.drive, corner.laws[0], corner.point.in_contact, corner.point.parameters.K)
         if key not in worst or prediction.sensitivity > predictions[worst[key]].sensitivity:
             worst[key] = i
-    return sorted(worst.values())
+    drives = list(dict.fromkeys(drive for drive, *_ in worst))
+    return [worst[key] for key in sorted(worst, key=lambda key: (drives.index(key[0]), *key[2:], key[1]))]
 
 
 def _judged(
