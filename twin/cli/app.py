@@ -22,6 +22,7 @@ from twin.cli import (
     report,
     run,
     schema,
+    tune,
 )
 from twin.errors import InputRefused, TwinError
 
@@ -59,6 +60,7 @@ app.command("accuracy")(accuracy.accuracy)
 app.command("identify")(identify.identify)
 app.command("export")(export.export)
 app.command("analyse")(analyse.analyse)
+app.command("tune")(tune.tune)
 app.add_typer(drive.app, name="drive")
 app.command("init")(init.init)
 app.command("schema")(schema.schema)
