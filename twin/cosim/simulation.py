@@ -137,7 +137,8 @@ class Simulation:
     def _advance(self, first: int, count: int, row: int = 0) -> tuple[int, int, int]:
         done = advance(
             self._table, self.system.sampled, self._timed, self.system.tick, self._y,
-            self.system.outputs_width, self.system.iterations, self._rows[row:], first, count, self.last_tick, self._mark,
+            self.system.outputs_width, self.system.iterations,
+            self._rows[row:], first, count, self.last_tick, self._mark,
         )  # fmt: skip
         self._mark[1] = NOBODY
         return done
