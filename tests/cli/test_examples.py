@@ -17,7 +17,7 @@ def repository(
 ) -> Path:
     """The repository as far as users see it, with the two runs of Fig. 4."""
     folder = tmp_path_factory.mktemp("repository")
-    for name in ("experiments", "fmus"):
+    for name in ("experiments", "fmus", "tests/baselines"):
         shutil.copytree(root / name, folder / name)
     for run in (force_position, position):
         name = run.metadata["experiment"]["name"]

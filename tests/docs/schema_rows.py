@@ -6,7 +6,7 @@ import annotated_types
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from twin.experiment import contact, experiment, fault, monitor, schema, task
+from twin.experiment import change, contact, experiment, fault, measure, monitor, reference, schema, task
 from twin.experiment.quantity import Section
 
 TABLES: dict[str, type[Section]] = {
@@ -28,7 +28,10 @@ TABLES: dict[str, type[Section]] = {
     "[controller.touch]": schema.Touch,
     "[controller.feed_forward]": schema.FeedForward,
     "[controller.damping]": schema.Damping,
-    "[reference]": schema.Reference,
+    "[reference]": reference.Reference,
+    "[reference.circle]": reference.Circle,
+    "[reference.chirp]": reference.Chirp,
+    "[reference.joint_step]": reference.JointStep,
     "[approach]": task.Approach,
     '[[task]] kind = "press"': task.Press,
     '[[task]] kind = "tap"': task.Tap,
@@ -36,6 +39,8 @@ TABLES: dict[str, type[Section]] = {
     '[[task]] kind = "push"': task.Push,
     "[monitor]": monitor.Monitor,
     "[[fault]]": fault.FaultTable,
+    "[[change]]": change.ChangeTable,
+    **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.KINDS.items()},
 }
 SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: "<", annotated_types.Le: "<="}
 

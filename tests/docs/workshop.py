@@ -31,7 +31,7 @@ class Workshop:
         self.folder = folder
         self._root = root
         self._refusal = ""
-        for name in ("experiments", "fmus"):
+        for name in ("experiments", "fmus", "tests/baselines"):
             shutil.copytree(root / name, folder / name)
         for name in ("examples", "benchmarks"):
             (folder / name).symlink_to(root / name)

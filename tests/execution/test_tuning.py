@@ -150,3 +150,23 @@ def test_after_the_end_nothing_can_be_changed(tmp_path: Path):
     turned(tmp_path / "x", knob)
     with pytest.raises(InputRefused, match="the run is over"):
         knob.tuning.request(REFERENCE, 6)
+
+
+def test_a_change_of_the_experiment_acts_within_a_slice_and_is_an_event_of_its_tick(tmp_path: Path):
+    changes = "change=[{t_s = 0.734, key = 'controller.force.reference_N', value = 6.0}]"
+    run, changed = turned(tmp_path / "changed", Knob(lambda tuning: None), overrides=[*TOUCHING, changes])
+    time, force = changed.time("controller"), changed["controller.F_z_ref"]
+    assert set(force[time < 0.7335]) == {5.0}
+    assert set(force[time > 0.7335]) == {6.0}
+    (event,) = [event for event in changed.events if event.name == "tuning"]
+    assert (event.time, event.text) == (0.734, f"{REFERENCE}: 5 -> 6")
+    # it is part of the experiment: whoever repeats that gets the same run
+    assert not run.changed and "changed" not in changed.metadata
+
+
+def test_a_live_change_after_one_of_the_experiment_tells_what_was_before_it(tmp_path: Path):
+    changes = "change=[{t_s = 0.25, key = 'controller.force.reference_N', value = 6.0}]"
+    knob = Knob(lambda tuning: tuning.request(REFERENCE, 7), 7 * SLICE_TICKS)
+    _, changed = turned(tmp_path / "changed", knob, overrides=[*TOUCHING, changes])
+    told = [event.text for event in changed.events if event.name == "tuning"]
+    assert told == [f"{REFERENCE}: 5 -> 6", f"{REFERENCE}: 6 -> 7 (live)"]

@@ -7,7 +7,9 @@ from typing import Any
 def tables(schema: dict[str, Any], path: str = "") -> Iterator[tuple[str, set[str]]]:
     """(dotted path, keys) of every table but the joints' drives and the arrays."""
     node = resolved(schema, path)
-    joints = {"joint_1", "joint_2", "joint_3"} | ({"task", "fault", "extends"} if not path else set())
+    joints = {"joint_1", "joint_2", "joint_3"} | (
+        {"task", "fault", "change", "measure", "extends"} if not path else set()
+    )
     keys = node["properties"].keys() - joints
     yield path, {key for key in keys if not _is_table(node["properties"][key])}
     for key in sorted(keys):

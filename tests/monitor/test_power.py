@@ -1,11 +1,13 @@
 """What the monitor's `power` does to drives."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
-from tests.laws.runs import EXPERIMENTS, Rows
+from tests.laws.runs import EXPERIMENTS
 from twin.assembly import assemble
-from twin.cosim.simulation import Simulation
+from twin.assembly.rows import Rows, rows_of
 from twin.experiment.experiment import load_experiment
 
 RUNAWAY = 'fault=[{kind="drive_runaway", onset_s=2.0, magnitude_rad_per_s=2.0}]'
@@ -16,8 +18,7 @@ def run(*settings: str) -> Rows:
     experiment = load_experiment(
         EXPERIMENTS / "pressing.toml", [RUNAWAY, "duration_s=12", *settings], "torque_motor_fmi3"
     )
-    with assemble(experiment) as assembly:
-        return Rows(assembly.system, Simulation(assembly.system, 3000).run())
+    return rows_of(replace(experiment, duration_ticks=3000))
 
 
 def test_a_drive_that_can_be_switched_loses_its_current_with_the_power():

@@ -50,10 +50,10 @@ def energies(parameters, x, theta_m, duration=0.05):
     """Energy (J) at each step of a free motion with the motors held, shape (steps + 1,)."""
     x, k, stage = x.copy(), np.empty((4, 8)), np.empty(8)
     # a bristle longer than the cone allows is no state the robot can be in
-    integrate(parameters, x, theta_m, STILL, STILL, 0.0, k, stage)
+    integrate(parameters, x, theta_m, STILL, STILL, STILL, 0.0, k, stage)
     found = [energy(parameters, x, theta_m)]
     for _ in range(round(duration / STEP)):
-        integrate(parameters, x, theta_m, STILL, STILL, STEP, k, stage)
+        integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, k, stage)
         found.append(energy(parameters, x, theta_m))
     return np.array(found)
 
@@ -115,7 +115,7 @@ def test_the_papers_constant_efficiency_gives_back_what_it_took():
     end, same = x.copy(), x.copy()
     scratch = np.empty((4, 8)), np.empty(8)
     for _ in range(1000):
-        integrate(soft, end, theta_m, STILL, STILL, STEP, *scratch)
-        integrate(equivalent, same, theta_m, STILL, STILL, STEP, *scratch)
+        integrate(soft, end, theta_m, STILL, STILL, STILL, STEP, *scratch)
+        integrate(equivalent, same, theta_m, STILL, STILL, STILL, STEP, *scratch)
     # rounding over 1000 steps
     np.testing.assert_allclose(end, same, rtol=0, atol=1e-12)

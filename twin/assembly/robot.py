@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.assembly.computer import computation_delay, controller, estimator, safety_monitor
 from twin.assembly.drives import ENABLE, DrivePlan, Start, drive, planned
+from twin.assembly.tunable import scheduled
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.errors import InputRefused
@@ -74,8 +75,9 @@ def assemble(
         _refuse_second_instances(plans)
     parameters = plant_parameters(experiment.plant, experiment.contact)
     x, theta_m = resting(parameters, experiment.start)
+    ramp = experiment.cosim.inputs == "linear"
     motions = [*experiment.contact.motions, *_faulty_motions(experiment)]
-    plant = Plant(parameters, x, theta_m, experiment.plant.substeps, bool(motions))
+    plant = Plant(parameters, x, theta_m, experiment.plant.substeps, bool(motions), ramp)
     tau_load = plant.initial("tau_load")
     body: list[Component] = [Body(motions)] if motions else []
     scale: list[Component] = []
@@ -108,6 +110,12 @@ def assemble(
             wires += _power_wires(components)
         components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
         wires += _wires(chain, bool(body), bool(scale), bool(watched))
+        if ramp:
+            wires += [
+                (source, target.replace("plant.theta_m", "plant.theta_m_start"))
+                for source, target in wires
+                if target.startswith("plant.theta_m")
+            ]
         if experiment.tasks:
             wires.append(("estimator.tau_l", "controller.tau_l"))
         components, wires = inject(
@@ -118,7 +126,9 @@ def assemble(
             (experiment.plant.motor_counts_per_turn, experiment.plant.joint_counts_per_turn),
             experiment.controller.speed_limit,
         )
-        system = System(components, wires, experiment.cosim.tick, experiment.cosim.scheme)
+        cosim = experiment.cosim
+        system = System(components, wires, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
+        system.changes = scheduled(experiment, system)
         made.pop_all()
     return Assembly(system, plans)
 

@@ -6,7 +6,25 @@ from typing import Annotated
 import typer
 
 from twin import __version__
-from twin.cli import analyse, compare, doctor, drive, export, faults, init, replay, report, run, schema, sweep
+from twin.cli import (
+    accuracy,
+    analyse,
+    check,
+    compare,
+    converge,
+    doctor,
+    drive,
+    export,
+    faults,
+    identify,
+    init,
+    replay,
+    report,
+    run,
+    schema,
+    sweep,
+    tune,
+)
 from twin.errors import InputRefused, TwinError
 
 INTERRUPTED = 130
@@ -34,12 +52,17 @@ def twin(
 
 app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
+app.command("check")(check.check)
 app.command("faults")(faults.faults)
 app.add_typer(sweep.app, name="sweep")
 app.command("report")(report.report)
 app.command("replay")(replay.replay)
+app.command("converge")(converge.converge)
+app.command("accuracy")(accuracy.accuracy)
+app.command("identify")(identify.identify)
 app.command("export")(export.export)
 app.command("analyse")(analyse.analyse)
+app.command("tune")(tune.tune)
 app.add_typer(drive.app, name="drive")
 app.command("init")(init.init)
 app.command("schema")(schema.schema)

@@ -5,6 +5,8 @@ from typing import Any, Literal
 
 import numpy as np
 
+from twin.cosim.rewind import Rewind, record_rewind
+
 NOT_FINITE = 1 << 32
 """Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
 
@@ -19,6 +21,8 @@ class Port:
         unit: SI unit as text, "1" for pure numbers.
         meaning: one phrase, frames and sign included.
         kind: "double", "int" or "bool": how a recording keeps it; on a wire every value is a double.
+        instant: which instant of a step an input stands for, where the system interpolates inputs: one that is held
+            over the step for its middle; see `System`.
     """
 
     name: str
@@ -26,6 +30,7 @@ class Port:
     unit: str = "1"
     meaning: str = ""
     kind: Literal["double", "int", "bool"] = "double"
+    instant: Literal["start", "middle", "end"] = "middle"
 
 
 @dataclass
@@ -70,6 +75,10 @@ class Component:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""
         return f"returned status {status}"
 
+    def rewind(self) -> Rewind | None:
+        """How to repeat its steps, from now on possible; None: it cannot."""
+        return None
+
     def keep_time(self, clock: np.ndarray) -> None:
         """Take note of the clock of the simulation it is part of: `clock[0]` is the tick being stepped."""
 
@@ -90,6 +99,7 @@ class NativeComponent(Component):
         memory: (1,) record that the step works on.
         initial_outputs: zeros if not given; a sampled component overwrites them at tick 0.
         keep: what `memory` points to.
+        rewindable: whether all that its steps change lies in `memory` itself.
     """
 
     def __init__(
@@ -103,6 +113,7 @@ class NativeComponent(Component):
         initial_outputs: np.ndarray | None = None,
         period: int = 1,
         keep: Any = None,
+        rewindable: bool = False,
     ):
         super().__init__(
             name=name,
@@ -116,6 +127,10 @@ class NativeComponent(Component):
             keep=(memory, keep),
         )
         self.memory = memory
+        self._rewindable = rewindable
+
+    def rewind(self) -> Rewind | None:
+        return record_rewind(self.memory) if self._rewindable else None
 
 
 def width(ports: tuple[Port, ...]) -> int:

@@ -91,6 +91,7 @@ def pointer_to(item: types.Type) -> Any:
 
 
 doubles_at = pointer_to(types.float64)
+bytes_at = pointer_to(types.uint8)
 integers_at = pointer_to(types.uint64)
 """Unsigned: an index read from it is never negative, which saves a check."""
 

@@ -69,8 +69,7 @@ class Simulation:
         self._mark, self._u = memory.mark, memory.u
         for component in system.components:
             component.keep_time(self._mark)
-        valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in system.components)])
-        self._y = np.concatenate([valid, valid])
+        self._y = system.outputs()
         self._rows = np.empty((slice_ticks, system.outputs_width))
         self._table = system.table(self._u, self._y)
         self._timed = timed
@@ -95,12 +94,16 @@ class Simulation:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
             component failed, the rows before it, and `failure` says what happened.
         """
-        first = self.next_tick
-        done, culprit, status = self._advance(first, len(self._rows))
-        self.next_tick = first + done
-        if culprit >= 0:
-            sampled = culprit < self.system.sampled
-            self.failure = self._failed(culprit, status, self.next_tick if sampled else self.next_tick - 1)
+        done = 0
+        while done < len(self._rows) and not self.finished:
+            before_next_change = self._change_memory()
+            count = min(len(self._rows) - done, before_next_change)
+            made, culprit, status = self._advance(self.next_tick, count, done)
+            done += made
+            self.next_tick += made
+            if culprit >= 0:
+                sampled = culprit < self.system.sampled
+                self.failure = self._failed(culprit, status, self.next_tick if sampled else self.next_tick - 1)
         return self._rows[:done]
 
     def run(self) -> np.ndarray:
@@ -121,10 +124,21 @@ class Simulation:
         c = self.system.components.index(component)
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
-    def _advance(self, first: int, count: int) -> tuple[int, int, int]:
+    def _change_memory(self) -> int:
+        """Make the changes of the next tick; how many ticks may follow before there are others to make."""
+        for change in self.system.changes:
+            if change.tick == self.next_tick:
+                change.memory[...] = change.value
+        return min(
+            (change.tick - self.next_tick for change in self.system.changes if change.tick > self.next_tick),
+            default=len(self._rows),
+        )
+
+    def _advance(self, first: int, count: int, row: int = 0) -> tuple[int, int, int]:
         done = advance(
             self._table, self.system.sampled, self._timed, self.system.tick, self._y,
-            self._rows, first, count, self.last_tick, self._mark,
+            self.system.outputs_width, self.system.iterations,
+            self._rows[row:], first, count, self.last_tick, self._mark,
         )  # fmt: skip
         self._mark[1] = NOBODY
         return done

@@ -11,9 +11,10 @@ from numba import carray, from_dtype, types
 
 from twin.cosim.component import Component, Port, width
 from twin.cosim.failure import failed_phrase
+from twin.cosim.interpolation import Scheme
 from twin.cosim.master import TABLE, advance
 from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to, step_function
-from twin.cosim.system import Scheme, System
+from twin.cosim.system import System
 from twin.errors import InputRefused
 
 INLET = "inlet"
@@ -63,7 +64,9 @@ def _step(self, t, h, u, y):
     no_rows = carray(doubles_at(m.y), (m.substeps, 0))
     table = carray(_table_at(m.table), m.components)
     mark = carray(_marks_at(m.mark), 2)
-    done, culprit, status = advance(table, m.sampled, False, m.tick, inner, no_rows, m.next, m.substeps, NEVER, mark)
+    done, culprit, status = advance(
+        table, m.sampled, False, m.tick, inner, m.y_size // 2, 1, no_rows, m.next, m.substeps, NEVER, mark
+    )
     if culprit >= 0:
         # a continuous component fails in the tick whose row was already done
         m.culprit, m.status, m.next = culprit, status, m.next + done - (1 if culprit >= m.sampled else 0)
@@ -111,8 +114,7 @@ class Subsystem(Component):
         )  # fmt: skip
         self.system = System([inlet, *components], wires, tick, scheme)
         self._u = np.zeros(self.system.inputs_width)
-        valid = np.concatenate([c.initial_outputs for c in self.system.components])
-        self._y = np.concatenate([valid, valid])
+        self._y = self.system.outputs()
         self._table = self.system.table(self._u, self._y)
         columns = [self.system.columns(source) for _, source in outputs]
         self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
@@ -132,7 +134,7 @@ class Subsystem(Component):
             sampled=False,
             step_address=_step.address,
             self_address=self._memory.ctypes.data,
-            initial_outputs=valid[self._outlet.astype(int)],
+            initial_outputs=self._y[self._outlet.astype(int)],
             label=label,
             keep=inlet_memory,
         )

@@ -4,15 +4,16 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 
 from twin.cosim.component import Component, Port, width
+from twin.cosim.interpolation import VALID, Inputs, Scheme, input_weights
 from twin.cosim.master import TABLE
+from twin.cosim.rewind import Rewind
 from twin.errors import InputRefused
 
-Scheme = Literal["gauss_seidel", "jacobi"]
 _END = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
 
 
@@ -25,6 +26,14 @@ class Slots:
     component: int
 
 
+class Change(NamedTuple):
+    """A number of a component's memory that is another from `tick` on: `memory[...] = value`."""
+
+    tick: int
+    memory: np.ndarray
+    value: float
+
+
 class System:
     """A co-simulation ready to be run.
 
@@ -35,10 +44,21 @@ class System:
         tick: duration of a tick (s), > 0.
         scheme: "gauss_seidel": a continuous component sees the newest outputs of those before it (of a slower one,
             those that its present step will publish), and those of t_k of the others. "jacobi": all see t_k.
+        inputs: of continuous components from each other. "hold": what the scheme says, constant over the step.
+            "linear": the value in the middle of the step, or where the port's `instant` says, on a line between both
+            ends as far as the scheme knows them, else drawn on from the step before.
+        iterations: how often the continuous components make each step; from the second time on all of them see what
+            the others came to.
+
+    Attributes:
+        changes: what every simulation of it changes on the way, by ascending ticks; none unless somebody sets them.
 
     Raises:
-        InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two.
+        InputRefused: unknown or doubly named component or port, sizes that differ, an input with no wire or two; a
+            continuous component that cannot repeat a step, or does not step every tick, where that is asked for.
     """
+
+    changes: tuple[Change, ...] = ()
 
     def __init__(
         self,
@@ -46,10 +66,14 @@ class System:
         wires: Iterable[tuple[str, str]],
         tick: float,
         scheme: Scheme = "gauss_seidel",
+        inputs: Inputs = "hold",
+        iterations: int = 1,
     ):
         self.components = tuple(sorted(components, key=lambda c: not c.sampled))
         self.tick = tick
         self.scheme = scheme
+        self.inputs = inputs
+        self.iterations = iterations
         self.sampled = sum(c.sampled for c in self.components)
         names = [c.name for c in self.components]
         for name in names:
@@ -71,6 +95,13 @@ class System:
         self.u_start = _starts([width(c.inputs) for c in self.components])
         self.y_start = _starts([width(c.outputs) for c in self.components])
         self.sources = self._connect(list(wires))
+        self._weights = self._interpolated() if self.interpolates else []
+        self._rewinds = self._repeatable() if iterations > 1 else []
+
+    @property
+    def interpolates(self) -> bool:
+        """Whether inputs are weighted sums of outputs at several instants."""
+        return self.inputs != "hold" or self.iterations > 1
 
     @property
     def inputs_width(self) -> int:
@@ -80,11 +111,16 @@ class System:
     def outputs_width(self) -> int:
         return int(self.y_start[-1])
 
+    def outputs(self) -> np.ndarray:
+        """Memory of all outputs as they are before tick 0: (2 * outputs_width,), or 3 times if it interpolates."""
+        valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
+        return np.tile(valid, 3 if self.interpolates else 2)
+
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """The components as the compiled loop reads them.
 
         Args:
-            u: memory of all inputs, (inputs_width,). y: of all outputs, twice: (2 * outputs_width,).
+            u: memory of all inputs, (inputs_width,). y: of all outputs, as `outputs` makes it.
 
         Returns:
             (number of components,) of `TABLE`; it holds addresses of `u`, `y` and this system, and keeps none alive.
@@ -99,6 +135,13 @@ class System:
         table["valid"], table["y_size"] = y.ctypes.data + y.itemsize * self.y_start[:-1], np.diff(self.y_start)
         table["newest"] = table["valid"]
         table["newest"][self.sampled :] += y.itemsize * self.outputs_width
+        if self.interpolates:
+            table["before"][self.sampled :] = table["newest"][self.sampled :] + y.itemsize * self.outputs_width
+            table["weights"][self.sampled :] = [weights.ctypes.data for weights in self._weights]
+        if self._rewinds:
+            table["save"][self.sampled :] = [rewind.save_address for rewind in self._rewinds]
+            table["restore"][self.sampled :] = [rewind.restore_address for rewind in self._rewinds]
+            table["rewind"][self.sampled :] = [rewind.self_address for rewind in self._rewinds]
         return table
 
     def columns(self, end: str) -> slice:
@@ -117,7 +160,8 @@ class System:
                 raise InputRefused(f"wire {source} -> {target}: {from_.size} values into {to.size}")
             if np.any(sources[to.start : to.start + to.size] >= 0):
                 raise InputRefused(f"input {target} is fed by two wires; remove one ({source})")
-            newest = self.outputs_width if self._sees_newest(from_.component, to.component) else 0
+            seen = self._sees_newest(from_.component, to.component) and not self.interpolates
+            newest = self.outputs_width if seen else 0
             sources[to.start : to.start + to.size] = newest + from_.start + np.arange(from_.size)
         for c, component in enumerate(self.components):
             start = self.u_start[c]
@@ -126,6 +170,40 @@ class System:
                     raise InputRefused(f"input {component.name}.{port.name} has no wire; connect an output to it")
                 start += port.size
         return sources
+
+    def _interpolated(self) -> list[np.ndarray]:
+        """Weights (2, inputs, 3) of each continuous component."""
+        found = []
+        for c in range(self.sampled, len(self.components)):
+            component = self.components[c]
+            if component.period != 1:
+                raise InputRefused(
+                    f"{component.name}: steps every {component.period} ticks; interpolated inputs and repeated steps "
+                    "need continuous components that step every tick"
+                )
+            ports = [port for port in component.inputs for _ in range(port.size)]
+            sources = self.sources[self.u_start[c] : self.u_start[c + 1]]
+            owners = np.searchsorted(self.y_start, sources, side="right") - 1
+            weights = [
+                np.array([VALID, VALID])
+                if owner < self.sampled
+                else input_weights(port, self._sees_newest(int(owner), c), self.inputs)
+                for port, owner in zip(ports, owners, strict=True)
+            ]
+            found.append(np.ascontiguousarray(np.reshape(weights, (-1, 2, 3)).swapaxes(0, 1)))
+        return found
+
+    def _repeatable(self) -> list[Rewind]:
+        rewinds = []
+        for component in self.components[self.sampled :]:
+            rewind = component.rewind()
+            if rewind is None:
+                raise InputRefused(
+                    f"{component.label or component.name}: cannot go back to the start of a step, which iterations = "
+                    f"{self.iterations} needs; use iterations = 1"
+                )
+            rewinds.append(rewind)
+        return rewinds
 
     def _sees_newest(self, source: int, target: int) -> bool:
         return self.scheme == "gauss_seidel" and self.sampled <= source < target

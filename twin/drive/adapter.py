@@ -47,6 +47,7 @@ MEMORY = np.dtype(
         ("version", "i8"),
         ("instance", "i8"),
         ("do_step", "i8"),
+        ("final", "i8"),
         ("inputs", "i8"),
         ("input_groups", "i8"),
         ("outputs", "i8"),
@@ -89,32 +90,33 @@ def _access_3(typingctx, function, instance, references, count, values, value_co
 
 
 @intrinsic
-def do_step_2(typingctx, function, instance, t, h):
-    """`fmi2Status fmi2DoStep(c, t, h, fmi2True)`; no state is ever restored to a time before `t`."""
+def do_step_2(typingctx, function, instance, t, h, final):
+    """`fmi2Status fmi2DoStep(c, t, h, final)`; `final`: no state will ever be restored to a time before `t`."""
 
     def codegen(context, builder, signature, arguments):
-        f, c, t_, h_ = arguments
+        f, c, t_, h_, final_ = arguments
         kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I32])
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID), t_, h_, _I32(1)])
+        final_ = builder.trunc(final_, _I32)
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID), t_, h_, final_])
 
-    return types.int32(types.int64, types.int64, types.float64, types.float64), codegen
+    return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64), codegen
 
 
 @intrinsic
-def _do_step_3(typingctx, function, instance, t, h, returned):
-    """`fmi3Status fmi3DoStep(instance, t, h, fmi3True, &event, &terminate, &early, &lastTime)`.
+def _do_step_3(typingctx, function, instance, t, h, final, returned):
+    """`fmi3Status fmi3DoStep(instance, t, h, final, &event, &terminate, &early, &lastTime)`.
 
     `returned` is the address of 16 bytes for what comes back: lastTime, then the three flags, one byte each.
     """
 
     def codegen(context, builder, signature, arguments):
-        f, c, t_, h_, returned_ = arguments
+        f, c, t_, h_, final_, returned_ = arguments
         kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I8, _VOID, _VOID, _VOID, _VOID])
         places = [builder.inttoptr(builder.add(returned_, _I64(i)), _VOID) for i in (8, 9, 10, 0)]
         target = builder.inttoptr(f, kind.as_pointer())
-        return builder.call(target, [builder.inttoptr(c, _VOID), t_, h_, _I8(1), *places])
+        return builder.call(target, [builder.inttoptr(c, _VOID), t_, h_, builder.trunc(final_, _I8), *places])
 
-    return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64), codegen
+    return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64), codegen
 
 
 @njit(cache=True)
@@ -194,9 +196,9 @@ def step(self, t, h, u, y):
         if status > 1:
             return SET + status
     if m.version == 2:
-        status = do_step_2(m.do_step, m.instance, t, h)
+        status = do_step_2(m.do_step, m.instance, t, h, m.final)
     else:
-        status = _do_step_3(m.do_step, m.instance, t, h, m.returned)
+        status = _do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
         if status <= 1 and carray(_u8(m.returned), 16)[9]:
             return TERMINATE
     if status > 1:

@@ -7,9 +7,11 @@ from pathlib import Path
 import numpy as np
 
 from twin.cosim.component import Component, Port
-from twin.drive import adapter, plain_adapter
+from twin.cosim.rewind import Rewind
+from twin.drive import adapter, fmu_state, plain_adapter
 from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
 from twin.drive.description import FmuDescription, Variable
+from twin.drive.fmu_state import RESTORE, SAVE
 from twin.drive.instance import Instance, Setting
 from twin.errors import InputRefused
 
@@ -75,7 +77,10 @@ class FmuComponent(Component):
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
         self._shift, self._returned = shift, np.zeros(16, dtype=np.uint8)
         self._groups = (self._grouped(inputs, "Set"), self._grouped(outputs, "Get", shift))
+        self._state: np.ndarray | None = None
         address, memory = self._plain() if self._is_plain(inputs, outputs, shift) else self._general()
+        memory["final"] = 1
+        self._memory = memory
         super().__init__(
             name=name,
             inputs=tuple(p.port for p in inputs),
@@ -93,9 +98,28 @@ class FmuComponent(Component):
         said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
         if status == TERMINATE:
             return f"{prefix}DoStep asked to terminate the simulation{said}"
-        called = {SET: "Set", DO_STEP: "DoStep", GET: "Get"}[status // 16 * 16]
+        functions = {SET: "Set", DO_STEP: "DoStep", GET: "Get", SAVE: f"Get{self._state_name}"}
+        functions[RESTORE] = f"Set{self._state_name}"
+        called = functions[status // 16 * 16]
         code = STATUSES.get(status % 16, f" status {status % 16}")
         return f"{prefix}{called} returned {prefix}{code}{said}"
+
+    def rewind(self) -> Rewind | None:
+        if not self.instance.description.model.coSimulation.canGetAndSetFMUstate:
+            return None
+        # from now on a step may be repeated
+        self._memory["final"] = 0
+        memory = self._state = np.zeros(1, dtype=fmu_state.MEMORY)
+        m = memory[0]
+        m["instance"] = self.instance.handle
+        m["get"], m["set"] = (self.instance.address(f"{verb}{self._state_name}") for verb in ("Get", "Set"))
+        m["cell"] = memory["state"].ctypes.data
+        return Rewind(fmu_state.save.address, fmu_state.restore.address, memory.ctypes.data, memory)
+
+    @property
+    def _state_name(self) -> str:
+        """What the state is called in names of functions, which changed from FMI 2.0 to 3.0."""
+        return "FMUstate" if self.instance.description.version == 2 else "FMUState"
 
     def keep_time(self, clock: np.ndarray) -> None:
         self.instance.clock = clock
@@ -104,6 +128,9 @@ class FmuComponent(Component):
         return self.instance.unheard()
 
     def close(self) -> None:
+        if self._state is not None and self._state[0]["state"]:
+            self.instance.forget(int(self._state[0]["state"]))
+            self._state = None
         self.instance.close()
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:

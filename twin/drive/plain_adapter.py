@@ -14,6 +14,7 @@ MEMORY = np.dtype(
         ("instance", "i8"),
         ("set_real", "i8"),
         ("do_step", "i8"),
+        ("final", "i8"),
         ("get_real", "i8"),
         ("inputs", "i8"),
         ("input_references", "i8"),
@@ -32,7 +33,7 @@ def step(self, t, h, u, y):
     status = access_2(m.set_real, m.instance, m.input_references, m.inputs, address_of(u))
     if status > 1:
         return SET + status
-    status = do_step_2(m.do_step, m.instance, t, h)
+    status = do_step_2(m.do_step, m.instance, t, h, m.final)
     if status > 1:
         return DO_STEP + status
     status = access_2(m.get_real, m.instance, m.output_references, m.outputs, address_of(y))

@@ -135,7 +135,8 @@ def _recorded(
             began = time.perf_counter()
             rows = simulation.advance()
             stepped = time.perf_counter()
-            happened = [*changes, *watch.events(first, rows)]
+            scheduled = tuning.scheduled(first, simulation.next_tick)
+            happened = [*changes, *sorted([*scheduled, *watch.events(first, rows)], key=lambda event: event.tick)]
             block.add(rows, happened)
             tally.take(rows)
             events += happened

@@ -6,6 +6,7 @@ from twin.assembly.robot import Assembly
 from twin.assembly.tunable import tunables
 from twin.errors import InputRefused
 from twin.execution.watch import Event
+from twin.experiment.change import changed_value
 from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import unknown
 
@@ -44,7 +45,7 @@ class Tuning:
         """
         if key not in self._tunables:
             raise InputRefused(f"{unknown(key, list(self._tunables))}; only these can be changed while it runs")
-        value = self._tunables[key].in_si(number, self._experiment.values)
+        value = changed_value(key, number, self._experiment.values)
         with self._lock:
             if not self._open:
                 raise InputRefused(f"{key} = {number}: the run is over, nothing can be changed any more")
@@ -64,6 +65,17 @@ class Tuning:
                 events.append(Event(tick, "INFO", f"{key}: {_written(before)} -> {_written(number)} (live)", "tuning"))
             self.changed = self.changed or bool(events)
             return events
+
+    def scheduled(self, first: int, end: int) -> list[Event]:
+        """What the experiment itself has changed in the ticks from `first` to before `end`."""
+        events = []
+        with self._lock:
+            for change in self._experiment.changes:
+                if first <= change.tick < end and change.key in self._values:
+                    before, self._values[change.key] = self._values[change.key], change.number
+                    told = f"{change.key}: {_written(before)} -> {_written(change.number)}"
+                    events.append(Event(change.tick, "INFO", told, "tuning"))
+        return events
 
     def close(self) -> None:
         """Refuse from now on."""

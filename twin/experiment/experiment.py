@@ -1,5 +1,6 @@
 """The validated experiment, SI inside, and how a file becomes one."""
 
+import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -7,16 +8,20 @@ from typing import Any
 
 from pydantic import Field, ValidationError
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, Unreachable
 from twin.experiment import schema, task
 from twin.experiment.agreement import disagreements
 from twin.experiment.body_files import fill_from_body, replace_body
+from twin.experiment.change import Change, checked_changes
 from twin.experiment.contact import Contact
 from twin.experiment.drive_files import joint_tables, shelved
 from twin.experiment.fault import checked_faults
+from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import keys, sentences, unknown
 from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
+from twin.experiment.reach import geometry_of
+from twin.experiment.reference import Reference, WayPoints, way_points
 from twin.experiment.source import override, read_source, replace_drive
 from twin.faults.fault import Fault
 
@@ -38,12 +43,12 @@ TABLES: dict[str, type[Section]] = {
 }
 OPTIONAL_TABLES: dict[str, type[Section]] = {
     "scale": schema.Scale,
-    "reference": schema.Reference,
+    "reference": Reference,
     "approach": task.Approach,
     "monitor": Monitor,
     "recording": schema.Recording,
 }
-ARRAYS = ("task", "fault")
+ARRAYS = ("task", "fault", "change", "measure")
 """Arrays of tables."""
 OTHERS = ("drive", *ARRAYS)
 """What is checked elsewhere than `TABLES`."""
@@ -56,10 +61,12 @@ class Experiment:
     Attributes:
         name: the file's stem. title: for people. seed: of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
-        reference: way points; None: `tasks` lead the robot, and `approach` says how they come and go.
+        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come
+            and go.
         scale: the display; None: what the robot presses on has none.
         monitor: None: nobody watches.
         faults: what breaks, in ticks.
+        changes: what of the controller changes on the way, in ticks. measures: what `twin check` measures.
         drives: one per joint, complete, FMUs as absolute paths.
         recording: what of the run is kept.
         values: the merged file as it was checked, keys with units. origins: where each value comes from.
@@ -79,11 +86,13 @@ class Experiment:
     scale: schema.Scale | None
     cosim: schema.Cosim
     controller: schema.Controller
-    reference: schema.Reference | None
+    reference: WayPoints | None
     approach: task.Approach | None
     tasks: tuple[task.Task, ...]
     monitor: Monitor | None
     faults: tuple[Fault, ...]
+    changes: tuple[Change, ...]
+    measures: tuple[Measure, ...]
     drives: tuple[schema.Drive, schema.Drive, schema.Drive]
     recording: schema.Recording
     values: dict[str, Any]
@@ -132,6 +141,10 @@ def load_experiment(
     # without a tick there are no ticks to count a fault's onset in
     tick = checked["cosim"].tick if "cosim" in checked else 1e-9
     faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
+    length = checked["head"].duration if "head" in checked else math.inf
+    changes = checked_changes(source.values.get("change", ()), source.values, tick, length, mistakes)
+    measures = checked_measures(source.values.get("measure", ()), length, mistakes)
+    _expand_reference(checked, length, mistakes)
     mistakes += disagreements(checked, tasks, source.values)
     if mistakes:
         raise InputRefused(_told(path, mistakes))
@@ -156,6 +169,8 @@ def load_experiment(
         tasks=tuple(tasks.values()),
         monitor=monitor if monitor is not None and monitor.enabled else None,
         faults=faults,
+        changes=changes,
+        measures=measures,
         drives=(one, two, three),
         recording=checked.get("recording", schema.Recording()),
         values=source.values,
@@ -202,6 +217,23 @@ def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
             told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
             mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
     return checked
+
+
+def _expand_reference(checked: dict[str, Any], duration: float, mistakes: list[str]) -> None:
+    """Put the way points of [reference] in its place."""
+    reference, computer = checked.pop("reference", None), checked.get("controller")
+    if reference is None:
+        return
+    try:
+        if reference.t is not None:
+            checked["reference"] = WayPoints(reference.t, reference.p)
+        # a shape has to know whose samples and joints it is made of
+        elif computer is not None:
+            checked["reference"] = way_points(reference, geometry_of(computer.model), computer.period, duration)
+    except Unreachable as problem:
+        mistakes.append(f"[reference.joint_step] {problem}")
+    except ValueError as problem:
+        mistakes.append(str(problem))
 
 
 def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:

@@ -6,16 +6,19 @@ anything to the file that it extends.
 """
 
 import json
+from collections.abc import Mapping
 from typing import Any
 
 from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
 from twin.experiment import schema
+from twin.experiment.change import CHANGEABLE, ChangeTable
 from twin.experiment.drive_files import JOINTS
 from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
 from twin.experiment.fault import table_of
-from twin.experiment.task import KINDS
+from twin.experiment.measure import KINDS as MEASURES
+from twin.experiment.task import KINDS as TASKS
 from twin.faults.catalogue import CATALOGUE
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -49,8 +52,12 @@ def experiment_json_schema() -> Node:
             **head["properties"],
             **tables,
             "drive": drive,
-            "task": _array(_tasks(defined), "What the robot does, one task after the other; instead of [reference]."),
+            "task": _array(
+                _by_kind(TASKS, defined), "What the robot does, one task after the other; instead of [reference]."
+            ),
             "fault": _array(_faults(defined), "What breaks."),
+            "change": _array([_change(defined)], "What of the controller changes on the way."),
+            "measure": _array(_by_kind(MEASURES, defined), "What twin check measures."),
         },
         "$defs": defined,
     }
@@ -63,8 +70,13 @@ class _Untitled(GenerateJsonSchema):
         return False
 
 
-def _tasks(defined: Node) -> list[Node]:
-    return [_complete(model, {"kind": {"const": kind}}, defined) for kind, model in KINDS.items()]
+def _by_kind(kinds: Mapping[str, type[BaseModel]], defined: Node) -> list[Node]:
+    return [_complete(model, {"kind": {"const": kind}}, defined) for kind, model in kinds.items()]
+
+
+def _change(defined: Node) -> Node:
+    key = {"enum": list(CHANGEABLE), "description": "What changes."}
+    return _complete(ChangeTable, {"key": key}, defined)
 
 
 def _faults(defined: Node) -> list[Node]:

@@ -5,7 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from twin.errors import Unreachable
-from twin.experiment.schema import Model, Reference, Triple
+from twin.experiment.reference import WayPoints
+from twin.experiment.schema import Model, Triple
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
@@ -28,15 +29,20 @@ def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
     return None
 
 
-def reference_mistakes(reference: Reference, geometries: Iterable[Geometry]) -> list[str]:
+def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry]) -> list[str]:
     """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`."""
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
+    lines = _lines(reference.p)
     for geometry in geometries:
+        if unreachable(geometry, np.concatenate(lines)) is None:
+            continue
         for number, point in enumerate(reference.p, start=1):
             if problem := unreachable(geometry, np.array(point)):
+                if reference.shape:
+                    return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
                 return [f"[reference] way point {number}: {problem}"]
-        for number, line in enumerate(_lines(reference.p), start=1):
+        for number, line in enumerate(lines, start=1):
             if problem := unreachable(geometry, line):
                 return [f"[reference] between way points {number} and {number + 1}: {problem}"]
     return []

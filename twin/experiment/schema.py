@@ -1,9 +1,8 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-from itertools import pairwise
 from typing import Literal
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from twin.experiment.quantity import Section, quantity
 
@@ -67,6 +66,10 @@ class Cosim(Section):
     scheme: Literal["gauss_seidel", "jacobi"] = Field(
         description="whether plant and drives see each other's newest values, or all those of the tick before"
     )
+    inputs: Literal["hold", "linear"] = Field(
+        "hold", description="whether they see values of one end of the step, or a line between both ends"
+    )
+    iterations: int = Field(1, ge=1, le=100, description="how often plant and drives make each step")
 
 
 class Recording(Section):
@@ -203,19 +206,3 @@ class Controller(Section):
     feed_forward: FeedForward | None = None
     damping: Damping | None = None
     model: Model
-
-
-class Reference(Section):
-    """[reference]: way points, straight lines at constant speed between them."""
-
-    t: tuple[float, ...] = quantity("t_s", min_length=1, description="times of the way points, ascending")
-    p: tuple[Triple, ...] = quantity(
-        "p_mm", min_length=1, description="positions (x, y, z) of the way points in frame B"
-    )
-
-    @field_validator("t")
-    @classmethod
-    def _ascending(cls, t: tuple[float, ...]) -> tuple[float, ...]:
-        if any(later <= earlier for earlier, later in pairwise(t)):
-            raise ValueError("expected times that increase from one way point to the next")
-        return t

@@ -12,6 +12,9 @@ from twin.errors import InputRefused
 CHECKOUT = Path(__file__).parents[2]
 """The repository this package lies in: its experiments, robots, bodies and drives are found from any folder."""
 
+SHAPES = ("circle", "chirp", "joint_step")
+"""Tables of [reference], each of which says by itself all that the reference is."""
+
 
 @dataclass
 class Source:
@@ -60,7 +63,8 @@ class Source:
 def read_source(path: Path) -> Source:
     """The file at `path` laid over the files it `extends`.
 
-    A [drive] that names another drive, and a [contact] that names a body, replace the whole table of the files below.
+    A [drive] that names another drive, a [contact] that names a body and a [reference] that names a shape replace the
+    whole table of the files below.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
@@ -77,6 +81,11 @@ def read_source(path: Path) -> Source:
         if isinstance(contact, dict) and "body" in contact:
             # likewise another body
             forget_contact(source)
+        reference = table.get("reference")
+        if isinstance(reference, dict) and reference.keys() & {"t_s", "p_mm", *SHAPES}:
+            # likewise another way to go; of way points one file may give the times and another the places
+            kept = () if reference.keys() & set(SHAPES) else ("t_s", "p_mm")
+            forget_reference(source, kept)
         source.put(table, f"set in {file.name}")
     return source
 
@@ -109,6 +118,14 @@ def forget_drive(source: Source) -> None:
 def forget_contact(source: Source, keep: tuple[str, ...] = ()) -> None:
     """Take out all that is said of the contact, but the origins of `keep`."""
     _forget(source, "contact", keep)
+
+
+def forget_reference(source: Source, keep: tuple[str, ...]) -> None:
+    """Take out what is said of the reference, but the keys `keep`."""
+    reference = source.values.get("reference")
+    kept = {key: value for key, value in reference.items() if key in keep} if isinstance(reference, dict) else {}
+    _forget(source, "reference", tuple(f"reference.{key}" for key in kept))
+    source.values["reference"] = kept
 
 
 def _forget(source: Source, table: str, keep: tuple[str, ...] = ()) -> None:

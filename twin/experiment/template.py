@@ -5,7 +5,7 @@ Made of the models that check an experiment, so that no key is missing and none 
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -14,9 +14,11 @@ from pydantic.fields import FieldInfo
 
 from twin.experiment import schema
 from twin.experiment.body_files import fill_from_body
+from twin.experiment.change import ChangeTable
 from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
 from twin.experiment.fault import table_of
 from twin.experiment.json_schema import SCHEMA_FILE
+from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.source import Source, located, read_source
 from twin.experiment.task import KINDS
 from twin.faults.catalogue import CATALOGUE
@@ -26,11 +28,21 @@ OTHERS = ("fig4_force_position.toml", "massage.toml")
 """Where values are taken from for what an experiment does not use."""
 FAULT = "surface_jump"
 """The kind of fault that is shown."""
+CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
+MEASURE = {
+    "kind": "tracking",
+    "name": "force",
+    "signal": "-plant.F_ee_B[2]",
+    "reference": "controller.F_z_ref",
+    "begin_s": 10.0,
+}
 BELIEVED = "What the controller believes where it differs from [robot]: any key of it."
 LED_BY_TASKS = (
     "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
 )
 BREAKS = "What breaks: docs/faults.md has every kind."
+CHANGES = "What of the controller changes on the way."
+MEASURED = "What twin check measures: docs/regression.md has every kind."
 TRUE = "What is true where it differs from [robot]: any key of it. The controller does not know."
 
 Table = Mapping[str, Any]
@@ -66,9 +78,11 @@ def commented_experiment(name: str, base: Path) -> str:
     for table, model in models.items():
         if table not in ("robot", "plant"):
             lines += page.table(table, model)
-    lines += ["", f"# {LED_BY_TASKS}", *page.tasks(own.values.get("task", ()))]
+    lines += ["", f"# {LED_BY_TASKS}", *page.tasks(own.values.get("task"))]
     lines += ["", f"# {BREAKS}"]
     lines += page.item("fault", table_of(CATALOGUE[FAULT]), _fault(), "#")
+    lines += ["", f"# {CHANGES}", *page.array("change", lambda table: ChangeTable, own.values.get("change"), (CHANGE,))]
+    lines += ["", f"# {MEASURED}", *page.array("measure", _measure_of, own.values.get("measure"), (MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     lines += page.keys("robot", schema.Robot, {}, {})
     lines += ["", f"# {TRUE}", "#[plant]", *page.keys("plant", schema.Plant, {}, {})]
@@ -109,17 +123,28 @@ class _Page:
                 lines += self.table(path, inner)
         return lines
 
-    def tasks(self, own: tuple[Table, ...]) -> list[str]:
+    def tasks(self, own: tuple[Table, ...] | None) -> list[str]:
         """The experiment's tasks; if it has none, those of others behind a #."""
+        return self.array("task", lambda task: KINDS[task["kind"]], own, self._farther["task"])
+
+    def array(
+        self,
+        name: str,
+        model: Callable[[Table], type[BaseModel]],
+        own: tuple[Table, ...] | None,
+        others: tuple[Table, ...],
+    ) -> list[str]:
+        """The experiment's `own` tables [[name]], each of its `model`; if it has none, `others` behind a #."""
         lines = []
-        for number, task in enumerate(own or self._farther["task"], start=1):
-            origins = self.origins(f"task.{number}") if own else {}
-            lines += self.item("task", KINDS[task["kind"]], task, "" if own else "#", origins)
+        for number, table in enumerate(own or others, start=1):
+            origins = self.origins(f"{name}.{number}") if own else {}
+            lines += self.item(name, model(table), table, "" if own else "#", origins)
         return lines
 
     def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table = {}) -> list[str]:  # noqa: B006
         """One table of the array [[name]], all of `values` with the same mark."""
-        lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]", f'{mark}kind = "{values["kind"]}"']
+        lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]"]
+        lines += [f'{mark}kind = "{values["kind"]}"'] if "kind" in values else []
         for key, info in _plain_keys(model).items():
             if key != "kind":
                 value, own = (values[key], mark) if key in values else (_instead(info), "#")
@@ -155,6 +180,10 @@ def _fault() -> Table:
     kind = CATALOGUE[FAULT]
     assert kind.magnitudes is not None and kind.magnitude_key is not None
     return {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
+
+
+def _measure_of(table: Table) -> type[BaseModel]:
+    return MEASURES[table["kind"]]
 
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:

@@ -1,6 +1,7 @@
 """The plant as a co-simulation component: classical Runge-Kutta over a tick, friction settled after each step.
 
-A surface that moves goes on at constant velocity within a tick, s_k + v_k (t - t_k).
+A surface that moves goes on at constant velocity within a tick, s_k + v_k (t - t_k). The motors stand still where they
+are at its end, or, in a ramp, turn from where they are at its start to there.
 """
 
 import math
@@ -20,7 +21,8 @@ from twin.robot.sea import motor_load_torque
 
 LEFT_WORKSPACE = 2
 
-INPUTS = (Port("theta_m", 3, "rad", "motor angles, held over the step"),)
+INPUTS = (Port("theta_m", 3, "rad", "motor angles, held over the step; in a ramp, at its end", instant="end"),)
+RAMP_INPUTS = (Port("theta_m_start", 3, "rad", "motor angles at the start of the step", instant="start"),)
 GROUND_INPUTS = (
     Port("s_B", 3, "m", "displacement of the surface in base frame B, at the start of the step"),
     Port("v_s_B", 3, "m/s", "velocity of the surface in base frame B, held over the step"),
@@ -42,6 +44,7 @@ MEMORY = np.dtype(
         ("parameters", PARAMETERS),
         ("substeps", "i8"),
         ("moving", "i8"),
+        ("ramp", "i8"),
         ("x", "f8", (STATES,)),
         ("last", "f8", (STATES,)),
         ("k", "f8", (4, STATES)),
@@ -52,13 +55,13 @@ MEMORY = np.dtype(
 
 
 STILL = (0.0, 0.0, 0.0)
-"""Displacement and velocity of a surface that does not move."""
+"""Displacement and velocity of a surface that does not move, speeds of motors that stand."""
 
 
 @njit(cache=True)
-def moved(s_B, v_s_B, t):
-    """Displacement (m) of the surface, a triple, `t` seconds after it was at `s_B`."""
-    return s_B[0] + t * v_s_B[0], s_B[1] + t * v_s_B[1], s_B[2] + t * v_s_B[2]
+def moved(s, v, t):
+    """Where three coordinates that were at `s` and change at the rates `v` are `t` seconds later, a triple."""
+    return s[0] + t * v[0], s[1] + t * v[1], s[2] + t * v[2]
 
 
 @njit(cache=True)
@@ -71,16 +74,18 @@ def settle(parameters, x, s_B, v_s_B):
 
 
 @njit(cache=True)
-def integrate(parameters, x, theta_m, s_B, v_s_B, h, k, stage):
+def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, k, stage):
     """One classical Runge-Kutta step of `h` seconds, `x` in place; `k` (4, 8) and `stage` (8,) are scratch.
 
-    The surface starts at the triple `s_B` (m) and moves at `v_s_B` (m/s).
+    The motors start at the triple `theta_m` (rad) and turn at `omega_m` (rad/s), the surface starts at `s_B` (m) and
+    moves at `v_s_B` (m/s).
     """
     derivative(parameters, x, theta_m, s_B, v_s_B, k[0])
     for part, weight in ((1, 0.5), (2, 0.5), (3, 1.0)):
         for i in range(STATES):
             stage[i] = x[i] + weight * h * k[part - 1, i]
-        derivative(parameters, stage, theta_m, moved(s_B, v_s_B, weight * h), v_s_B, k[part])
+        turned = moved(theta_m, omega_m, weight * h)
+        derivative(parameters, stage, turned, moved(s_B, v_s_B, weight * h), v_s_B, k[part])
     for i in range(STATES):
         x[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
     settle(parameters, x, moved(s_B, v_s_B, h), v_s_B)
@@ -116,16 +121,21 @@ def outputs(parameters, x, theta_m, s_B, v_s_B, y):
 @step_function(MEMORY)
 def step(self, t, h, u, y):
     m = carray(self, 1)[0]
-    theta_m = carray(u, 3)
-    s_B, v_s_B = STILL, STILL
+    u_ = carray(u, 12)
+    theta_m = start = (u_[0], u_[1], u_[2])
+    s_B = v_s_B = omega_m = STILL
     if m.moving:
-        ground = carray(u, 9)
-        s_B, v_s_B = (ground[3], ground[4], ground[5]), (ground[6], ground[7], ground[8])
+        s_B, v_s_B = (u_[3], u_[4], u_[5]), (u_[6], u_[7], u_[8])
+    if m.ramp:
+        first = 9 if m.moving else 3
+        start = (u_[first], u_[first + 1], u_[first + 2])
+        omega_m = ((u_[0] - start[0]) / h, (u_[1] - start[1]) / h, (u_[2] - start[2]) / h)
     # where the robot was, for the sentence of a step that leaves nothing but NaN
     m.last[:] = m.x
     substep = h / m.substeps
     for i in range(m.substeps):
-        integrate(m.parameters, m.x, theta_m, moved(s_B, v_s_B, i * substep), v_s_B, substep, m.k, m.stage)
+        turned = moved(start, omega_m, i * substep)
+        integrate(m.parameters, m.x, turned, omega_m, moved(s_B, v_s_B, i * substep), v_s_B, substep, m.k, m.stage)
     inside = outputs(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, carray(y, 24))
     return 0 if inside else LEFT_WORKSPACE
 
@@ -139,6 +149,7 @@ class Plant(NativeComponent):
         theta_m: initial motor angles (3,), rad.
         substeps: Runge-Kutta steps per co-simulation step.
         moving: the surface moves as the inputs `GROUND_INPUTS` say; before tick 0 it is where `parameters` has it.
+        ramp: the motors turn from the input `RAMP_INPUTS` to theta_m over the step.
     """
 
     def __init__(
@@ -148,16 +159,17 @@ class Plant(NativeComponent):
         theta_m: ArrayLike,
         substeps: int = 1,
         moving: bool = False,
+        ramp: bool = False,
     ):
         memory = np.zeros(1, dtype=MEMORY)
         memory["parameters"][0] = tuple(parameters)
         memory["substeps"] = substeps
-        memory["moving"] = moving
+        memory["moving"], memory["ramp"] = moving, ramp
         memory["x"] = x
         initial = np.empty(width(OUTPUTS))
         outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial)
-        inputs = INPUTS + GROUND_INPUTS if moving else INPUTS
-        super().__init__("plant", inputs, OUTPUTS, False, step, memory, initial)
+        inputs = INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
+        super().__init__("plant", inputs, OUTPUTS, False, step, memory, initial, rewindable=True)
 
     def explain(self, status: int) -> str:
         x, y, z = 1e3 * self.memory["last"][0][:3]

@@ -1,0 +1,27 @@
+import json
+from pathlib import Path
+
+from tests.cli.test_run import twin
+from tests.replay.logs import ran
+
+
+def test_it_ends_with_exit_code_0_and_prints_facts(tmp_path: Path):
+    done = twin("identify", ran("calibration_one_pose").path, "--out", "x", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert facts["quantities"]["k_s"]["value"] is None
+    assert facts["one_pose"]["as printed"] > 1.4
+
+
+def test_a_log_without_excitation_has_one_sentence_and_exit_code_1(tmp_path: Path):
+    done = twin("identify", ran("step_z_air").path, "--out", "x", cwd=tmp_path)
+    assert done.returncode == 1
+    assert done.stdout == "" and "Traceback" not in done.stderr
+    assert len(done.stderr.splitlines()) == 1 and "experiments/calibration.toml" in done.stderr
+    assert not (tmp_path / "x").exists()
+
+
+def test_what_is_no_log_is_one_sentence_and_exit_code_2(tmp_path: Path):
+    done = twin("identify", "log.csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "log.csv: cannot be read" in done.stderr and "Traceback" not in done.stderr

@@ -1,0 +1,43 @@
+"""Numbers that are others from a tick on."""
+
+import numpy as np
+import pytest
+
+from tests.cosim.models import continuous, sampled
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import Change, System
+
+LAST = 20
+
+
+def changing(*changes: tuple[int, float]) -> System:
+    """A component that shows a number in memory, and one that integrates it."""
+    number = np.array([1.0])
+    show = sampled("show", lambda t, h, u: number)
+    total = np.zeros(1)
+
+    def add(t: float, h: float, u: np.ndarray) -> np.ndarray:
+        total[0] += number[0]
+        return total
+
+    system = System([show, continuous("total", add)], [], 0.1)
+    system.changes = tuple(Change(tick, number, value) for tick, value in changes)
+    return system
+
+
+@pytest.mark.parametrize("slice_ticks", [1, 3, 7, 100])
+def test_a_change_acts_from_its_tick_on_however_the_run_is_sliced(slice_ticks: int):
+    rows = Simulation(changing((5, 2.0), (6, 3.0), (14, -1.0)), LAST, slice_ticks).run()
+    assert rows[:, 0].tolist() == [1.0] * 5 + [2.0] + [3.0] * 8 + [-1.0] * 7
+    # the step from tick k to k + 1 is made with the number of tick k
+    assert np.array_equal(np.diff(rows[:, 1]), rows[:-1, 0])
+
+
+def test_a_slice_is_as_long_with_changes_as_without():
+    simulation = Simulation(changing((5, 2.0)), LAST, 10)
+    assert [len(simulation.advance()), len(simulation.advance())] == [10, 10]
+
+
+def test_changes_of_the_first_and_after_the_last_tick_harm_nothing():
+    rows = Simulation(changing((0, 4.0), (LAST + 1, 9.0)), LAST).run()
+    assert rows[:, 0].tolist() == [4.0] * (LAST + 1)

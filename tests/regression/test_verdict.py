@@ -1,0 +1,83 @@
+"""What is called worse, better or other, and what is told besides."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from tests.laws.runs import shipped
+from tests.regression.traces import EXPERIMENT, t
+from twin.errors import InputRefused
+from twin.regression.baseline import Baseline, Entry, baseline_of
+from twin.regression.measurement import Measured, Sampled
+from twin.regression.metric import Metric, Sense
+from twin.regression.verdict import Verdict, verdict
+
+SINE = np.sin(t)
+
+
+def coming_to(value: float, sense: Sense = "less", curve: np.ndarray = SINE, unit: str = "s") -> Measured:
+    sampled = Sampled("plant.p_B[2]", "m", t, curve, 0.05, 0.004)
+    return Measured({"z.number": Metric(value, unit, 0.0, sense)}, {"z": sampled}, {"x.fmu": "0" * 64})
+
+
+def baseline(value: float = 1.0, sense: Sense = "less") -> Baseline:
+    return baseline_of(EXPERIMENT, "x", coming_to(value, sense), [Entry("2026-01-01", "first")], None)
+
+
+def words(found: Verdict) -> list[str]:
+    return [row.word for row in found.rows]
+
+
+def test_the_same_run_is_ok():
+    assert words(verdict(EXPERIMENT, "x", baseline(), coming_to(1.0))) == ["ok", "ok"]
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "sense", "word"),
+    [
+        (1.0, 1.019, "less", "ok"),
+        (1.0, 1.021, "less", "worse"),
+        (1.0, 0.979, "less", "better"),
+        (1.0, 1.1, "none", "moved"),
+        (-1.0, -0.9, "nearer zero", "better"),
+        (-1.0, -1.1, "nearer zero", "worse"),
+        (1.0, np.nan, "less", "worse"),
+    ],
+)
+def test_beyond_its_bound_a_number_is_worse_or_better(before: float, now: float, sense: Sense, word: str):
+    assert words(verdict(EXPERIMENT, "x", baseline(before, sense), coming_to(now, sense)))[0] == word
+
+
+@pytest.mark.parametrize(
+    ("curve", "word"),
+    [
+        (np.sin(t) + 0.049, "ok"),
+        (np.sin(t) + 0.052, "outside"),
+        (np.where(t > 9.0, np.nan, np.sin(t)), "outside"),
+    ],
+)
+def test_a_curve_that_leaves_its_tube_is_outside(curve: np.ndarray, word: str):
+    assert words(verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=curve)))[1] == word
+
+
+def test_what_is_only_in_one_of_them_deviates():
+    stored = baseline()
+    now = replace(coming_to(1.0), metrics={"z.other": Metric(1.0, "s", 0.0)}, curves={})
+    assert words(verdict(EXPERIMENT, "x", stored, now)) == ["gone", "new", "gone"]
+
+
+def test_another_fmu_another_experiment_and_another_version_are_told_and_compared_all_the_same():
+    stored = replace(baseline(), twin="0.0.1")
+    other = replace(coming_to(1.0), fmus={"x.fmu": "1" * 64})
+    found = verdict(shipped("step_z_air", "controller.position.kp_per_s=2"), "x", stored, other)
+    assert found.deviations == ()
+    assert len(found.notes) == 3
+    assert "x.fmu has changed: was sha256 000000000000, now 111111111111" in found.notes
+
+
+def test_a_baseline_of_another_drive_or_in_another_unit_is_refused():
+    with pytest.raises(InputRefused, match="its baseline is of step_z_air with x"):
+        verdict(EXPERIMENT, "y", baseline(), coming_to(1.0))
+    with pytest.raises(InputRefused, match="is in m, but its baseline in s"):
+        verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, unit="m"))

@@ -1,0 +1,30 @@
+"""Runs with known answers, and the shipped experiment with any measures."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from tests.laws.runs import shipped
+from twin.experiment.experiment import Experiment
+from twin.experiment.measure import checked_measures
+from twin.regression.trace import Trace
+
+t: NDArray[np.float64] = np.arange(10_001, dtype=np.float64) * 1e-3
+EXPERIMENT = shipped("step_z_air")
+
+
+def measuring(*tables: Mapping[str, Any]) -> Experiment:
+    """The step in the air, with `tables` as its [[measure]]."""
+    mistakes: list[str] = []
+    measures = checked_measures(tuple(tables), float(t[-1]), mistakes)
+    assert mistakes == []
+    return replace(EXPERIMENT, measures=measures)
+
+
+def trace(vectors: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Trace:
+    """Ten seconds at 1 ms of signals by name; a vector's are (n, k)."""
+    columns = {name: np.asarray(values, dtype=float).reshape(len(t), -1) for name, values in vectors.items()}
+    return Trace(t=t, units=dict(units), fmus={"x.fmu": "0" * 64}, vectors=columns)

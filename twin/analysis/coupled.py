@@ -1,0 +1,38 @@
+"""Drives and plant as one differential equation: what a co-simulation of the two is an approximation of.
+
+A drive here is T_m d omega_m/dt = omega_ref - droop tau_load - omega_m, d theta_m/dt = omega_m: `velocity_servo.fmu`
+with its limits out of reach (equations (1) to (4) of its README). T_m = 0 and droop = 0 make `ideal_velocity.fmu`,
+whose shaft turns as commanded. Drive and spring exchange theta_m and tau_load at every instant, not once per tick.
+"""
+
+import numpy as np
+from numba import njit
+
+from twin.cosim.component import width
+from twin.plant.component import OUTPUTS, STILL, outputs
+from twin.plant.dynamics import derivative
+
+OUTPUT_VALUES = width(OUTPUTS)
+TAU_LOAD = width(OUTPUTS[: [port.name for port in OUTPUTS].index("tau_load")])
+
+
+@njit(cache=True)
+def coupled_derivative(parameters, T_m, droop, omega_ref, x):
+    """dx/dt (14,) at x = (theta_m (3), omega_m (3), the plant's state (8)), SI.
+
+    Args:
+        parameters: `PlantParameters`; the surface stays at rest.
+        T_m, droop: of each drive in s and rad/s per N m, (3,) each. omega_ref: command in rad/s, (3,).
+    """
+    dx = np.zeros_like(x)
+    y = np.empty(OUTPUT_VALUES)
+    outputs(parameters, x[6:], x[:3], STILL, STILL, y)
+    for leg in range(3):
+        target = omega_ref[leg] - droop[leg] * y[TAU_LOAD + leg]
+        if T_m[leg] > 0.0:
+            dx[leg] = x[3 + leg]
+            dx[3 + leg] = (target - x[3 + leg]) / T_m[leg]
+        else:
+            dx[leg] = target
+    derivative(parameters, x[6:], x[:3], STILL, STILL, dx[6:])
+    return dx

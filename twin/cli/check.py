@@ -1,0 +1,77 @@
+"""`twin check`: experiments against their baselines."""
+
+import json
+import os
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from twin.cli.completion import drive_names, experiment_files
+from twin.cli.faults import Isolation
+from twin.errors import InputRefused
+
+BASELINES = Path("tests/baselines")
+
+
+def check(
+    experiments: Annotated[
+        list[Path] | None,
+        typer.Argument(
+            metavar="[EXPERIMENT]...",
+            help="Experiments with [[measure]] tables; without any, all that have baselines.",
+            autocompletion=experiment_files,
+        ),
+    ] = None,
+    drives: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--drive",
+            metavar="FMU",
+            help="Drive of fmus/ or .fmu file; own: the experiment's; all: those of fmus/. May be repeated. Without "
+            "it, those with a baseline.",
+            autocompletion=drive_names,
+        ),
+    ] = None,
+    update: Annotated[bool, typer.Option("--update", help="Accept what is now as the baseline.")] = False,
+    reason: Annotated[str, typer.Option(metavar="TEXT", help="Why; kept in the baseline.")] = "",
+    baselines: Annotated[Path, typer.Option(metavar="DIR", help="Where baselines are.")] = BASELINES,
+    jobs: Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes that run experiments.")] = 2,
+    isolate: Annotated[
+        Isolation, typer.Option(help="Processes: their own for the runs; none, for debuggers, but this one.")
+    ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+) -> None:
+    """Check experiments against what they came to before, drive by drive.
+
+    Numbers have bounds and curves have tubes, stored in tests/baselines as
+    docs/regression.md tells. --update shows the difference, then accepts it.
+
+    Exit code: 0 all as it was, or updated; 1 something deviates; 2 input
+    refused, or no baseline; 3 a drive failed; 4 the safety monitor tripped.
+
+    Example: twin check experiments/step_z_air.toml --drive velocity_servo
+    """
+    from twin.cli.check_jobs import finished
+    from twin.regression.baseline import baseline_file, write_baseline
+    from twin.regression.job import pairs
+    from twin.report.check_text import check_text
+
+    if update != bool(reason.strip()):
+        raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
+    wanted = pairs(experiments or [], drives or [], baselines)
+    done = finished(wanted, baselines, reason, jobs if isolate == Isolation.RUN else 0)
+    verdicts = [outcome.verdict for outcome in done if outcome.verdict]
+    failures = [outcome for outcome in done if outcome.failure]
+    told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
+    facts = {"verdicts": [verdict.facts() for verdict in verdicts], "failures": told}
+    print(json.dumps(facts) if as_json else check_text(verdicts, [outcome.failure for outcome in failures]))
+    moved = [outcome for outcome in done if outcome.text]
+    for outcome in moved:
+        write_baseline(baseline_file(baselines, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
+    if update and not as_json:
+        print(f"\n  written  {len(moved)} of {len(done)} baselines in {baselines}; the others hold what is now")
+    if failures:
+        raise SystemExit(failures[0].exit_code)
+    if not update and any(verdict.deviations for verdict in verdicts):
+        raise SystemExit(1)

@@ -1,0 +1,52 @@
+"""`twin identify`: springs, zeros, backlash and scale from a calibration."""
+
+import json
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def identify(
+    log: Annotated[Path, typer.Argument(metavar="LOG", help="A run of twin, or a CSV or MCAP file of a robot.")],
+    experiment: Annotated[
+        Path | None,
+        typer.Option(metavar="FILE", help="Experiment that describes the robot; without it, that of the run."),
+    ] = None,
+    maps: Annotated[
+        list[str] | None,
+        typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
+    ] = None,
+    height: Annotated[
+        float | None,
+        typer.Option(metavar="MM", help="Height of a level scale, if you measured it: for the zeros."),
+    ] = None,
+    motor_torque: Annotated[
+        bool, typer.Option("--motor-torque", help="Take drive/n.tau_motor as measured: parts k_s from eta.")
+    ] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/identify/NAME/TIME.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+) -> None:
+    """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
+
+    Each number has its 95 % interval; what the log does not say is named, and the
+    paper's own procedure stands beside it. The log has encoders (as for twin
+    replay) and scale.F_z, pressing positive. docs/identification.md tells more.
+    Exit code: 0 done, 1 k_s eta cannot be had from this log, 2 input refused.
+
+    Example: twin identify results/fig4_force_position
+    """
+    from twin.report.identification import Request, identification_report
+
+    report = identification_report(
+        Request(
+            log, maps or (), experiment, settings or (),
+            height=None if height is None else 1e-3 * height, motor_torque=motor_torque, out=out,
+        )
+    )  # fmt: skip
+    print(json.dumps(report.facts) if as_json else report.text)

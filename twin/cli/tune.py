@@ -1,0 +1,120 @@
+"""`twin tune`: gains for given goals."""
+
+import json
+import math
+import os
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from twin.errors import ComponentFailed, InputRefused
+
+FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
+
+
+def tune(
+    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML).")],
+    margin: Annotated[float, typer.Option("--margin", metavar="M_S", help="Largest |1/(1+L)| of any loop.")] = 1.6,
+    overshoot: Annotated[
+        float, typer.Option("--overshoot-percent", metavar="PERCENT", help="Largest overshoot of a step.")
+    ] = 5.0,
+    bandwidth: Annotated[
+        float | None,
+        typer.Option("--bandwidth-Hz", metavar="HZ", help="Least bandwidth, of force if it is controlled."),
+    ] = None,
+    stiffness: Annotated[
+        str | None, typer.Option("--stiffness-N-per-m", metavar="LOW:HIGH", help="Stiffness of what is pressed on.")
+    ] = None,
+    drive: Annotated[
+        list[str] | None, typer.Option(metavar="FMU", help="A drive they have to do for; may be repeated.")
+    ] = None,
+    body: Annotated[
+        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/.")
+    ] = None,
+    settings: Annotated[
+        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Where gains, picture, JSON go: results/tuning/EXPERIMENT.")
+    ] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    isolate: Annotated[bool, typer.Option(help="Run the drives in a process of their own.")] = os.name == "posix",
+) -> None:
+    """Find the fastest gains that keep a margin and an overshoot everywhere.
+
+    Searched on the linear model at every place, stiffness and drive, then
+    tried in the co-simulation. The experiment's file is left as it is:
+    tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are
+    not (the best there is is told), 2 input refused or no linear model, 3 a
+    drive failed, crashed or hung.
+
+    Example: twin tune experiments/fig4_force_position.toml
+    """
+    folder = out or Path("results/tuning") / experiment.stem
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be made: {problem.strerror}") from None
+    arguments: dict[str, Any] = {
+        "experiment": str(experiment),
+        "goals": {
+            "sensitivity": margin,
+            "overshoot": overshoot / 100.0,
+            "bandwidth": None if bandwidth is None else 2.0 * math.pi * bandwidth,
+        },
+        "stiffness": stiffness,
+        "drives": drive or [None],
+        "body": body,
+        "settings": settings or [],
+        "out": str(folder),
+    }
+    facts, text = _guarded(arguments) if isolate else tuned_loops(None, **arguments)
+    print(json.dumps(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
+    if not facts["met"]:
+        raise SystemExit(1)
+
+
+def _guarded(arguments: dict[str, Any]) -> Any:
+    """As `tuned_loops`, in a process of its own.
+
+    Raises:
+        ComponentFailed: an FMU crashed, hung or ended that process.
+    """
+    from twin.guard.guard import JobDiedLoading, guarded
+
+    try:
+        return guarded("twin.cli.tune:tuned_loops", arguments)
+    except JobDiedLoading as death:
+        raise ComponentFailed(str(death)) from None
+
+
+def tuned_loops(
+    voice: Any,
+    experiment: str,
+    goals: dict[str, Any],
+    stiffness: str | None,
+    drives: list[str | None],
+    body: str | None,
+    settings: list[str],
+    out: str,
+) -> tuple[dict[str, Any], str]:
+    """(facts for JSON, text) of the gains found, and the files of `out`; a job of the guard."""
+    from twin.experiment.experiment import load_experiment
+    from twin.report.tuning import draw_tuning
+    from twin.report.tuning_text import tuning_text
+    from twin.tuning.fragment import fragment
+    from twin.tuning.goals import Goals, stiffness_range
+    from twin.tuning.tuned import tuned
+
+    file, folder = Path(experiment), Path(out)
+    asked, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)
+    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], asked, span)
+    facts = done.facts() | {"files": [str(folder / name) for name in (GAINS, PICTURE, FACTS)]}
+    try:
+        (folder / GAINS).write_text(fragment(done, file))
+        draw_tuning(done, folder / PICTURE)
+        (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
+    return facts, tuning_text(done)

@@ -1,0 +1,33 @@
+"""A sampled component evaluated outside any system."""
+
+import ctypes
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.cosim.component import Component, width
+
+_STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
+)
+
+
+class Sampled:
+    """A component stepped by hand: all its input values in, all its output values out."""
+
+    def __init__(self, component: Component):
+        self.component = component
+        self._step = _STEP(component.step_address)
+        self._y = component.initial_outputs.copy()
+
+    def __call__(self, u: NDArray[np.float64], t: float = 0.0, h: float = 2e-3) -> NDArray[np.float64]:
+        u = np.ascontiguousarray(u, dtype=float)
+        assert len(u) == width(self.component.inputs)
+        assert self._step(self.component.self_address, t, h, u.ctypes.data, self._y.ctypes.data) == 0
+        return self._y.copy()
+
+    def named(self, u: NDArray[np.float64], t: float = 0.0, h: float = 2e-3) -> dict[str, NDArray[np.float64]]:
+        """The outputs by port."""
+        sizes = np.cumsum([port.size for port in self.component.outputs])
+        values = np.split(self(u, t, h), sizes[:-1])
+        return {port.name: value for port, value in zip(self.component.outputs, values, strict=True)}

@@ -1,0 +1,53 @@
+"""Going back to the start of a step, so that it can be repeated with better inputs."""
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numba import carray
+
+from twin.cosim.native import bytes_at, step_function
+
+
+@dataclass(frozen=True)
+class Rewind:
+    """How a component goes back: two functions of a step's signature, which read neither time nor inputs.
+
+    Attributes:
+        save_address, restore_address: `restore` brings back what `save` last kept, as often as it is called.
+        self_address: memory that both are called with.
+        keep: whatever owns the memory behind the addresses.
+    """
+
+    save_address: int
+    restore_address: int
+    self_address: int
+    keep: Any = field(default=None, repr=False)
+
+
+_MEMORY = np.dtype([("record", "i8"), ("copy", "i8"), ("size", "i8")], align=True)
+
+
+@step_function(_MEMORY)
+def _save(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    record, copy = carray(bytes_at(m.record), m.size), carray(bytes_at(m.copy), m.size)
+    for i in range(m.size):
+        copy[i] = record[i]
+    return 0
+
+
+@step_function(_MEMORY)
+def _restore(self, t, h, u, y):
+    m = carray(self, 1)[0]
+    record, copy = carray(bytes_at(m.record), m.size), carray(bytes_at(m.copy), m.size)
+    for i in range(m.size):
+        record[i] = copy[i]
+    return 0
+
+
+def record_rewind(record: np.ndarray) -> Rewind:
+    """Of a component whose whole state is `record`, (1,)."""
+    copy = record.copy()
+    memory = np.array([(record.ctypes.data, copy.ctypes.data, record.nbytes)], dtype=_MEMORY)
+    return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, copy))

@@ -1,0 +1,134 @@
+"""[[change]]: a number of the controller that is another from some time on, such as a step of the force reference."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import Field, ValidationError
+
+from twin.errors import InputRefused
+from twin.experiment.mistakes import sentences, unknown
+from twin.experiment.quantity import Section, quantity
+from twin.experiment.schema import ForceLoop, PositionLoop
+from twin.experiment.ticks import whole_ticks
+
+CHANGEABLE: dict[str, tuple[type[Section], str]] = {
+    "controller.force.reference_N": (ForceLoop, "reference"),
+    "controller.force.kp_mm_per_N": (ForceLoop, "kp"),
+    "controller.force.ki_mm_per_N_s": (ForceLoop, "ki"),
+    "controller.position.kp_per_s": (PositionLoop, "kp"),
+}
+"""What may change while an experiment runs: key of the file -> table and attribute. Only their own table has a say in
+what they may be."""
+
+
+class ChangeTable(Section):
+    """[[change]]: a value of [controller] that changes while the experiment runs."""
+
+    t: float = quantity("t_s", gt=0, examples=[8.0], description="when it changes")
+    key: str = Field(examples=["controller.force.reference_N"], description="what changes")
+    value: float = Field(examples=[6.0], description="its new value, in the unit of the key")
+
+
+@dataclass(frozen=True)
+class Change:
+    """A [[change]], checked.
+
+    Attributes:
+        tick: from which on it holds. key: of the experiment's file. number: in the unit of the key. value: in SI.
+    """
+
+    tick: int
+    key: str
+    number: float
+    value: float
+
+
+def changeable(tables: Mapping[str, Any]) -> dict[str, float]:
+    """What may change in an experiment, with the value in its file, in the unit of the key.
+
+    Nothing of the force loop where it never acts, and no reference where tasks bring their own.
+
+    Args:
+        tables: of the experiment, as `Experiment.values`.
+    """
+    found = {}
+    for key, (table, _) in CHANGEABLE.items():
+        number = _at(tables, key)
+        acts = table is not ForceLoop or _at(tables, "controller.mode") == "force_position"
+        if acts and number is not None:
+            found[key] = number
+    return found
+
+
+def changed_value(key: str, number: object, tables: Mapping[str, Any]) -> float:
+    """`number`, given in the unit of the `key` of CHANGEABLE, in SI.
+
+    Args:
+        number: whatever somebody has sent. tables: of the experiment, as `Experiment.values`.
+
+    Raises:
+        InputRefused: the experiment's schema refuses it.
+    """
+    if number is None:
+        # the file may leave the reference out where no force loop acts; a running one needs it
+        raise InputRefused(f"{key}: no value; expected a number")
+    table, attribute = CHANGEABLE[key]
+    path, _, name = key.rpartition(".")
+    try:
+        checked = table.model_validate({**_at(tables, path), name: number})
+    except ValidationError as error:
+        raise InputRefused("; ".join(sentences(error, table, path))) from None
+    return getattr(checked, attribute)
+
+
+def checked_changes(
+    tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
+) -> tuple[Change, ...]:
+    """The changes of the array of tables [[change]] that are right, the earliest first.
+
+    Args:
+        tables: what the file says; () if nothing. values: the tables of the experiment. tick, duration: s.
+        mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
+    """
+    if not isinstance(tables, tuple):
+        mistakes.append("[change]: a single table; changes are an array of tables, write [[change]]")
+        return ()
+    changes: dict[tuple[int, str], Change] = {}
+    for number, table in enumerate(tables, start=1):
+        try:
+            wanted = ChangeTable.model_validate(table)
+        except ValidationError as error:
+            mistakes += sentences(error, ChangeTable, f"change {number}")
+            continue
+        try:
+            change = _checked(wanted, values, tick, duration)
+        except InputRefused as problem:
+            mistakes.append(f"[change {number}] {problem}")
+            continue
+        if (change.tick, change.key) in changes:
+            mistakes.append(f"[change {number}] changes {change.key} at {wanted.t:g} s a second time; remove one")
+        changes[change.tick, change.key] = change
+    return tuple(changes[place] for place in sorted(changes))
+
+
+def _checked(wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float) -> Change:
+    known = changeable(values)
+    if wanted.key in CHANGEABLE and wanted.key not in known:
+        raise InputRefused(f'key = "{wanted.key}": does not act in this experiment; known are {", ".join(known)}')
+    if wanted.key not in known:
+        raise InputRefused(f"key: {unknown(wanted.key, list(known))}")
+    if wanted.t > duration:
+        raise InputRefused(f"t_s = {wanted.t:g}: after the end at {duration:g} s")
+    at = whole_ticks(wanted.t, tick)
+    if at is None:
+        raise InputRefused(f"t_s = {wanted.t:g}: not a whole number of ticks of {tick:g} s")
+    return Change(at, wanted.key, wanted.value, changed_value(wanted.key, wanted.value, values))
+
+
+def _at(tables: Mapping[str, Any], key: str) -> Any:
+    """The value at the dotted `key`; None if there is none."""
+    node: Any = tables
+    for name in key.split("."):
+        node = node.get(name) if isinstance(node, Mapping) else None
+    return node

@@ -1,0 +1,139 @@
+"""[[measure]]: what `twin check` measures of an experiment and holds against what it was."""
+
+import re
+from collections.abc import Mapping
+from typing import Any, Literal
+
+from pydantic import Field, ValidationError, field_validator
+
+from twin.experiment.mistakes import sentences
+from twin.experiment.quantity import Section, quantity
+
+SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
+_NAME = re.compile(r"[a-z0-9_]+")
+
+
+class Window(Section):
+    """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
+
+    name: str = Field(examples=["z"], description="what its numbers are called by: small letters, digits, _")
+    begin: float = quantity("begin_s", 0.0, ge=0, description="from when on")
+    until: float | None = quantity("until_s", None, gt=0, examples=[3.5], description="until when; without it the end")
+
+    @field_validator("name")
+    @classmethod
+    def _short(cls, name: str) -> str:
+        if not _NAME.fullmatch(name):
+            raise ValueError("expected small letters, digits and _")
+        return name
+
+
+class Watched(Window):
+    """A [[measure]] of one signal."""
+
+    signal: str = Field(
+        examples=["plant.p_B[2]"], description='as recorded, one component of it; "-" before it turns it round'
+    )
+
+    @field_validator("signal")
+    @classmethod
+    def _named(cls, signal: str) -> str:
+        return _signal(signal)
+
+
+class Led(Watched):
+    """A [[measure]] of a signal and its reference."""
+
+    reference: str = Field(examples=["controller.p_ref_B[2]"], description="the signal that it should be, likewise")
+
+    @field_validator("reference")
+    @classmethod
+    def _reference(cls, signal: str) -> str:
+        return _signal(signal)
+
+
+class Step(Led):
+    """[[measure]] kind = "step": the answer of a signal to a step of its reference at `begin_s`."""
+
+    kind: Literal["step"]
+
+
+class Tracking(Led):
+    """[[measure]] kind = "tracking": how far a signal is from its reference."""
+
+    kind: Literal["tracking"]
+
+
+class Lag(Led):
+    """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
+
+    kind: Literal["lag"]
+    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag")
+
+
+class Spread(Watched):
+    """[[measure]] kind = "spread": mean and standard deviation of a signal."""
+
+    kind: Literal["spread"]
+
+
+class Onset(Watched):
+    """[[measure]] kind = "onset": when a signal that is true or false first is true."""
+
+    kind: Literal["onset"]
+
+
+class Path(Window):
+    """[[measure]] kind = "path": how far the true platform is from the reference's path, whenever it was due there."""
+
+    kind: Literal["path"]
+
+
+class Effort(Window):
+    """[[measure]] kind = "effort": how far the motors were sent, and the work of their shafts."""
+
+    kind: Literal["effort"]
+
+
+Measure = Step | Tracking | Lag | Spread | Onset | Path | Effort
+KINDS: dict[str, type[Measure]] = {
+    "step": Step, "tracking": Tracking, "lag": Lag, "spread": Spread, "onset": Onset, "path": Path, "effort": Effort,
+}  # fmt: skip
+
+
+def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple[Measure, ...]:
+    """The measures of the array of tables [[measure]] that are right.
+
+    Args:
+        tables: what the file says; () if nothing. duration: of the experiment (s).
+        mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
+    """
+    if not isinstance(tables, tuple):
+        mistakes.append("[measure]: a single table; measures are an array of tables, write [[measure]]")
+        return ()
+    measures: list[Measure] = []
+    for number, table in enumerate(tables, start=1):
+        kind = table.get("kind") if isinstance(table, Mapping) else None
+        if kind not in KINDS:
+            mistakes.append(f"[measure {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
+            continue
+        try:
+            measure = KINDS[kind].model_validate(table)
+        except ValidationError as error:
+            mistakes += sentences(error, KINDS[kind], f"measure {number}")
+            continue
+        until = duration if measure.until is None else measure.until
+        if until > duration:
+            mistakes.append(f"[measure {number}] until_s = {until:g}: after the end at {duration:g} s")
+        elif measure.begin >= until:
+            mistakes.append(f"[measure {number}] begin_s = {measure.begin:g}: expected a time before {until:g} s")
+        if measure.name in [other.name for other in measures]:
+            mistakes.append(f'[measure {number}] name = "{measure.name}": another measure has that name')
+        measures.append(measure)
+    return tuple(measures)
+
+
+def _signal(signal: str) -> str:
+    if not SIGNAL.fullmatch(signal):
+        raise ValueError("expected a recorded signal such as plant.p_B[2] or -plant.F_ee_B[2]")
+    return signal

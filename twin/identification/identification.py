@@ -1,0 +1,197 @@
+"""A log identified: every quantity with its interval, or the plain statement that it cannot be had from this log."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.controller.belief import Belief
+from twin.errors import Unreachable
+from twin.identification.balance import CONTACT, in_air, on_scale
+from twin.identification.errors import NotIdentifiable
+from twin.identification.estimate import Estimate
+from twin.identification.fit import Fit, fit
+from twin.identification.friction import friction
+from twin.identification.motor_torque import spring_stiffness
+from twin.identification.one_pose import OnePose, one_pose
+from twin.identification.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
+from twin.identification.windows import COUNTS, Windows, windows
+from twin.logs.errors import LogRefused
+from twin.logs.log import Log
+from twin.replay.model import Model
+from twin.replay.robot_log import robot_log
+
+PLAUSIBLE = 5.0
+"""k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
+LEVEL = (HEIGHT, SLOPE, SLOPE + 1)
+"""What is known of a level scale whose height was measured."""
+LOSS_SEEN = 0.02
+"""A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity. meaning: for people; believed: what the experiment says, None if nothing; found: None if the log
+    does not say it. SI, but for what `estimate.unit` says."""
+
+    meaning: str
+    believed: float | None
+    found: Estimate | None
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a log says.
+
+    Attributes:
+        model: what the robot is taken for. fit: of the springs and the scale. seen: all windows of slow motion.
+        quantities: by name.
+        one_pose: the paper's procedure on the same log; None: no gradual press.
+        alike: unknowns that this log cannot tell apart, names of each such group.
+        notes: sentences on the log.
+    """
+
+    model: Model
+    fit: Fit
+    seen: Windows
+    quantities: Mapping[str, Quantity]
+    one_pose: OnePose | None
+    alike: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...]
+
+    @property
+    def loss(self) -> Estimate | None:
+        """ln(eta) of losses that depend on direction; None: loading and unloading cannot be compared."""
+        axis, one = self.fit.one(LOSS), self.fit.unknowns[LOSS]
+        if not self.fit.told(axis, one.size):
+            return None
+        return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)
+
+    @property
+    def apart(self) -> bool:
+        """Whether k_s and eta are known one by one."""
+        return self.quantities["k_s"].found is not None
+
+    def estimate(self, name: str) -> Estimate:
+        """Of a quantity that was found.
+
+        Raises:
+            KeyError: it was not.
+        """
+        found = self.quantities[name].found
+        if found is None:
+            raise KeyError(name)
+        return found
+
+
+def identified(log: Log, model: Model, height: float | None = None, motor_torque: bool = False) -> Identification:
+    """Estimates from the encoders and the scale of `log`.
+
+    Args:
+        log: as `read_log` gives it. model: geometry, masses, N and counts that are believed.
+        height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
+        motor_torque: whether drive/n.tau_motor is a measured torque.
+
+    Raises:
+        LogRefused: signals are missing, in wrong units or of the wrong sign.
+        NotIdentifiable: the log is in order, but k_s eta cannot be had from it.
+    """
+    belief = model.belief
+    taken = robot_log(log, belief)
+    seen = windows(taken, belief)
+    path = log.path
+    if len(seen.t) and np.min(seen.lowest) < -CONTACT:
+        raise LogRefused(
+            f"{path}: scale.F_z goes down to {np.min(seen.lowest):.2f} N, but a press is positive and no scale is "
+            "pulled; turn its sign with --map scale.F_z=-COLUMN[N], or tare it"
+        )
+    if not len(seen.t):
+        raise NotIdentifiable(
+            f"{path}: the robot never moves slowly and evenly: no {seen.length:g} s in which the motors cross "
+            f"{COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
+        )
+    unknowns = parameters(belief, model.plant.z_s if height is None else height)
+    try:
+        found = fit(seen, belief, unknowns, model.resolution, () if height is None else LEVEL)
+    except Unreachable as problem:
+        raise LogRefused(
+            f"{path}: {problem}; are units, signs and zeros of the joint encoders those of the experiment?"
+        ) from None
+    _refuse_nonsense(found, belief, log)
+    split = _split(found, belief, log, motor_torque)
+    quantities = {**split, **_quantities(found, height)}
+    quantities["friction"] = Quantity("friction under the head", None, friction(found, seen, belief))
+    press = one_pose(seen, belief, found.x)
+    return Identification(model, found, seen, quantities, press, _alike(found), taken.notes)
+
+
+def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
+    """Raise if there is no k_s eta in the log that could be believed."""
+    k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
+    pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
+    if found.told(axis, found.unknowns[KAPPA].size) and 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE:
+        return
+    if found.told(axis, k) or (pressing > 10 and not 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE):
+        raise LogRefused(
+            f"{log.path}: k_s eta comes out more than {PLAUSIBLE:g} times away from the believed {believed:g} N m/rad; "
+            "is the scale in N, are the angles those of the motors, and do motors and joints count in the same sense?"
+        )
+    known = 100.0 * min(found.half_width(axis) / believed, 9.99)
+    raise NotIdentifiable(
+        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave "
+        f"{known:.0f} % of it open; press gradually, in several places, up and down, as experiments/calibration.toml "
+        "does"
+    )
+
+
+def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
+    """k_s eta, and both apart if motor torque or the direction of the losses says so."""
+    product = Estimate(float(found.x[KAPPA]), found.half_width(found.one(KAPPA)), "N m/rad")
+    k_s, eta, meaning = None, None, "k_s eta"
+    loss, width = float(found.x[LOSS]), found.half_width(found.one(LOSS))
+    if motor_torque:
+        k_s = spring_stiffness(found.x, found.seen, belief, log)
+        if k_s is not None:
+            ratio = product.value / k_s.value
+            eta = Estimate(
+                ratio, ratio * float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value)), "1"
+            )
+    elif found.told(found.one(LOSS), found.unknowns[LOSS].size) and loss + width < -LOSS_SEEN:
+        # with losses by direction (P1) the geometric mean of both, e^(+loss) and e^(-loss), has no eta in it
+        meaning = "k_s eta, mean of directions"
+        k_s, eta = product, Estimate(float(np.exp(loss)), float(np.exp(loss)) * width, "1")
+    return {
+        "k_s_eta": Quantity(meaning, belief.k_s * belief.eta, product),
+        "k_s": Quantity("k_s alone", belief.k_s, k_s),
+        "eta": Quantity("eta alone", belief.eta, eta),
+    }
+
+
+def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
+    """The other unknowns of the fit, with the scale's stiffness for its compliance."""
+    told: dict[str, Quantity] = {}
+    for index, one in enumerate(found.unknowns):
+        if index in (KAPPA, LOSS, RATE) or (index in LEVEL and height is not None):
+            continue
+        axis, x = found.one(index), float(found.x[index])
+        estimate = Estimate(x, found.half_width(axis), one.unit) if found.told(axis, one.size) else None
+        if index == COMPLIANCE:
+            if estimate is not None:
+                estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")
+            told["stiffness"] = Quantity("stiffness of the scale", None, estimate)
+            continue
+        believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL) else None
+        told[one.name] = Quantity(one.meaning, believed, estimate)
+    return told
+
+
+def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
+    """For each direction that is not seen, the unknowns that make it up."""
+    groups: list[tuple[str, ...]] = []
+    for direction in found.unseen.T:
+        weight = np.abs(direction)
+        # how fast a loss turns over means nothing where there is none
+        weight[RATE] = 0.0
+        members = np.flatnonzero(weight > 0.3 * np.max(weight))
+        groups.append(tuple(found.unknowns[i].meaning for i in members))
+    return tuple(dict.fromkeys(groups))

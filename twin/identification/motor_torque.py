@@ -1,0 +1,57 @@
+"""k_s by itself, from the torque of the motors: the one measurement that parts it from eta.
+
+A motor that turns slowly holds the spring and its own friction, tau_motor = k_s d + f sign(theta_m') + beta, with the
+wind-up d less its dead zone (18). eta is then k_s eta / k_s.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.controller.belief import Belief
+from twin.identification.balance import wind_up, wound
+from twin.identification.clustered import line
+from twin.identification.estimate import Estimate
+from twin.identification.parameters import BACKLASH
+from twin.identification.windows import Windows
+from twin.logs.errors import LogRefused
+from twin.logs.log import Log
+
+
+def spring_stiffness(x: NDArray[np.float64], seen: Windows, belief: Belief, log: Log) -> Estimate | None:
+    """k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor of `log`; None if the torque does not vary.
+
+    Args:
+        x: identified parameters. seen: windows used for them. belief: N.
+
+    Raises:
+        LogRefused: a torque is missing, or in another unit.
+    """
+    torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1)
+    d = wound(wind_up(x, seen, belief.N), x[BACKLASH])
+    n = len(seen.t)
+    A = np.zeros((3 * n, 7))
+    A[:, 0] = d.ravel()
+    for i in range(3):
+        A[i::3, 1 + i] = np.sign(seen.speed[:, i])
+        A[i::3, 4 + i] = 1.0
+    found = line(A, torque.ravel(), np.repeat(seen.cluster, 3))
+    if found is None:
+        return None
+    return Estimate(float(found.coefficients[0]), float(found.half_widths[0]), "N m/rad")
+
+
+def _mean(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:
+    """Means of a torque over the windows."""
+    if name not in log.series:
+        raise LogRefused(
+            f"{log.path}: '{name}' is not there; --motor-torque needs the torques of all three motors: choose with "
+            f"--map {name}=COLUMN[N m]"
+        )
+    series = log.series[name]
+    if series.unit != "N m":
+        raise LogRefused(f"{log.path}: {name} is in '{series.unit}', expected 'N m'; a current is not a torque")
+    total = np.concatenate([[0.0], np.cumsum(series.values)])
+    first = np.searchsorted(series.t, seen.t - 0.5 * seen.length)
+    last = np.maximum(np.searchsorted(series.t, seen.t + 0.5 * seen.length), first + 1)
+    last = np.minimum(last, len(series.t))
+    return (total[last] - total[first]) / np.maximum(last - first, 1)

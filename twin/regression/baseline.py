@@ -1,0 +1,203 @@
+"""A baseline: what an experiment came to with one drive, as a small TOML file that people read and edit."""
+
+import hashlib
+import json
+import tomllib
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin import __version__
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.regression.measurement import POINTS, Measured, Sampled
+
+OWN = "own"
+"""Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
+FOLDER = Path("tests/baselines")
+"""Where baselines are looked for, one folder per experiment."""
+_UNTOLD = ("title", "recording", "drive")
+"""Tables that do not change what is measured; drives are told of one by one."""
+
+
+@dataclass(frozen=True)
+class Kept:
+    """A number of a baseline: off by more than its bound either way is a deviation.
+
+    Attributes:
+        value, bound: in `unit`, SI. keep: the bound has been chosen by somebody, and an update leaves it.
+    """
+
+    value: float
+    unit: str
+    bound: float
+    keep: bool = False
+
+
+@dataclass(frozen=True)
+class Entry:
+    """When a baseline was accepted, and why."""
+
+    date: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Baseline:
+    """What is stored.
+
+    Attributes:
+        experiment, drive: their names. fingerprint: of the experiment. fmus: SHA-256 by file name.
+        twin: version that measured it. history: oldest first.
+        metrics: by "measure.metric". tubes: by measure.
+    """
+
+    experiment: str
+    drive: str
+    fingerprint: str
+    fmus: dict[str, str]
+    twin: str
+    history: tuple[Entry, ...]
+    metrics: dict[str, Kept]
+    tubes: dict[str, Sampled]
+
+
+def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
+    """Where the baseline of an experiment and a drive (a name, or a path to an FMU) is."""
+    return folder / experiment / f"{Path(drive).stem}.toml"
+
+
+def stored_drives(folder: Path, experiment: str) -> list[str]:
+    """The drives for which `experiment` has a baseline in `folder`, as they were named."""
+    return [read_baseline(file).drive for file in sorted((folder / experiment).glob("*.toml"))]
+
+
+def fingerprint(experiment: Experiment) -> str:
+    """Tells an experiment from one whose results may be others: a hash over what its file says, drives included.
+
+    Files of FMUs are left out: they have hashes of their own.
+    """
+    values = {key: value for key, value in experiment.values.items() if key not in _UNTOLD}
+    drives = [_without_files(drive.model_dump()) for drive in experiment.drives]
+    text = json.dumps([values, drives], sort_keys=True)
+    return hashlib.sha256(text.encode()).hexdigest()[:16]
+
+
+def baseline_of(
+    experiment: Experiment, drive: str, now: Measured, history: Iterable[Entry], before: Baseline | None
+) -> Baseline:
+    """The baseline that `now` makes; the bounds that the one `before` keeps stay."""
+    metrics = {}
+    for name, metric in now.metrics.items():
+        old = before.metrics.get(name) if before else None
+        kept = old is not None and old.keep
+        bound = old.bound if old is not None and kept else _rounded(metric.bound, 3)
+        metrics[name] = Kept(_rounded(metric.value), metric.unit, bound, kept)
+    return Baseline(
+        experiment=experiment.name,
+        drive=drive,
+        fingerprint=fingerprint(experiment),
+        fmus=now.fmus,
+        twin=__version__,
+        history=tuple(history),
+        metrics=metrics,
+        tubes={name: _thinned(curve) for name, curve in now.curves.items()},
+    )
+
+
+def read_baseline(file: Path) -> Baseline:
+    """The baseline in `file`.
+
+    Raises:
+        InputRefused: it cannot be read, or is no baseline.
+    """
+    try:
+        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        return Baseline(
+            experiment=table["experiment"],
+            drive=table["drive"],
+            fingerprint=table["fingerprint"],
+            fmus=dict(table["fmus"]),
+            twin=table["twin"],
+            history=tuple(Entry(**entry) for entry in table["history"]),
+            metrics={name: Kept(**kept) for name, kept in table["metrics"].items()},
+            tubes={name: _tube(tube) for name, tube in table.get("tubes", {}).items()},
+        )
+    except OSError as problem:
+        raise InputRefused(f"{file}: cannot be read: {problem.strerror}") from None
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
+        raise InputRefused(f"{file}: not valid TOML: {problem}") from None
+    except KeyError as missing:
+        raise InputRefused(f"{file}: no baseline: missing key {missing}; write it anew with --update") from None
+    except (TypeError, ValueError) as problem:
+        raise InputRefused(f"{file}: no baseline: {problem}; write it anew with --update") from None
+
+
+def baseline_text(baseline: Baseline) -> str:
+    """`baseline` as TOML, a line per number."""
+    return "\n".join(_lines(baseline)) + "\n"
+
+
+def write_baseline(file: Path, text: str) -> None:
+    """Write the `text` of a baseline.
+
+    Raises:
+        InputRefused: the disk refuses.
+    """
+    try:
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.write_text(text, encoding="utf-8")
+    except OSError as problem:
+        raise InputRefused(f"{file}: cannot be written: {problem.strerror}") from None
+
+
+def _lines(b: Baseline) -> Iterable[str]:
+    yield f"# twin check {b.experiment} --drive {b.drive}: SI units; a bound with keep = true stays"
+    for key in ("experiment", "drive", "fingerprint", "twin"):
+        yield f"{key} = {json.dumps(getattr(b, key))}"
+    yield "\n[fmus]"
+    yield from (f"{json.dumps(name)} = {json.dumps(digest)}" for name, digest in b.fmus.items())
+    for entry in b.history:
+        yield f"\n[[history]]\ndate = {json.dumps(entry.date)}\nreason = {json.dumps(entry.reason, ensure_ascii=False)}"
+    yield "\n[metrics]"
+    for name, kept in b.metrics.items():
+        keep = ", keep = true" if kept.keep else ""
+        yield f'"{name}" = {{ value = {kept.value!r}, unit = "{kept.unit}", bound = {kept.bound!r}{keep} }}'
+    for name, tube in b.tubes.items():
+        yield f'\n[tubes.{name}]\nsignal = "{tube.signal}"\nunit = "{tube.unit}"'
+        yield f"tolerance = {tube.tolerance!r}\ndt_s = {tube.dt!r}"
+        yield f"t_s = {_array(tube.t)}\nvalues = {_array(tube.values)}"
+
+
+def _array(values: np.ndarray) -> str:
+    """Ten numbers a line."""
+    texts = [repr(float(value)) for value in values]
+    return "[\n" + "".join(f"  {', '.join(texts[i : i + 10])},\n" for i in range(0, len(texts), 10)) + "]"
+
+
+def _tube(table: dict[str, Any]) -> Sampled:
+    t, values = np.array(table["t_s"], dtype=float), np.array(table["values"], dtype=float)
+    if len(t) < 2 or len(t) != len(values) or np.any(np.diff(t) <= 0.0):
+        raise ValueError("t_s and values of a tube: expected as many of each, with times that increase")
+    return Sampled(table["signal"], table["unit"], t, values, float(table["tolerance"]), float(table["dt_s"]))
+
+
+def _thinned(curve: Sampled) -> Sampled:
+    """Some samples, evenly spread, with six digits."""
+    chosen = np.unique(np.linspace(0, len(curve.t) - 1, POINTS).round().astype(int))
+    t = np.array([round(float(curve.t[k]), 9) for k in chosen])
+    values = np.array([_rounded(float(curve.values[k])) for k in chosen])
+    return Sampled(curve.signal, curve.unit, t, values, _rounded(curve.tolerance, 3), curve.dt)
+
+
+def _rounded(value: float, digits: int = 6) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _without_files(drive: dict[str, Any]) -> dict[str, Any]:
+    """[drive] without the places of its FMUs."""
+    parts = {name: {k: v for k, v in part.items() if k != "fmu"} for name, part in drive["parts"].items()}
+    return {k: v for k, v in drive.items() if k != "fmu"} | {"parts": parts}

@@ -1,0 +1,95 @@
+"""An experiment checked against its baselines, for programs and tests."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.source import located
+from twin.regression.baseline import (
+    FOLDER,
+    OWN,
+    Baseline,
+    baseline_file,
+    read_baseline,
+    stored_drives,
+)
+from twin.regression.measurement import Measured, measured
+from twin.regression.trace import traced
+from twin.regression.verdict import Row, verdict
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A number or curve that is not what it was; `str` says it in one sentence."""
+
+    experiment: str
+    drive: str
+    row: Row
+
+    def __str__(self) -> str:
+        row, at = self.row, "" if self.row.at is None else f" at {self.row.at:g} s"
+        told = f"{self.experiment}, {self.drive}: {row.name} is {row.word}"
+        if row.now is None or row.before is None:
+            return told
+        return f"{told}: {row.now:.6g} {row.unit}{at}, was {row.before:.6g} within {row.bound:g}"
+
+
+def check(experiment: Path | str, drive: str | None = None, baselines: Path | str = FOLDER) -> list[Deviation]:
+    """Run an experiment and hold it against what is stored; nothing is written.
+
+    Args:
+        experiment: its file, or the name of one in experiments/.
+        drive: a drive of fmus/ or an FMU; "own": the experiment's; None: every drive that has a baseline.
+        baselines: folder that `twin check --update` has written to.
+
+    Returns:
+        What deviates; empty if all is as it was.
+
+    Raises:
+        InputRefused: no baseline, or it cannot be compared, or a measure that this run gives no meaning.
+        ComponentFailed, SafetyTrip: the run did not come to its end.
+    """
+    file, folder = experiment_file(experiment), Path(baselines)
+    drives = [drive] if drive is not None else stored_drives(folder, file.stem)
+    if not drives:
+        raise InputRefused(_no_baseline(folder / file.stem, file, OWN))
+    found = []
+    for name in drives:
+        baseline = stored_baseline(folder, file, name)
+        loaded, now = measured_with(file, name)
+        found += [Deviation(loaded.name, name, row) for row in verdict(loaded, name, baseline, now).deviations]
+    return found
+
+
+def experiment_file(experiment: Path | str) -> Path:
+    """The file meant by a path, or by the name of an experiment in experiments/."""
+    path = Path(experiment)
+    if path.suffix == ".toml" or path.exists():
+        return path
+    return located(f"experiments/{experiment}.toml", Path.cwd())
+
+
+def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
+    """The experiment in `file` with `drive` as every joint's, and what it comes to; exceptions as `check`."""
+    experiment = load_experiment(file, drive=None if drive == OWN else drive)
+    return experiment, measured(experiment, traced(experiment))
+
+
+def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
+    """The baseline of the experiment in `file` with `drive`.
+
+    Raises:
+        InputRefused: there is none; it says how one is made.
+    """
+    stored = baseline_file(folder, file.stem, drive)
+    if not stored.exists():
+        raise InputRefused(_no_baseline(stored, file, drive))
+    return read_baseline(stored)
+
+
+def _no_baseline(stored: Path, file: Path, drive: str) -> str:
+    return (
+        f"{stored}: no baseline of {file.stem}; accept what it comes to now: "
+        f'twin check {file} --drive {drive} --update --reason "first"'
+    )

@@ -1,0 +1,201 @@
+"""What a run comes to in numbers, one group of them for each [[measure]]."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.errors import InputRefused
+from twin.experiment import measure as measures
+from twin.experiment.experiment import Experiment
+from twin.metrics.effort import travel, work
+from twin.metrics.response import within
+from twin.metrics.step import step_info
+from twin.metrics.tracking import lag, path_error, rms
+from twin.regression.metric import SHARE, Metric, floor_of
+from twin.regression.trace import Trace
+
+SETTLING_FLOOR = 0.02
+"""Of settling times (s): a response leaves its band so flat that a count moves the instant by far more than a tick."""
+POINTS = 40
+"""Of a tube: more would make its file unreadable, and between them a curve is still told by its metrics."""
+TUBE_TIME = 0.004
+"""Half width of a tube in time (s): two periods of the robot's controller."""
+TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
+"""Least half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the force
+that one count of the motor encoder means (2 pi / 4096 times k_s N at 60 mm)."""
+
+Metrics = dict[str, Metric]
+Curve = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A curve as a baseline keeps it.
+
+    Attributes:
+        signal, unit: what it is. t, values: (m,), s and SI. tolerance: half width of the tube in `unit`, dt: in s.
+    """
+
+    signal: str
+    unit: str
+    t: Curve
+    values: Curve
+    tolerance: float
+    dt: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What an experiment comes to with one drive.
+
+    Attributes:
+        metrics: by "measure.metric". curves: by the measure's name, every tick of its window.
+        fmus: SHA-256 of the FMUs, by file name.
+    """
+
+    metrics: Metrics
+    curves: dict[str, Sampled]
+    fmus: dict[str, str]
+
+
+def measured(experiment: Experiment, trace: Trace) -> Measured:
+    """Measure `trace`, a run of `experiment`.
+
+    Raises:
+        InputRefused: nothing to measure, or a measure that this run gives no meaning; all of those at once.
+    """
+    if not experiment.measures:
+        raise InputRefused(
+            f"{experiment.name}: has no [[measure]] tables, so there is nothing to check; docs/regression.md has them"
+        )
+    metrics: Metrics = {}
+    curves, mistakes = {}, []
+    for measure in experiment.measures:
+        inside = within(trace.t, measure.begin, np.inf if measure.until is None else measure.until)
+        try:
+            found = KINDS[type(measure)](measure, trace, inside)
+        except InputRefused as problem:
+            mistakes.append(f'{experiment.name}: [[measure]] "{measure.name}": {problem}')
+            continue
+        # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
+        finite = {name: metric for name, metric in found.items() if np.isfinite(metric.value)}
+        metrics |= {f"{measure.name}.{name}": metric for name, metric in finite.items()}
+        if isinstance(measure, measures.Step | measures.Tracking):
+            curves[measure.name] = _curve(measure.signal, trace, inside)
+    if mistakes:
+        raise InputRefused("\n".join(mistakes))
+    return Measured(metrics, curves, trace.fmus)
+
+
+def _curve(signal: str, trace: Trace, inside: NDArray[np.bool_]) -> Sampled:
+    values, unit = trace[signal][inside], trace.unit(signal)
+    tolerance = max(SHARE * float(np.ptp(values)), TUBE_FLOORS.get(unit, 0.0))
+    return Sampled(signal, unit, trace.t[inside], values, tolerance, TUBE_TIME)
+
+
+def _step(measure: measures.Step, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    unit = _common_unit(measure, trace)
+    reference, y = trace[measure.reference], trace[measure.signal][inside]
+    first = int(np.argmax(inside))
+    # a step of way points takes a period of the controller, and that of a joint takes one to be told of
+    settled = reference[inside][len(y) // 100 :]
+    if np.ptp(settled) > 1e-9 * np.max(np.abs(settled)):
+        raise InputRefused(f"{measure.reference} still moves after the step at {measure.begin:g} s; expected one step")
+    before = trace[measure.signal][max(0, first - 1)]
+    info = step_info(trace.t[inside] - trace.t[first], y, float(before), float(settled[-1]))
+    step = abs(info.final - float(before))
+    floor, length = floor_of(unit), float(trace.t[inside][-1] - trace.t[first])
+    return {
+        "delay_time": Metric(info.delay_time, "s", floor_of("s")),
+        "rise_time": Metric(info.rise_time, "s", floor_of("s")),
+        "settling_time_2": Metric(info.settling_time_2, "s", SETTLING_FLOOR),
+        "settling_time_5": Metric(info.settling_time_5, "s", SETTLING_FLOOR),
+        "overshoot": Metric(info.overshoot, "1", floor_of("1")),
+        "peak": Metric(info.peak, unit, floor, "none", scale=step),
+        # the tenth of what a share of the step would be: an error that small is as good as none
+        "steady_state_error": Metric(info.steady_state_error, unit, max(floor, 0.1 * SHARE * step), "nearer zero"),
+        "IAE": Metric(info.IAE, f"{unit} s", floor * length),
+        "ISE": Metric(info.ISE, f"{unit}2 s", 2.0 * floor * info.IAE),
+        "ITAE": Metric(info.ITAE, f"{unit} s2", 0.5 * floor * length**2),
+    }
+
+
+def _tracking(measure: measures.Tracking, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    unit = _common_unit(measure, trace)
+    error = (trace[measure.reference] - trace[measure.signal])[inside]
+    return {
+        "rms_error": Metric(rms(error), unit, floor_of(unit)),
+        "max_error": Metric(float(np.max(np.abs(error))), unit, floor_of(unit)),
+    }
+
+
+def _lag(measure: measures.Lag, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    _common_unit(measure, trace)
+    reference, y = trace[measure.reference][inside], trace[measure.signal][inside]
+    for name, values in ((measure.reference, reference), (measure.signal, y)):
+        if np.ptp(values) <= 1e-9 * np.max(np.abs(values)):
+            raise InputRefused(f"{name} does not move, so no lag can be told; measure while it does")
+    found = lag(trace.t[inside], y, reference, measure.longest)
+    if found >= measure.longest - 1e-9:
+        raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
+    return {"lag": Metric(found, "s", floor_of("s"), "nearer zero")}
+
+
+def _spread(measure: measures.Spread, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    unit, values = trace.unit(measure.signal), trace[measure.signal][inside]
+    return {
+        "mean": Metric(float(np.mean(values)), unit, floor_of(unit), "none"),
+        "std": Metric(float(np.std(values)), unit, floor_of(unit)),
+    }
+
+
+def _onset(measure: measures.Onset, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    true = np.flatnonzero(trace[measure.signal][inside] > 0.0)
+    if len(true) == 0:
+        raise InputRefused(f"{measure.signal} is never true")
+    return {"time": Metric(float(trace.t[inside][true[0]]), "s", floor_of("s"), "none")}
+
+
+def _path(measure: measures.Path, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    path = trace["controller.p_ref_B"][inside]
+    if np.all(np.ptp(path, axis=0) == 0.0):
+        raise InputRefused("the reference does not move, so it has no path; measure while it does")
+    error = path_error(trace["plant.p_B"][inside], path)
+    return {
+        "rms_error": Metric(rms(error), "m", floor_of("m")),
+        "max_error": Metric(float(np.max(error)), "m", floor_of("m")),
+    }
+
+
+def _effort(measure: measures.Effort, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
+    t = trace.t[inside]
+    angles = [
+        values for name, values in trace.vectors.items() if name.startswith("drive") and name.endswith(".theta_m")
+    ]
+    omega_m = np.gradient(np.hstack(angles)[inside], t, axis=0)
+    delivered, returned = work(t, trace["plant.tau_load"][inside], omega_m)
+    return {
+        "commanded_travel": Metric(travel(t, trace["controller.omega_ref"][inside]), "rad", floor_of("rad")),
+        "work_delivered": Metric(delivered, "J", floor_of("J")),
+        "work_returned": Metric(returned, "J", floor_of("J"), "none"),
+    }
+
+
+def _common_unit(measure: measures.Led, trace: Trace) -> str:
+    unit, other = trace.unit(measure.signal), trace.unit(measure.reference)
+    if unit != other:
+        raise InputRefused(f"{measure.signal} is in {unit}, but its reference {measure.reference} in {other}")
+    return unit
+
+
+KINDS: dict[type[measures.Window], Callable[..., Metrics]] = {
+    measures.Step: _step,
+    measures.Tracking: _tracking,
+    measures.Lag: _lag,
+    measures.Spread: _spread,
+    measures.Onset: _onset,
+    measures.Path: _path,
+    measures.Effort: _effort,
+}

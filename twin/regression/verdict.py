@@ -1,0 +1,148 @@
+"""What is now against what was: each number with its bound, each curve with its tube."""
+
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from twin import __version__
+from twin.comparison.tube import reach
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.regression.baseline import Baseline, fingerprint
+from twin.regression.measurement import Measured, Sampled
+from twin.regression.metric import Metric
+
+Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
+"""`moved`: beyond its bound, where neither way is better. `new`, `gone`: only now, only then. `outside`: of a tube."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One number or one tube.
+
+    Attributes:
+        name: "measure.metric", or "measure.tube". unit: SI.
+        before, now: None where there is none. bound: how far apart they may be; None likewise.
+        at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
+        word: what it comes to.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    now: float | None
+    bound: float | None
+    at: float | None
+    word: Word
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """An experiment with one drive against its baseline.
+
+    Attributes:
+        rows: numbers, then tubes. notes: what has changed besides, a sentence each.
+    """
+
+    experiment: str
+    drive: str
+    rows: tuple[Row, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def deviations(self) -> tuple[Row, ...]:
+        return tuple(row for row in self.rows if row.word != "ok")
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON; None for what is not a number."""
+        rows = [{key: None if value != value else value for key, value in asdict(row).items()} for row in self.rows]
+        return {"experiment": self.experiment, "drive": self.drive, "rows": rows, "notes": self.notes}
+
+
+def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> Verdict:
+    """Hold `now` against `baseline`; if there is none, everything is new.
+
+    A changed experiment or FMU is compared all the same, which is what a baseline is for, and told in a note.
+
+    Raises:
+        InputRefused: the baseline is of another experiment or drive, or in other units.
+    """
+    if baseline is None:
+        rows = [Row(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()]
+        return Verdict(experiment.name, drive, tuple(rows), ())
+    if (baseline.experiment, baseline.drive) != (experiment.name, drive):
+        raise InputRefused(
+            f"{experiment.name}, {drive}: its baseline is of {baseline.experiment} with {baseline.drive}; move that "
+            "file to where it belongs, or write this one with --update"
+        )
+    rows = [*_metric_rows(experiment.name, baseline, now), *_tube_rows(baseline, now)]
+    return Verdict(experiment.name, drive, tuple(rows), tuple(_notes(experiment, baseline, now)))
+
+
+def _metric_rows(experiment: str, baseline: Baseline, now: Measured) -> Iterator[Row]:
+    for name, kept in baseline.metrics.items():
+        metric = now.metrics.get(name)
+        if metric is None:
+            yield Row(name, kept.unit, kept.value, None, None, None, "gone")
+            continue
+        if metric.unit != kept.unit:
+            raise InputRefused(
+                f"{experiment}, {baseline.drive}: {name} is in {metric.unit}, but its baseline in {kept.unit}; they "
+                "are not the same quantity, write the baseline anew with --update"
+            )
+        word: Word = "ok"
+        # written so that what is not a number is not ok
+        if not abs(metric.value - kept.value) <= kept.bound:
+            word = _direction(metric, kept.value)
+        yield Row(name, kept.unit, kept.value, metric.value, kept.bound, None, word)
+    for name, metric in now.metrics.items():
+        if name not in baseline.metrics:
+            yield Row(name, metric.unit, None, metric.value, None, None, "new")
+
+
+def _direction(metric: Metric, before: float) -> Word:
+    if metric.sense == "none":
+        return "moved"
+    now = metric.value if metric.sense == "less" else abs(metric.value)
+    return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
+
+
+def _tube_rows(baseline: Baseline, now: Measured) -> Iterator[Row]:
+    for name, tube in baseline.tubes.items():
+        curve = now.curves.get(name)
+        if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
+            yield Row(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone")
+        else:
+            yield _tube_row(f"{name}.tube", tube, curve)
+
+
+def _tube_row(name: str, tube: Sampled, curve: Sampled) -> Row:
+    """At the instants that the baseline has, where a thinned curve is as good as the whole."""
+    y = np.interp(tube.t, curve.t, curve.values, left=np.nan, right=np.nan)
+    around = reach(tube.t, tube.values, tube.t, tube.dt)
+    off = np.abs(around.excess(y))
+    worst = int(np.argmax(off))
+    return Row(
+        name,
+        tube.unit,
+        float(tube.values[worst]),
+        float(y[worst]),
+        tube.tolerance,
+        float(tube.t[worst]),
+        "ok" if off[worst] <= tube.tolerance else "outside",
+    )
+
+
+def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterator[str]:
+    if baseline.fingerprint != fingerprint(experiment):
+        yield "the experiment's file has changed since the baseline"
+    for name, digest in now.fmus.items():
+        was = baseline.fmus.get(name)
+        if was is None:
+            yield f"{name} is another FMU than the baseline's {', '.join(baseline.fmus)}"
+        elif was != digest:
+            yield f"{name} has changed: was sha256 {was[:12]}, now {digest[:12]}"
+    if baseline.twin != __version__:
+        yield f"the baseline was measured by twin {baseline.twin}, this is {__version__}"

@@ -1,0 +1,76 @@
+"""An accuracy budget from file to file: facts, rows for a page, and text."""
+
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.accuracy.budget import Budget, accuracy_budget
+from twin.errors import InputRefused
+from twin.experiment.experiment import load_experiment
+from twin.report.accuracy_text import accuracy_text
+
+HOME = Path("results") / "accuracy"
+FACTS = "accuracy.json"
+"""Beside a recording it is what a page of that run shows."""
+
+
+@dataclass(frozen=True)
+class Report:
+    """What comes of it. text: at most 80 columns; facts: for programs."""
+
+    text: str
+    facts: dict[str, object]
+
+
+def accuracy_report(
+    experiment: Path, settings: Sequence[str] = (), drive: str | None = None, out: Path | None = None
+) -> Report:
+    """Make the budget of the experiment at a path, and write its facts into `out`, or results/accuracy/EXPERIMENT.
+
+    Raises:
+        InputRefused: the experiment, a drive or the folder cannot be used.
+        ComponentFailed: a component failed.
+    """
+    loaded = load_experiment(experiment, settings, drive)
+    folder = out or HOME / loaded.name
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
+    budget = accuracy_budget(loaded)
+    facts = accuracy_facts(budget)
+    (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
+    return Report(accuracy_text(budget, str(folder / FACTS)), facts | {"facts": str(folder / FACTS)})
+
+
+def accuracy_facts(budget: Budget) -> dict[str, object]:
+    """Everything that a budget says, N and s: what `accuracy.json` holds."""
+    return {
+        "experiment": budget.name,
+        "start_s": budget.start,
+        "end_s": budget.end,
+        "force_N": budget.force,
+        "contributions": [
+            {
+                "label": one.label, "group": one.group, "bias_N": one.bias, "std_N": one.std, "rms_N": one.rms,
+                "meaning": one.meaning,
+            }
+            for one in (*budget.contributions, budget.as_is)
+        ],
+        "bias_N": budget.bias,
+        "together_N": budget.together,
+        "parameters_N": budget.parameters,
+    }  # fmt: skip
+
+
+def accuracy_rows(facts: Mapping[str, object]) -> list[tuple[str, float, str]]:
+    """(label, rms in N, meaning) of each line of what `accuracy.json` holds, the sums last: a table as it is."""
+    lines = facts["contributions"]
+    assert isinstance(lines, list)
+    *parts, as_is = [(line["label"], float(line["rms_N"]), line["meaning"]) for line in lines]
+    sums = [
+        ("imperfections together", float(str(facts["together_N"])), "root of the sum of squares; compare as it is"),
+        ("parameters together", float(str(facts["parameters_N"])), "root of the sum of squares; not in this run"),
+    ]
+    return [*parts, *sums, as_is]

@@ -1,0 +1,42 @@
+"""Gains as an experiment file that extends the one they were found for."""
+
+import json
+from pathlib import Path
+
+from twin.tuning.tuned import Tuned
+
+
+def goals_sentence(done: Tuned) -> str:
+    """`M_s at most 1.6, overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    goals = done.goals
+    parts = [f"M_s at most {goals.sensitivity:g}", f"overshoot at most {100.0 * goals.overshoot:g} %"]
+    if goals.bandwidth is not None:
+        parts.append(f"{goals.law} bandwidth at least {goals.bandwidth_hertz:g} Hz")
+    if done.stiffness is not None:
+        parts.append("on {:g} to {:g} N/m".format(*done.stiffness))
+    return ", ".join([*parts, "with " + " and ".join(Path(drive.labels[0]).stem for drive in done.drives)])
+
+
+def fragment(done: Tuned, experiment: Path) -> str:
+    """TOML: `extends` the file `experiment`, and the gains with where they come from."""
+    source = f"tuned: twin tune, {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
+    before, after = done.before.gains, done.after.gains
+    lines = [
+        f"# twin tune {experiment}: {goals_sentence(done)}",
+        f"extends = {json.dumps(str(experiment))}",
+        "",
+        "[controller.position]",
+        _line("kp_per_s", after.kp, source, before.kp),
+    ]
+    if done.goals.law == "force":
+        lines += [
+            "",
+            "[controller.force]",
+            _line("kp_mm_per_N", 1e3 * after.force_kp, source, 1e3 * before.force_kp),
+            _line("ki_mm_per_N_s", 1e3 * after.force_ki, source, 1e3 * before.force_ki),
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _line(key: str, value: float, source: str, before: float) -> str:
+    return f"{key} = {{ value = {value:.6g}, source = {json.dumps(f'{source}; was {before:.6g}')} }}"

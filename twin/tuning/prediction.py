@@ -1,0 +1,172 @@
+"""What the linear model says of gains at a corner: stability, sensitivity, and the answer to a step.
+
+The laws are those of `twin/controller/`, put in closed form because thousands of gains are tried:
+
+    e_F = F_z_ref - F_z,  I(k) = I(k-1) + ki T e_F,  dp_z = -(kp_F e_F + I(k)),  u = kp (p_ref + dp_z e_z - p).
+
+A test holds the poles against those of `twin.loop_analysis`, which calls the compiled laws.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.analysis.drive_model import Matrix
+from twin.metrics.response import overshoot, settling_time
+from twin.tuning.corner import Corner
+from twin.tuning.gains import LawGains
+
+HORIZON = 8.0
+"""Of a step response (s)."""
+SETTLED = 0.05
+"""Band around the final value (share of the step)."""
+BLOCK = 64
+"""Samples; a power of two."""
+END = 0.1
+"""Share of the samples."""
+HALF_POWER = 1.0 / np.sqrt(2.0)
+
+
+@dataclass(frozen=True)
+class Answer:
+    """The answer to a unit step of the reference of one law, in truth and not as it is estimated.
+
+    Attributes:
+        overshoot: share of the step. settling: time from which it stays within `SETTLED` (s); infinity: not in
+            `HORIZON`. short: mean distance from the final value over the last `END` of it (share of the step).
+        bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
+    """
+
+    overshoot: float
+    settling: float
+    short: float
+    bandwidth: float
+
+
+@dataclass(frozen=True)
+class Prediction:
+    """Gains at a corner.
+
+    Attributes:
+        corner: where. radius: largest magnitude of a pole; below 1: stable.
+        sensitivity: M_s, the largest |1/(1+L)| of any loop with the others closed; infinity if unstable.
+        answers: by law; the worst of its axes. Empty if unstable.
+    """
+
+    corner: Corner
+    radius: float
+    sensitivity: float
+    answers: dict[str, Answer]
+
+    @property
+    def stable(self) -> bool:
+        return self.radius < 1.0
+
+
+def predicted(corner: Corner, gains: LawGains) -> Prediction:
+    """Judge `gains` at `corner`."""
+    A, _, _ = closed(corner, gains)
+    radius = float(np.abs(np.linalg.eigvals(A)).max())
+    if radius >= 1.0:
+        return Prediction(corner, radius, np.inf, {})
+    S = sensitivities(corner, gains)
+    names = {"position": corner.axes, "force": (3,)}
+    answers = {law: _worst([_answer(corner, gains, S, i) for i in names[law]]) for law in corner.laws}
+    return Prediction(corner, radius, float(np.abs(S).max()), answers)
+
+
+def closed(corner: Corner, gains: LawGains) -> tuple[Matrix, Matrix, Matrix]:
+    """(A, B, C) with the laws closed: p_ref (3,) and F_z_ref in, true position (3,) and pressing force out.
+
+    The force law's integral is a state only where that law acts with an integral gain.
+    """
+    T = corner.period
+    kp, kp_F, ki = gains
+    on = corner.point.force_on
+    c_p, c_F = corner.C[:3], corner.C[3]
+    e_z = np.array([0.0, 0.0, 1.0])
+    # u = U_x x + U_I I + U_r (p_ref, F_z_ref)
+    gain = (kp_F + ki * T) if on else 0.0
+    U_x = kp * (-c_p + gain * np.outer(e_z, c_F))
+    U_r = kp * np.hstack([np.eye(3), -gain * e_z[:, None]])
+    A, B = corner.A + corner.B @ U_x, corner.B @ U_r
+    C = corner.C[4:]
+    if on and ki:
+        A = np.block([[A, -kp * corner.B @ e_z[:, None]], [-ki * T * c_F[None], np.eye(1)]])
+        B = np.vstack([B, [[0.0, 0.0, 0.0, ki * T]]])
+        C = np.hstack([C, np.zeros((4, 1))])
+    return A, B, C
+
+
+def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
+    """1/(1+L) (m, 3 or 4) of the loops x, y, z and, where it acts, force, each opened with the others closed.
+
+    It is the diagonal of (1 + L)^-1 with L the matrix of all loops: opening loop i alone leaves 1/((1 + L)^-1)_ii as
+    its return difference (Skogestad and Postlethwaite 2005, Multivariable Feedback Control, Sec. 10.6).
+    """
+    kp, kp_F, ki = gains
+    m, loops = len(corner.omega), 4 if corner.point.force_on else 3
+    back = np.zeros((m, 4, 4), dtype=complex)
+    z = np.exp(1j * corner.omega * corner.period)
+    C_F = kp_F + ki * corner.period * z / (z - 1.0)
+    back[:, :3, :3] = -kp * corner.P[:, :3]
+    back[:, 2, 3] = kp
+    back[:, 3, :3] = C_F[:, None] * corner.P[:, 3]
+    S = np.linalg.inv(np.eye(loops) - back[:, :loops, :loops])
+    return np.diagonal(S, axis1=1, axis2=2)
+
+
+def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
+    """(t in s, response (n,), its final value) of the true position in axis `i`, or of the true pressing force (3), to
+    a unit step of its reference at t = 0, over `HORIZON`.
+
+    Args:
+        gains: with which the corner is stable.
+    """
+    A, B, C = closed(corner, gains)
+    rest: Matrix = np.linalg.solve(np.eye(len(A)) - A, B[:, i])
+    final = float(C[i] @ rest)
+    # x(k) = rest - A^k rest; C A^(64 a + b) rest is the product of a few rows C A^b and columns A^(64 a) rest
+    samples = round(HORIZON / corner.period)
+    rows, power = _powers(C[[i]], A, BLOCK)
+    columns, _ = _powers(rest[None], power.T, -(-samples // BLOCK))
+    y = final - (columns @ rows.T).ravel()[:samples]
+    return np.arange(samples) * corner.period, y, final
+
+
+def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
+    """(`row` A^k for k = 0 .. count - 1 (count, n), A^m with m the power of two that is not below `count`)."""
+    rows, power = row, A
+    while len(rows) < count:
+        rows, power = np.vstack([rows, rows @ power]), power @ power
+    return rows[:count], power
+
+
+def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
+    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) since the step (s)."""
+    return Answer(
+        overshoot(share, 1.0),
+        settling_time(t, share, 1.0, SETTLED),
+        float(abs(1.0 - np.mean(share[-round(END * len(share)) :]))),
+        bandwidth,
+    )
+
+
+def _answer(corner: Corner, gains: LawGains, S: np.ndarray, i: int) -> Answer:
+    below = np.flatnonzero(np.abs(1.0 - S[:, i]) < HALF_POWER)
+    t, y, final = step_response(corner, gains, i)
+    return answer(t, y / final, float(corner.omega[below[0]]) if len(below) else float(corner.omega[-1]))
+
+
+def _worst(each: list[Answer]) -> Answer:
+    return Answer(
+        max(found.overshoot for found in each),
+        max(found.settling for found in each),
+        max(found.short for found in each),
+        min(found.bandwidth for found in each),
+    )
+
+
+def final_value(corner: Corner, gains: LawGains, i: int) -> float:
+    """Where the response of `step_response` ends."""
+    return step_response(corner, gains, i)[2]

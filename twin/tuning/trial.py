@@ -1,0 +1,135 @@
+"""Gains in the co-simulation with the real drives: a step at a corner, and the experiment itself."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.analysis.drive_model import Matrix
+from twin.assembly.robot import assemble
+from twin.cosim.simulation import Simulation
+from twin.errors import ComponentFailed
+from twin.execution.outcome import Outcome, Tally
+from twin.execution.watch import Watch
+from twin.experiment.experiment import Experiment
+from twin.experiment.schema import Reference
+from twin.tuning.corner import Corner, at_stiffness
+from twin.tuning.gains import LawGains, with_gains
+from twin.tuning.prediction import HORIZON, Answer, answer, final_value
+
+REST = 3.0
+"""Time (s) before the step, in which the platform sags under the drives' droop."""
+FORCE_STEP = 0.4
+"""Step of the force, as a share of the force at the corner: well above what counts and backlash make of it (0.05 N)."""
+HEIGHT_STEP = 1e-3
+"""Step of z (m), upwards."""
+SLICE = 1000
+"""Ticks of a whole run between two looks at it."""
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A step at a corner, simulated.
+
+    Attributes:
+        corner: where. law: whose reference was stepped.
+        t, share: s (n,) since the step, and what came of it (n,), 1 where the linear model ends.
+        answer: its bandwidth is not measured (NaN).
+    """
+
+    corner: Corner
+    law: str
+    t: Matrix
+    share: Matrix
+    answer: Answer
+
+
+def can_be_tried(corner: Corner) -> bool:
+    """Whether a step can be simulated: the position law's in air, the force law's pressing.
+
+    Where [controller.damping] acts there is none: only tasks have it, and tasks make no steps.
+    """
+    damping = corner.experiment.controller.damping if corner.experiment.tasks else None
+    return corner.point.in_contact == corner.point.force_on and (damping is None or damping.gain == 0.0)
+
+
+def step_trial(corner: Corner, gains: LawGains) -> Trial | None:
+    """Simulate the answer of the true force or height to a step of its reference; None if the run failed.
+
+    The same run without the step is taken off, so that what both do falls out: the sagging before all.
+
+    Args:
+        gains: with which the linear model is stable.
+    """
+    try:
+        moved, still = (_run(corner, gains, stepped) for stepped in (True, False))
+    except ComponentFailed:
+        return None
+    i = 3 if corner.point.force_on else 2
+    size = FORCE_STEP * corner.point.F_z if corner.point.force_on else HEIGHT_STEP
+    share = (moved - still) / (size * final_value(corner, gains, i))
+    t = np.arange(len(share)) * corner.experiment.cosim.tick
+    return Trial(corner, corner.laws[0], t, share, answer(t, share, np.nan))
+
+
+def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
+    """The true pressing force (N) or height (m) at each tick from the step on (n,)."""
+    experiment, point = with_gains(at_stiffness(corner), gains), corner.point
+    x, y, z = point.p_B
+    period = experiment.controller.period
+    up = z + (HEIGHT_STEP if stepped and not point.force_on else 0.0)
+    # the last call of the controller before REST still has the old reference
+    reference = Reference.model_construct(t=(0.0, REST - period, REST), p=(point.p_B, point.p_B, (x, y, up)))
+    low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
+    c = experiment.controller
+    force = c.force.model_copy(update={"reference": low, "trigger": None, "trigger_time": 0.0})
+    mode = "force_position" if point.force_on else "position"
+    held = replace(
+        experiment,
+        tasks=(),
+        approach=None,
+        reference=reference,
+        controller=c.model_copy(update={"mode": mode, "force": force}),
+    )
+    rest = round(REST / experiment.cosim.tick)
+    with assemble(held) as assembly:
+        system = assembly.system
+        simulation = Simulation(system, rest + round(HORIZON / system.tick), rest)
+        simulation.advance()
+        if stepped and point.force_on:
+            system.component("controller").memory["law"]["F_z_ref"][...] = high  # type: ignore[attr-defined]
+        rows = [simulation.advance().copy()]
+        while not simulation.finished:
+            rows.append(simulation.advance().copy())
+        if simulation.failure:
+            raise ComponentFailed(str(simulation.failure))
+        after = np.vstack(rows)
+        if point.force_on:
+            return -after[:, system.columns("plant.F_ee_B")][:, 2]
+        return after[:, system.columns("plant.p_B")][:, 2]
+
+
+@dataclass(frozen=True)
+class Whole:
+    """The experiment itself.
+
+    Attributes:
+        drive: what its drive is called. outcome: None if it failed. trip: why the safety monitor tripped, or "".
+    """
+
+    drive: str
+    outcome: Outcome | None
+    trip: str
+
+
+def whole_run(experiment: Experiment, drive: str, gains: LawGains) -> Whole:
+    """Simulate `experiment` from beginning to end with `gains`; nothing is recorded."""
+    tried = with_gains(experiment, gains)
+    with assemble(tried) as assembly:
+        simulation = Simulation(assembly.system, tried.duration_ticks, SLICE)
+        tally, watch = Tally(assembly.system), Watch(assembly, tried)
+        while not simulation.finished:
+            first = simulation.next_tick
+            rows = simulation.advance()
+            watch.events(first, rows)
+            tally.take(rows)
+        return Whole(drive, None if simulation.failure else tally.outcome, watch.trip)
