@@ -90,6 +90,7 @@ def run(
     from twin.sweep.folder import HOME, kept
     from twin.sweep.measures import checked_metric
     from twin.sweep.plan import planned
+    from twin.sweep.pool import Pool
     from twin.sweep.sweep import run_sweep
 
     if os.name != "posix":
@@ -107,7 +108,7 @@ def run(
         if dry:
             _estimate(plan, workers, record.value, limits, as_json)
             return
-        run_sweep(plan, folder, workers, record.value, limits, lambda state: line.say(state_text(state)))
+        run_sweep(plan, folder, Pool(workers), record.value, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
         line.clear()
         if not folder.exists() or dry:

@@ -2,12 +2,14 @@
 
 import time
 from collections.abc import Callable
+from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
 from twin.guard.limits import Limits
+from twin.sweep.engine import Engine, Job
 from twin.sweep.folder import claim
 from twin.sweep.measures import within
 from twin.sweep.plan import Plan, Task
@@ -49,7 +51,7 @@ class State:
 def run_sweep(
     plan: Plan,
     folder: Path,
-    processes: int,
+    engine: Engine,
     record: str = "none",
     limits: Limits = Limits(),  # noqa: B008, it is frozen
     show: Callable[[State], None] = lambda state: None,
@@ -57,7 +59,7 @@ def run_sweep(
     """Run what of `plan` has no row in `folder` yet; every row of it.
 
     Args:
-        record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
+        engine: who runs them. record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
         limits: of each worker process. show: told the state at the beginning and after each batch of rows.
 
     Raises:
@@ -72,10 +74,12 @@ def run_sweep(
         began, before = time.monotonic(), len(rows.rows)
         show(_state(rows.rows, plan, before, 0.0))
         if tasks:
-            pool = Pool(tasks, processes, _arguments(plan, folder, record), limits)
-            for batch in pool.results():
-                rows.add([_row(plan, task, facts) for task, facts in batch])
-                show(_state(rows.rows, plan, before, time.monotonic() - began))
+            job = Job(plan.experiment, folder / RECORDINGS, record, limits)
+            # closed at once when anything happens here: what an interrupted iterator holds would else live on
+            with closing(engine.results(job, tasks)) as batches:
+                for batch in batches:
+                    rows.add([_row(plan, task, facts) for task, facts in batch])
+                    show(_state(rows.rows, plan, before, time.monotonic() - began))
         return rows.rows
 
 
@@ -101,20 +105,14 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estim
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with TemporaryDirectory() as scratch:
         began = time.monotonic()
-        pool = Pool([plan.tasks[0]] * 2, 1, _arguments(plan, Path(scratch), record), limits)
+        job = Job(plan.experiment, Path(scratch) / RECORDINGS, record, limits)
         times, rows = [], []
-        for batch in pool.results():
+        for batch in Pool(1).results(job, [plan.tasks[0]] * 2):
             times.append(time.monotonic() - began)
             rows += [_row(plan, task, facts) for task, facts in batch]
         size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
     recorded = size if record == "all" else 0
     return Estimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
-
-
-def _arguments(plan: Plan, folder: Path, record: str) -> dict[str, str]:
-    # absolute: an FMU may change the working directory
-    recordings = str((folder / RECORDINGS).absolute())
-    return {"experiment": str(plan.experiment.absolute()), "folder": recordings, "record": record}
 
 
 def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
