@@ -61,12 +61,12 @@ def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
 
 
 def test_forces_in_x_are_trivially_zero_on_a_level_scale_and_judged_on_a_tilted_one(
-    root: Path, tmp_path: Path, runs: Fig4Runs
+    root: Path, tmp_path: Path, runs: Fig4Runs, position: Recording
 ):
     claim = next(claim for claim in CLAIMS if claim.key == "x_small")
     assert judged(claim, runs).verdict == "trivial"
     tilted = execute(load_experiment(root / "experiments/fig4_imperfect.toml"), tmp_path)
-    finding = judged(claim, fig4_runs(read(tilted.recording), runs.position.recording))
+    finding = judged(claim, fig4_runs(read(tilted.recording), position))
     assert finding.verdict == "holds"
     # 5 N on a plane tilted by 1 degree push 5 sin(1 deg) = 0.087 N sideways, about 8 % of the friction
     assert finding.value == pytest.approx(0.08, abs=0.02)

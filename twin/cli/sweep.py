@@ -11,6 +11,7 @@ import typer
 from typer.core import TyperGroup
 
 from twin.cli.progress import progress
+from twin.cli.sweep_show import By, Json, as_facts, show
 from twin.errors import InputRefused
 
 if TYPE_CHECKING:
@@ -41,11 +42,6 @@ class Record(StrEnum):
 app = typer.Typer(cls=Group, no_args_is_help=True)
 
 Sweep = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep file (TOML).")]
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
-By = Annotated[
-    str | None,
-    typer.Option("--by", metavar="METRIC", help="Metric to rank by; without it, the force error."),
-]
 
 
 @app.callback()
@@ -132,54 +128,7 @@ def run(
         raise SystemExit(1)
 
 
-@app.command()
-def show(
-    sweep: Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep's folder, or its file (TOML).")],
-    by: By = None,
-    against: Annotated[
-        str, typer.Option(metavar="METRIC", help="The other metric of the Pareto front.")
-    ] = "lateral_error_mm",
-    top: Annotated[int, typer.Option(min=1, metavar="N", help="So many of the best runs.")] = 5,
-    x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="Parameter across the heat map.")] = None,
-    y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="Parameter up the heat map.")] = None,
-    parquet: Annotated[bool, typer.Option("--parquet", help="Write the rows as rows.parquet, too.")] = False,
-    as_json: Json = False,
-) -> None:
-    """Show what a sweep came to, also while it runs: best runs, what matters, drives.
-
-    Text, and a heat map (map.png) in the sweep's folder if two numbers vary.
-    Exit code: 0 shown, 2 input refused.
-
-    Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
-    """
-    from twin.report.sweep_picture import axes_of, draw_sweep
-    from twin.report.sweep_text import sweep_text
-    from twin.sweep.folder import HOME, kept
-    from twin.sweep.measures import checked_metric
-    from twin.sweep.parquet import write_parquet
-    from twin.sweep.statistics import usual_metric
-
-    for option, metric in (("--by", by), ("--against", against)):
-        if metric:
-            checked_metric(option, metric)
-    folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
-    if folder is not sweep and not folder.exists():
-        print(f"{sweep.stem}  not begun; run it with: twin sweep {sweep}")
-        return
-    found = kept(folder)
-    metric = by or usual_metric(found.rows)
-    axes = axes_of(found, x, y)
-    files = []
-    if axes:
-        draw_sweep(found, axes, metric, folder / "map.png")
-        files.append(f"  map   {folder / 'map.png'}")
-    if parquet:
-        write_parquet(found, folder / "rows.parquet")
-        files.append(f"  rows  {folder / 'rows.parquet'}")
-    if as_json:
-        print(json.dumps({"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": found.rows}))
-        return
-    print("\n".join([sweep_text(found, metric, against, top), *([""] if files else []), *files]))
+app.command("show")(show)
 
 
 def cores() -> int:
@@ -209,12 +158,12 @@ def _estimate(plan: "Plan", workers: int, record: str, limits: Any, as_json: boo
 
 
 def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
-    from twin.report.sweep_text import headline
+    from twin.report.sweep_text import headline_text
     from twin.sweep.rows import ROWS
     from twin.sweep.statistics import usual_metric
 
     if as_json:
-        print(json.dumps({"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": found.rows}))
+        print(json.dumps(as_facts(found)))
         return
-    answer = headline(found, by or usual_metric(found.rows))
+    answer = headline_text(found, by or usual_metric(found.rows))
     print(f"{answer}\n  rows  {folder / ROWS}\n  next  twin sweep show {folder}")

@@ -22,7 +22,7 @@ from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.reach import geometry_of
 from twin.experiment.reference import Reference, WayPoints, way_points
-from twin.experiment.source import override, read_source, replace_drive
+from twin.experiment.source import override, read_source, replace_drive, with_numbers
 from twin.faults.fault import Fault
 
 
@@ -185,12 +185,23 @@ def _fill_from_robot(values: dict[str, Any]) -> None:
         return
     plant, controller = values.setdefault("plant", {}), values.setdefault("controller", {})
     if isinstance(plant, dict):
-        values["plant"] = {**robot, **plant}
+        values["plant"] = _laid_over(robot, plant, "plant")
     if isinstance(controller, dict):
         model = controller.get("model", {})
         if isinstance(model, dict):
             known = keys(schema.Model)
-            controller["model"] = {**{k: v for k, v in robot.items() if k in known}, **model}
+            believed = {k: v for k, v in robot.items() if k in known}
+            controller["model"] = _laid_over(believed, model, "controller.model")
+
+
+def _laid_over(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
+    """The robot's values under those of a table, which may name single numbers of three: `joint_zero_deg.2`."""
+    numbered = {
+        key: with_numbers(value, robot[key], f"{table}.{key}")
+        for key, value in own.items()
+        if isinstance(value, dict) and isinstance(robot.get(key), tuple)
+    }
+    return {**robot, **own, **numbered}
 
 
 def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:

@@ -37,7 +37,7 @@ class Source:
                 target[key] = _frozen(value["value"])
                 self.origins[dotted] = str(value.get("source", origin))
             elif isinstance(value, dict) and isinstance(target.get(key), tuple):
-                self._put_items(value, origin, dotted, target[key])
+                target[key] = self._with_items(value, origin, dotted, target[key])
             elif isinstance(value, dict):
                 inner = target.get(key)
                 target[key] = inner if isinstance(inner, dict) else {}
@@ -52,12 +52,33 @@ class Source:
                 target[key] = _frozen(value)
                 self.origins[dotted] = origin
 
+    def _with_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> tuple[Any, ...]:
+        """`into` with `items` laid over its own, by their number from 1; tables are laid over, numbers replaced."""
+        if any(isinstance(item, dict) for item in into):
+            self._put_items(items, origin, dotted, into)
+            return into
+        return with_numbers(items, into, f"{origin}: {dotted}")
+
     def _put_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
         """Lay the tables `items` over those of an array, by their number from 1."""
         for number, item in items.items():
             if not (number.isdigit() and 1 <= int(number) <= len(into) and isinstance(item, dict)):
                 raise InputRefused(f"{origin}: {dotted}.{number}: there are tables {dotted}.1 to {dotted}.{len(into)}")
             self.put(item, origin, f"{dotted}.{number}.", into[int(number) - 1])
+
+
+def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) -> tuple[Any, ...]:
+    """`into` with `items` in place of its own, by their number from 1: `joint_zero_deg.2` is the second of three.
+
+    Raises:
+        InputRefused: there is no such number; the sentence begins with `where`.
+    """
+    numbers = list(into)
+    for number, item in items.items():
+        if not (number.isdigit() and 1 <= int(number) <= len(into)):
+            raise InputRefused(f"{where}.{number}: there are numbers {where.split()[-1]}.1 to .{len(into)}")
+        numbers[int(number) - 1] = item
+    return tuple(numbers)
 
 
 def read_source(path: Path) -> Source:

@@ -36,6 +36,13 @@ class Claim:
     trivial: Callable[[Any], str] = lambda runs: ""
     reason: str = ""
 
+    @property
+    def expected(self) -> str:
+        """`5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
+        if math.isfinite(self.low):
+            return f"{self.low:g} .. {self.high:g}" if math.isfinite(self.high) else f">= {self.low:g}"
+        return f"<= {self.high:g}" if math.isfinite(self.high) else ""
+
 
 @dataclass(frozen=True)
 class Finding:
@@ -57,11 +64,8 @@ class Finding:
 
     @property
     def expected(self) -> str:
-        """`5.4 .. 5.8`, `<= 0.5` or `>= 2`."""
-        low, high = self.claim.low, self.claim.high
-        if math.isfinite(low) and math.isfinite(high):
-            return f"{low:g} .. {high:g}"
-        return f">= {low:g}" if math.isfinite(low) else f"<= {high:g}" if math.isfinite(high) else ""
+        """See `Claim.expected`."""
+        return self.claim.expected
 
 
 def judged(claim: Claim, runs: Any) -> Finding:

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
@@ -17,11 +18,22 @@ WHOLE = 19.9
 """What a recording has to cover (s)."""
 
 
+class Series(Protocol):
+    """Series of a run by name: a recording, or a run in memory."""
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]: ...
+
+    def __getitem__(self, key: str) -> np.ndarray: ...
+
+    def time(self, topic: str) -> np.ndarray: ...
+
+
 @dataclass(frozen=True)
 class Fig4Run:
     """One run. Curves at the controller's rate on `t`, those of the plant (the truth) at the tick on `t_plant`."""
 
-    recording: Recording
+    recording: Series
 
     @cached_property
     def t(self) -> Curve:

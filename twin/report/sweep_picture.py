@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 
 from twin.errors import InputRefused
-from twin.report.sweep_text import short
+from twin.report.sweep_words import short
 from twin.sweep.folder import Kept
 from twin.sweep.rows import Row
-from twin.sweep.statistics import is_number, value
+from twin.sweep.statistics.ranking import drives_in, is_number, numeric_labels, value
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
@@ -22,7 +22,7 @@ def axes_of(kept: Kept, x: str | None, y: str | None) -> tuple[str, str] | None:
     Raises:
         InputRefused: one asked for does not vary.
     """
-    numeric = [label for label in kept.labels if any(is_number(row["parameters"].get(label)) for row in kept.rows)]
+    numeric = numeric_labels(kept.labels, kept.rows)
     names = short(kept.labels)
     chosen = []
     for option, wanted in (("--x", x), ("--y", y)):
@@ -50,7 +50,7 @@ def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> No
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
-    drives = list(dict.fromkeys(row["drive"] for row in kept.rows))
+    drives = drives_in(kept.rows)
     rows = [row for row in kept.rows if all(is_number(row["parameters"].get(label)) for label in axes)]
     values = [number for row in rows if np.isfinite(number := value(row, metric))]
     columns = min(3, len(drives))

@@ -10,9 +10,10 @@ from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.source import located
 from twin.sweep.measures import METRICS
+from twin.sweep.saltelli import why_not_saltelli
 from twin.sweep.vary import Vary, contradictions
 
-DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random"]
+DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
 
 
 class Definition(BaseModel):
@@ -20,7 +21,9 @@ class Definition(BaseModel):
 
     Attributes:
         experiment: file, as seen from the sweep's folder upwards.
-        runs: points per drive; None in a grid, whose levels say it. seed: of sampled designs.
+        runs: points per drive; None in a grid, whose levels say it. design = "saltelli": blocks of as many points as
+            parameters and two more. seed: of sampled designs.
+        claims: "fig4": each point is run with force control and without, and the paper's claims are judged on both.
         drives: each runs every point; empty: the experiment's own.
         limits: metric -> most that a run may have of it.
     """
@@ -31,6 +34,7 @@ class Definition(BaseModel):
     design: DESIGNS = "grid"
     runs: int | None = Field(None, ge=1)
     seed: int = Field(0, ge=0, lt=2**63)
+    claims: Literal["fig4"] | None = None
     drives: list[str] = Field(default_factory=list)
     vary: list[Vary] = Field(default_factory=list)
     limits: dict[str, float] = Field(default_factory=dict)
@@ -65,7 +69,9 @@ def _disagreements(definition: Definition) -> list[str]:
         mistakes.append(f'design = "{definition.design}": nothing to draw; add a table [[vary]], or design = "grid"')
     if not sampled and definition.runs is not None:
         mistakes.append("runs: a grid has as many runs as its levels make; remove it, or choose another design")
-    if definition.design == "sobol" and (runs := definition.runs or 1) & (runs - 1):
+    if definition.design == "saltelli":
+        mistakes += why_not_saltelli(definition.vary)
+    if definition.design in ("sobol", "saltelli") and (runs := definition.runs or 1) & (runs - 1):
         below = 1 << (runs.bit_length() - 1)
         mistakes.append(
             f"runs = {runs}: a Sobol sequence is balanced at powers of 2 only; choose {below} or {2 * below}"

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from twin.errors import InputRefused
 from twin.sweep.definition import Definition
+from twin.sweep.saltelli import block_width, saltelli_cube
 from twin.sweep.vary import Value, Vary
 
 MOST = 10_000_000
@@ -31,6 +32,8 @@ def largest_count(definition: Definition) -> int:
         points = math.prod(len(vary.values) if vary.values else vary.count or 1 for vary in definition.vary)
     else:
         points = definition.runs or 0
+    if definition.design == "saltelli":
+        points *= block_width(len(definition.vary))
     return points * max(1, len(definition.drives))
 
 
@@ -69,7 +72,7 @@ def grid(tables: list[Vary], chosen: dict[str, Value]) -> Iterator[dict[str, Val
 
 
 def unit_cube(definition: Definition) -> NDArray[np.float64]:
-    """Draws of the design, (runs, tables), inside 0 .. 1. Same seed, same draws.
+    """Draws of the design, (runs, tables), inside 0 .. 1. Same seed, same draws. Of "saltelli" see `saltelli_cube`.
 
     Source: scipy.stats.qmc; Latin hypercube after McKay, Beckman and Conover (1979), Sobol' scrambled after Owen.
     """
@@ -77,6 +80,8 @@ def unit_cube(definition: Definition) -> NDArray[np.float64]:
     runs, dimensions = definition.runs or 0, len(definition.vary)
     if definition.design == "random":
         draws = rng.random((runs, dimensions))
+    elif definition.design == "saltelli":
+        draws = saltelli_cube(runs, dimensions, rng)
     else:
         from scipy.stats import qmc
 

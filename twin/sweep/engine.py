@@ -18,12 +18,13 @@ class Job:
 
     Attributes:
         experiment: its file. recordings: the folder in which a run's recording gets a folder of its own.
-        record: "all", "failures" or "none". limits: of each worker process.
+        record: "all", "failures" or "none". claims: "fig4" or "", see `Definition`. limits: of each worker process.
     """
 
     experiment: Path
     recordings: Path
     record: str
+    claims: str
     limits: Limits
 
     @property
@@ -33,6 +34,7 @@ class Job:
             "experiment": str(self.experiment.absolute()),
             "folder": str(self.recordings.absolute()),
             "record": self.record,
+            "claims": self.claims,
         }
 
 

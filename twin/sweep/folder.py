@@ -12,6 +12,7 @@ from twin.sweep.rows import ROWS, Row, read_rows
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
+FACTS_IN = {"sweep", "runs", "design", "drives", "labels", "limits", "configuration"}
 
 
 @dataclass(frozen=True)
@@ -19,12 +20,15 @@ class Kept:
     """What a folder holds.
 
     Attributes:
-        name: of the sweep. runs: planned. labels: what varies, in the order of the file. limits: see `Definition`.
+        name: of the sweep. runs: planned, of all drives. design, drives, limits: see `Definition`.
+        labels: what varies, in the order of the file.
         rows: of finished runs, by run.
     """
 
     name: str
     runs: int
+    design: str
+    drives: tuple[str, ...]
     labels: tuple[str, ...]
     limits: dict[str, float]
     rows: list[Row]
@@ -49,6 +53,8 @@ def claim(folder: Path, plan: Plan) -> None:
         "sweep": plan.name,
         "experiment": plan.experiment.name,
         "runs": len(plan.tasks),
+        "design": plan.definition.design,
+        "drives": plan.definition.drives,
         "labels": [vary.label for vary in plan.definition.vary],
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
@@ -78,7 +84,8 @@ def kept(folder: Path) -> Kept:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     rows, _ = read_rows(folder / ROWS)
     rows.sort(key=lambda row: row["run"])
-    return Kept(facts["sweep"], facts["runs"], tuple(facts["labels"]), facts["limits"], rows)
+    drives, labels = tuple(facts["drives"]), tuple(facts["labels"])
+    return Kept(facts["sweep"], facts["runs"], facts["design"], drives, labels, facts["limits"], rows)
 
 
 def _read(folder: Path) -> dict[str, Any]:
@@ -86,7 +93,7 @@ def _read(folder: Path) -> dict[str, Any]:
     path = folder / FACTS
     try:
         facts = json.loads(path.read_text())
-        return facts if {"sweep", "runs", "labels", "limits", "configuration"} <= facts.keys() else _refuse(path)
+        return facts if FACTS_IN <= facts.keys() else _refuse(path)
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except OSError as problem:

@@ -1,7 +1,7 @@
 """The numbers that a sweep keeps of a run: measures of what is true, with units in their names."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from twin.errors import InputRefused
@@ -23,6 +23,7 @@ class Finding:
         reason: the sentence; "" if done.
         metrics: by the names of `METRICS`; empty unless the run came to its end. None: there is no such number.
         seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
+        paper: what a sweep with `claims` keeps besides, see `twin.sweep.fig4.findings`; empty unless the run is done.
     """
 
     status: str
@@ -30,6 +31,7 @@ class Finding:
     metrics: dict[str, float | None]
     seconds: float
     stepping: float
+    paper: dict[str, Any] = field(default_factory=dict)
 
     @property
     def facts(self) -> dict[str, Any]:
@@ -40,6 +42,7 @@ class Finding:
             "metrics": self.metrics,
             "seconds": finite(self.seconds),
             "stepping_s": finite(self.stepping),
+            **self.paper,
         }
 
 

@@ -60,7 +60,7 @@ def planned(path: Path) -> Plan:
     drafts = [(point, _settings(definition, point)) for point in points(definition)]
     if not drafts:
         raise InputRefused(f"{path}: makes no run; no condition holds")
-    foundations = _Foundations(path, experiment)
+    foundations = _Foundations(path, experiment, definition.claims is not None)
     for point, settings in _extremes(drafts):
         foundations.check(point.drive, settings)
     tasks = tuple(
@@ -114,8 +114,8 @@ class _Foundations:
     A number cannot name a file, a text can: a body, an FMU. So runs that share drive and texts share their files.
     """
 
-    def __init__(self, path: Path, experiment: Path):
-        self._path, self._experiment = path, experiment
+    def __init__(self, path: Path, experiment: Path, judged: bool):
+        self._path, self._experiment, self._judged = path, experiment, judged
         self._digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
         self._version = version("twin")
         self.duration = 0.0
@@ -143,10 +143,13 @@ class _Foundations:
         # the FMU tool chain takes a while to import
         from twin.assembly.drives import planned as planned_drive
         from twin.experiment.experiment import load_experiment
+        from twin.sweep.fig4 import refuse_unfit
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
         try:
             loaded = load_experiment(self._experiment, settings, drive)
+            if self._judged:
+                refuse_unfit(loaded)
             tables = {table.model_dump_json(): table for table in loaded.drives}
             plans = [planned_drive(table) for table in tables.values()]
         except InputRefused as refusal:

@@ -74,7 +74,7 @@ def run_sweep(
         began, before = time.monotonic(), len(rows.rows)
         show(_state(rows.rows, plan, before, 0.0))
         if tasks:
-            job = Job(plan.experiment, folder / RECORDINGS, record, limits)
+            job = Job(plan.experiment, folder / RECORDINGS, record, plan.definition.claims or "", limits)
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
             with closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
@@ -105,7 +105,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estim
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with TemporaryDirectory() as scratch:
         began = time.monotonic()
-        job = Job(plan.experiment, Path(scratch) / RECORDINGS, record, limits)
+        job = Job(plan.experiment, Path(scratch) / RECORDINGS, record, plan.definition.claims or "", limits)
         times, rows = [], []
         for batch in Pool(1).results(job, [plan.tasks[0]] * 2):
             times.append(time.monotonic() - began)

@@ -8,7 +8,7 @@ from twin.guard.voice import Voice
 from twin.sweep.trial import trial
 
 
-def served(voice: Voice, experiment: str, orders: str, folder: str, record: str) -> None:
+def served(voice: Voice, experiment: str, orders: str, folder: str, record: str, claims: str) -> None:
     """Run every order; what is imported, compiled or unpacked for one is there for the next, FMU instances are not.
 
     Notes: {"finding": facts of `Finding`} after each.
@@ -16,7 +16,7 @@ def served(voice: Voice, experiment: str, orders: str, folder: str, record: str)
     Args:
         experiment: its file. orders: a named pipe that brings {"run", "drive", "settings"} as JSON lines; ends the job
             when it is closed.
-        folder: where recordings go, a folder per run. record: "all", "failures" or "none".
+        folder: where recordings go, a folder per run. record: "all", "failures" or "none". claims: see `trial`.
 
     Raises:
         RecordingFailed: the disk is full.
@@ -29,7 +29,7 @@ def served(voice: Voice, experiment: str, orders: str, folder: str, record: str)
             if own:
                 # what an earlier worker left of the same run
                 shutil.rmtree(own, ignore_errors=True)
-            finding = trial(Path(experiment), order["drive"], order["settings"], own)
+            finding = trial(Path(experiment), order["drive"], order["settings"], own, claims)
             if own and record == "failures" and finding.status == "done":
                 shutil.rmtree(own)
             voice.note(finding=finding.facts)

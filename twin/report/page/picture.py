@@ -45,7 +45,11 @@ def _figure(draw: Callable[[Path], None], text: str) -> Markup:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "picture.png"
         draw(path)
-        content = path.read_bytes()
+        return figure(path.read_bytes(), text)
+
+
+def figure(content: bytes, text: str) -> Markup:
+    """A PNG picture inside the page, with its caption."""
     # a PNG file says its size right after its signature and the head of its first chunk; the page keeps that room free
     width, height = map(str, struct.unpack_from(">II", content, 16))
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"

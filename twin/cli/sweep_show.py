@@ -1,0 +1,80 @@
+"""`twin sweep show`: what a sweep came to."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from twin.sweep.folder import Kept
+
+Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+By = Annotated[
+    str | None,
+    typer.Option("--by", metavar="METRIC", help="Metric to rank by; without it, the force error."),
+]
+
+
+def show(
+    sweep: Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep's folder, or its file (TOML).")],
+    by: By = None,
+    against: Annotated[
+        str, typer.Option(metavar="METRIC", help="The other metric of the Pareto front.")
+    ] = "lateral_error_mm",
+    top: Annotated[int, typer.Option(min=1, metavar="N", help="So many of the best runs.")] = 5,
+    x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="Parameter across the heat map.")] = None,
+    y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="Parameter up the heat map.")] = None,
+    html: Annotated[bool, typer.Option("--html", help="Write all of it as one page, sweep.html, too.")] = False,
+    parquet: Annotated[bool, typer.Option("--parquet", help="Write the rows as rows.parquet, too.")] = False,
+    as_json: Json = False,
+) -> None:
+    """Show what a sweep came to, also while it runs: best runs, what matters, drives,
+    how likely claims are.
+
+    Text, and pictures in the sweep's folder: a heat map (map.png) if two numbers
+    vary, bands of curves (bands.png) if the sweep judges claims.
+    Exit code: 0 shown, 2 input refused.
+
+    Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
+    """
+    from twin.report.sweep_parts import Asked, parts
+    from twin.report.sweep_pictures import write_pictures
+    from twin.report.sweep_text import sweep_text
+    from twin.sweep.folder import HOME, kept
+    from twin.sweep.parquet import write_parquet
+    from twin.sweep.statistics.ranking import checked_rank, usual_metric
+
+    folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
+    if folder is not sweep and not folder.exists():
+        print(f"{sweep.stem}  not begun; run it with: twin sweep {sweep}")
+        return
+    found = kept(folder)
+    asked = Asked(
+        checked_rank("--by", by, found.rows) if by else usual_metric(found.rows),
+        checked_rank("--against", against, found.rows),
+        top,
+    )
+    files = write_pictures(found, asked, x, y, folder)
+    if html:
+        from twin.report.page.sweep import write_sweep_page
+
+        files["page"] = write_sweep_page(found, asked, files, folder)
+    if parquet:
+        files["rows"] = folder / "rows.parquet"
+        write_parquet(found, files["rows"])
+    if as_json:
+        tables = [asdict(part) for part in parts(found, asked)]
+        paths = {name: str(path) for name, path in files.items()}
+        print(json.dumps(as_facts(found) | {"tables": tables, "files": paths}))
+        return
+    print("\n".join([sweep_text(found, asked), *([""] if files else [])]))
+    for name, path in files.items():
+        print(f"  {name:<8}{path}")
+
+
+def as_facts(found: "Kept") -> dict[str, Any]:
+    """For JSON: rows without their curves, which no one reads there."""
+    rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
+    return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

@@ -1,0 +1,86 @@
+"""A sweep as one HTML file that needs neither network nor script."""
+
+from collections.abc import Mapping
+from importlib.metadata import version
+from pathlib import Path
+from string import Template
+
+from twin.errors import InputRefused
+from twin.report.page.markup import Markup, element, joined, section, table
+from twin.report.page.page import ASSETS
+from twin.report.page.picture import figure
+from twin.report.sweep_parts import Asked, headline, parts
+from twin.report.sweep_table import Part
+from twin.sweep.folder import Kept
+
+PAGE = "sweep.html"
+CAPTIONS = {
+    "bands": "Fig. 4 over all runs. Line: median, dark: 25 to 75 %, light: 5 to 95 % at each time. A to D: as the "
+    "robot estimates it, as in the paper; E, F: what is true.",
+    "map": "The metric over two parameters; of a grid the best run of each cell. Orange cross: a run without a number.",
+    "front": "Runs over two metrics, less is better of both; circled: those that no other beats.",
+    "metrics": "Each metric over all runs.",
+}
+BESIDE = {"bands": "claims", "map": "best", "front": "front", "metrics": "metrics"}
+"""The part that a picture belongs to; where there is none it comes last."""
+NAMES = {
+    "claims": "Claims", "best": "Best runs", "drives": "Drives", "correlation": "Rank correlation",
+    "indices": "Sobol indices", "front": "Pareto front", "metrics": "Metrics", "reasons": "Not done",
+}  # fmt: skip
+"""Of parts in the list of contents."""
+
+
+def write_sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
+    """Write the page into `folder`; its path. The same rows give the same text.
+
+    Args:
+        pictures: files (PNG) by the names of `CAPTIONS`.
+
+    Raises:
+        InputRefused: it cannot be written.
+    """
+    path = folder / PAGE
+    try:
+        path.write_text(sweep_page(kept, asked, pictures), encoding="utf-8")
+    except OSError as problem:
+        raise InputRefused(f"{path}: cannot be written: {problem.strerror}") from None
+    return path
+
+
+def sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path]) -> str:
+    """The HTML of `write_sweep_page`."""
+    drawn = {name: figure(path.read_bytes(), CAPTIONS[name]) for name, path in pictures.items()}
+    found = [("verdict", "Verdict", element("p", headline(kept, asked.by), class_="headline plain"))]
+    for number, part in enumerate(parts(kept, asked)):
+        its = [drawn.pop(name) for name, key in BESIDE.items() if key == part.key and name in drawn]
+        found.append((f"{part.key}-{number}", part.title, joined([*_content(part), *its])))
+    if drawn:
+        found.append(("pictures", "Pictures", joined(drawn.values())))
+    links = [(key, NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
+    return Template((ASSETS / "sweep.html").read_text(encoding="utf-8")).substitute(
+        title=joined([f"Sweep {kept.name}"]),
+        subtitle=element("p", _subtitle(kept)),
+        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
+        sections=joined([section(key, title[0].upper() + title[1:], html) for key, title, html in found]),
+        version=joined([version("twin")]),
+    )
+
+
+def _subtitle(kept: Kept) -> str:
+    drives = f" | {', '.join(kept.drives)}" if kept.drives else ""
+    return f"{len(kept.rows)} of {kept.runs} runs | design {kept.design} | varies {', '.join(kept.labels)}{drives}"
+
+
+def _content(part: Part) -> list[Markup]:
+    shown = [position for position, title in enumerate(part.head) if title not in part.text_only]
+    rows = [[_cell(row[position], part) for position in shown] for row in part.rows]
+    inside = [table([part.head[position] for position in shown], rows, part.title)] if rows else []
+    return inside + [element("p", remark, class_="hint") for remark in part.remarks]
+
+
+def _cell(text: str, part: Part) -> str:
+    # the two ends of an interval stay on one line
+    kept_together = text.replace(" .. ", "\u00a0..\u00a0")
+    note = part.notes.get(text)
+    return joined([kept_together, element("small", note)]) if note else kept_together

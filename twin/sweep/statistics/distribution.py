@@ -1,0 +1,40 @@
+"""How a metric is spread over the runs."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.sweep.rows import Row
+from twin.sweep.statistics.ranking import value
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+BINS = 12
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The numbers of a metric.
+
+    Attributes:
+        metric: its name. numbers: of the runs that have one, in the order of runs. missing: runs that have none.
+        quantiles: at `QUANTILES`. counts: of `BINS` bins of equal width from the least number to the largest.
+    """
+
+    metric: str
+    numbers: NDArray[np.float64]
+    missing: int
+    quantiles: tuple[float, ...]
+    counts: tuple[int, ...]
+
+
+def spread(rows: Sequence[Row], metric: str) -> Spread | None:
+    """Over all finished runs, limits kept or not; None if none has the metric."""
+    numbers = np.array([number for row in rows if not math.isnan(number := value(row, metric))])
+    if len(numbers) == 0:
+        return None
+    counts, _ = np.histogram(numbers, BINS) if np.ptp(numbers) > 0.0 else ([len(numbers)], None)
+    quantiles = tuple(float(number) for number in np.quantile(numbers, QUANTILES))
+    return Spread(metric, numbers, len(rows) - len(numbers), quantiles, tuple(int(count) for count in counts))
