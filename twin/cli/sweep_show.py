@@ -44,18 +44,16 @@ def show(
     from twin.report.sweep_text import sweep_text
     from twin.sweep.folder import HOME, kept
     from twin.sweep.parquet import write_parquet
-    from twin.sweep.statistics.ranking import checked_rank, usual_metric
+    from twin.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: twin sweep {sweep}")
         return
     found = kept(folder)
-    asked = Asked(
-        checked_rank("--by", by, found.rows) if by else usual_metric(found.rows),
-        checked_rank("--against", against, found.rows),
-        top,
-    )
+    claims = claims_in(found.rows)
+    metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.rows)
+    asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
     files = write_pictures(found, asked, x, y, folder)
     if html:
         from twin.report.page.sweep import write_sweep_page

@@ -18,7 +18,8 @@ class Job:
 
     Attributes:
         experiment: its file. recordings: the folder in which a run's recording gets a folder of its own.
-        record: "all", "failures" or "none". claims: "fig4" or "", see `Definition`. limits: of each worker process.
+        record: of which runs, "all", "failures" or "none". claims: "fig4" or "", see `Definition`.
+        limits: of each worker process.
     """
 
     experiment: Path
@@ -33,7 +34,6 @@ class Job:
         return {
             "experiment": str(self.experiment.absolute()),
             "folder": str(self.recordings.absolute()),
-            "record": self.record,
             "claims": self.claims,
         }
 

@@ -12,7 +12,7 @@ from twin.sweep.rows import ROWS, Row, read_rows
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
-FACTS_IN = {"sweep", "runs", "design", "drives", "labels", "limits", "configuration"}
+KEYS = {"sweep", "runs", "design", "drives", "labels", "metrics", "limits", "configuration"}
 
 
 @dataclass(frozen=True)
@@ -21,8 +21,7 @@ class Kept:
 
     Attributes:
         name: of the sweep. runs: planned, of all drives. design, drives, limits: see `Definition`.
-        labels: what varies, in the order of the file.
-        rows: of finished runs, by run.
+        labels: what varies, in the order of the file. metrics: that a run may have. rows: of finished runs, by run.
     """
 
     name: str
@@ -30,6 +29,7 @@ class Kept:
     design: str
     drives: tuple[str, ...]
     labels: tuple[str, ...]
+    metrics: tuple[str, ...]
     limits: dict[str, float]
     rows: list[Row]
 
@@ -56,6 +56,7 @@ def claim(folder: Path, plan: Plan) -> None:
         "design": plan.definition.design,
         "drives": plan.definition.drives,
         "labels": [vary.label for vary in plan.definition.vary],
+        "metrics": plan.metrics,
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
     }
@@ -84,8 +85,9 @@ def kept(folder: Path) -> Kept:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     rows, _ = read_rows(folder / ROWS)
     rows.sort(key=lambda row: row["run"])
-    drives, labels = tuple(facts["drives"]), tuple(facts["labels"])
-    return Kept(facts["sweep"], facts["runs"], facts["design"], drives, labels, facts["limits"], rows)
+    labels, metrics = tuple(facts["labels"]), tuple(facts["metrics"])
+    design, drives = facts["design"], tuple(facts["drives"])
+    return Kept(facts["sweep"], facts["runs"], design, drives, labels, metrics, facts["limits"], rows)
 
 
 def _read(folder: Path) -> dict[str, Any]:
@@ -93,7 +95,7 @@ def _read(folder: Path) -> dict[str, Any]:
     path = folder / FACTS
     try:
         facts = json.loads(path.read_text())
-        return facts if FACTS_IN <= facts.keys() else _refuse(path)
+        return facts if facts.keys() >= KEYS else _refuse(path)
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except OSError as problem:

@@ -1,5 +1,6 @@
 """One run of a sweep, in whatever process it happens."""
 
+import contextlib
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -17,7 +18,8 @@ from twin.experiment.experiment import Experiment, load_experiment
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
 from twin.paper.fig4_runs import Fig4Run, Fig4Runs
-from twin.recording.errors import RecordingFailed
+from twin.regression.measurement import metrics_of_measure
+from twin.regression.trace import refuse_unknown, trace_of
 from twin.sweep.fig4 import COMPANION, findings
 from twin.sweep.measures import Finding, metrics_of
 from twin.sweep.series import RunSeries
@@ -26,32 +28,23 @@ SLICE_TICKS = 4000
 """Nobody watches between slices, so they may be long."""
 
 
-def trial(path: Path, drive: str | None, settings: Sequence[str], folder: Path | None, claims: str = "") -> Finding:
+def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> Finding:
     """Run the experiment at `path` and measure it; a failure of the run is a finding like any other.
 
     Args:
-        drive, settings: see `load_experiment`. folder: where to record it; None: nowhere.
+        drive, settings: see `load_experiment`.
         claims: "fig4": judge the claims of Fig. 4 on it and on its companion without force control, which is run, too.
-
-    Raises:
-        RecordingFailed: the disk is full; that is no fault of the run.
     """
     began = time.perf_counter()
     try:
-        experiment = load_experiment(path, settings, drive)
-        ran = _recorded(experiment, folder) if folder else _measured(experiment)
+        ran = _measured(load_experiment(path, settings, drive), bool(claims))
         paper = {}
         if claims and not ran.trip:
-            companion = _measured(load_experiment(path, [*settings, COMPANION], drive))
-            # a recording may leave ticks out, and what is found must not depend on whether there is one
-            series = ran.series or _measured(experiment).series
-            paper = _judged(series, companion)
+            paper = _judged(ran, _measured(load_experiment(path, [*settings, COMPANION], drive), True))
     except InputRefused as refusal:
         return Finding("refused", str(refusal), {}, time.perf_counter() - began, 0.0)
     except ComponentFailed as failure:
         return Finding("failed", str(failure).splitlines()[0], {}, time.perf_counter() - began, 0.0)
-    except RecordingFailed:
-        raise
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as mistake:
         reason = f"{type(mistake).__name__}: {mistake}"
@@ -60,9 +53,26 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], folder: Path |
     return Finding(status, ran.trip, ran.metrics, time.perf_counter() - began, ran.stepping, paper)
 
 
+def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
+    """Run the experiment at `path` and record it in `folder`, as `twin run` does, also where it fails.
+
+    Raises:
+        RecordingFailed: the disk is full; that is no fault of the run.
+    """
+    # what it comes to is told by `trial`: the same run again
+    with contextlib.suppress(InputRefused, ComponentFailed):
+        experiment = load_experiment(path, settings, drive)
+        folder.mkdir(parents=True, exist_ok=True)
+        execute(experiment, folder)
+
+
 @dataclass(frozen=True)
 class _Ran:
-    """A run that came to its end; `trip`: why the monitor tripped, or "". `series`: None if it went to the disk."""
+    """A run that came to its end.
+
+    Attributes:
+        trip: why the monitor tripped; "" if it did not. stepping: wall time (s). series: None unless it was asked for.
+    """
 
     metrics: dict[str, float | None]
     trip: str
@@ -70,8 +80,9 @@ class _Ran:
     series: RunSeries | None
 
 
-def _measured(experiment: Experiment) -> _Ran:
+def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
     with assemble(experiment) as assembly:
+        refuse_unknown(experiment, assembly.system)
         simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
         tally, stepping, kept = Tally(assembly.system), 0.0, []
         while not simulation.finished:
@@ -79,28 +90,32 @@ def _measured(experiment: Experiment) -> _Ran:
             rows = simulation.advance()
             stepping += time.perf_counter() - began
             tally.take(rows)
-            kept.append(rows.copy())
+            if experiment.measures or kept_whole:
+                # the next slice overwrites them
+                kept.append(rows.copy())
         if simulation.failure:
             raise simulation.failure
         monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
         trip = trip_sentence(monitor.trip) if monitor and monitor.trip else ""
-        series = RunSeries(assembly.system, np.concatenate(kept))
-    return _Ran(metrics_of(tally.outcome), trip, stepping, series)
+        metrics = metrics_of(tally.outcome)
+        values = np.concatenate(kept) if kept else None
+        if experiment.measures and values is not None:
+            trace = trace_of(experiment, assembly, values)
+            for measure in experiment.measures:
+                # no step, or a force that never comes, at some values: then there are no such numbers
+                with contextlib.suppress(InputRefused):
+                    metrics |= {name: m.value for name, m in metrics_of_measure(measure, trace).items()}
+        series = RunSeries(assembly.system, values) if values is not None else None
+    return _Ran(metrics, trip, stepping, series)
 
 
-def _recorded(experiment: Experiment, folder: Path) -> _Ran:
-    folder.mkdir(parents=True, exist_ok=True)
-    run = execute(experiment, folder)
-    return _Ran(metrics_of(run.outcome), run.trip, run.stepping, None)
-
-
-def _judged(series: RunSeries | None, companion: _Ran) -> dict[str, Any]:
+def _judged(ran: _Ran, companion: _Ran) -> dict[str, Any]:
     """What the pair says to the paper.
 
     Raises:
         ComponentFailed: the monitor tripped in the companion.
     """
-    assert series is not None and companion.series is not None
+    assert ran.series is not None and companion.series is not None
     if companion.trip:
         raise ComponentFailed(f"without force control: {companion.trip}")
-    return findings(Fig4Runs(Fig4Run(series), Fig4Run(companion.series)))
+    return findings(Fig4Runs(Fig4Run(ran.series), Fig4Run(companion.series)))

@@ -4,13 +4,15 @@ import math
 from collections.abc import Sequence
 
 from twin.errors import InputRefused
-from twin.sweep.measures import METRICS
+from twin.sweep.measures import METRICS, checked_metric
 from twin.sweep.rows import Row
 from twin.sweep.vary import Value
 
+USUAL_METRICS = ("force_error_N", "lateral_error_mm")
 UNRANKED = ("end_N", "peak_time_s")
-"""Less of it is neither better nor worse: what the force should be at the end is the reference's to say. Of every other
-metric less is better. Where claims are judged nothing is chosen, so nothing has to be better."""
+UNRANKED_MEASURES = ("mean", "peak", "steady_state_error")
+"""Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
+other metric less is better."""
 
 
 def value(row: Row, metric: str) -> float:
@@ -24,8 +26,9 @@ def value(row: Row, metric: str) -> float:
 def usual_metric(rows: Sequence[Row]) -> str:
     """What runs are ranked by unless somebody says otherwise: the force error, or where no force was controlled, the
     lateral one."""
-    controlled = any(not math.isnan(value(row, "force_error_N")) for row in rows)
-    return "force_error_N" if controlled or not rows else "lateral_error_mm"
+    force, lateral = USUAL_METRICS
+    controlled = any(not math.isnan(value(row, force)) for row in rows)
+    return force if controlled or not rows else lateral
 
 
 def metrics_in(rows: Sequence[Row]) -> list[str]:
@@ -34,21 +37,29 @@ def metrics_in(rows: Sequence[Row]) -> list[str]:
     return [name for name in METRICS if name in found] + [name for name in found if name not in METRICS]
 
 
-def checked_rank(option: str, metric: str, rows: Sequence[Row]) -> str:
-    """`metric` as it was given with `option`; where the paper's claims were judged, a claim's number, too.
+def claims_in(rows: Sequence[Row]) -> list[str]:
+    """Keys of the paper's claims that some run was judged by; where there are any, no run is better than another."""
+    return list(dict.fromkeys(key for row in rows for key in row.get("claims", {})))
+
+
+def checked_rank(option: str, metric: str, known: Sequence[str], claims: Sequence[str] = ()) -> str:
+    """`metric` as it was given with `option`.
+
+    Args:
+        known: metrics that a run may have. claims: whose numbers may be asked for, too; see `claims_in`.
 
     Raises:
-        InputRefused: no run has it, or less of it is not better.
+        InputRefused: there is no such metric, or less of it is not better.
     """
-    claims = list(dict.fromkeys(key for row in rows for key in row.get("claims", {})))
-    if claims and metric in [*metrics_in(rows), *claims]:
-        return metric
-    known = [name for name in (metrics_in(rows) or METRICS) if name not in UNRANKED] + claims
-    if metric in UNRANKED:
-        raise InputRefused(f"{option} {metric}: less of it is neither better nor worse; rank by {', '.join(known)}")
-    if metric not in known:
-        raise InputRefused(f"{option} {metric}: no run has such a metric; known are {', '.join(known)}")
+    checked_metric(option, metric, [*known, *claims])
+    if not claims and _unranked(metric):
+        others = ", ".join(name for name in known if not _unranked(name))
+        raise InputRefused(f"{option} {metric}: less of it is neither better nor worse; rank by {others}")
     return metric
+
+
+def _unranked(metric: str) -> bool:
+    return metric in UNRANKED or metric.rpartition(".")[2] in UNRANKED_MEASURES
 
 
 def best(rows: Sequence[Row], metric: str) -> list[Row]:
