@@ -52,7 +52,9 @@ def rank_correlation(rows: Sequence[Row], label: str, metric: str) -> Correlatio
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return None
     n = len(pairs)
-    rho = min(1.0, max(-1.0, float(np.corrcoef(x, y)[0, 1])))
+    # ranks less their mean are halves of whole numbers, whose sums are exact: a perfect correlation is exactly 1
+    x, y = x - 0.5 * (n + 1), y - 0.5 * (n + 1)
+    rho = max(-1.0, min(1.0, float(x @ y) / math.sqrt(float(x @ x) * float(y @ y))))
     low, high = _interval(rho, n)
     return Correlation(rho, low, high, _chance(rho, n), n)
 
