@@ -3,6 +3,7 @@ from pathlib import Path
 import pytest
 
 from twin.errors import InputRefused
+from twin.experiment.experiment import load_experiment
 from twin.experiment.source import located, override, read_source, replace_drive
 
 
@@ -141,3 +142,20 @@ def test_a_table_that_the_array_does_not_have_is_refused_with_those_it_has(tmp_p
     source = read_source(write(tmp_path, "e.toml", TWO_TASKS))
     with pytest.raises(InputRefused, match=r"set on the command line: task\..*: there are tables task.1 to task.2"):
         override(source, [f"{key}=5"])
+
+
+def test_single_numbers_of_three_are_set_by_their_number(root: Path):
+    drawn = load_experiment(
+        root / "experiments/fig4_force_position.toml",
+        ["plant.joint_zero_deg.2=0.5", "plant.joint_zero_deg.3=-0.5", "robot.motor_zero_deg.1=0.25"],
+    )
+    assert drawn.values["plant"]["joint_zero_deg"] == (0.0, 0.5, -0.5)
+    # the belief is the robot's and does not follow the plant
+    assert drawn.values["controller"]["model"]["joint_zero_deg"] == (0.0, 0.0, 0.0)
+    assert drawn.values["plant"]["motor_zero_deg"] == (0.25, 0.0, 0.0)
+
+
+@pytest.mark.parametrize("key", ["plant.joint_zero_deg.4", "robot.joint_zero_deg.0", "plant.joint_zero_deg.first"])
+def test_a_number_that_is_not_there_is_refused(root: Path, key: str):
+    with pytest.raises(InputRefused, match=r"there are numbers .*joint_zero_deg\.1 to \.3"):
+        load_experiment(root / "experiments/fig4_force_position.toml", [f"{key}=0.5"])

@@ -12,10 +12,10 @@ from twin.report.sweep_words import counted, number, short, shown
 from twin.sweep.folder import Kept
 from twin.sweep.rows import Row
 from twin.sweep.statistics.claims import likelihoods
-from twin.sweep.statistics.distribution import QUANTILES, Spread, spread
+from twin.sweep.statistics.distribution import BINS, QUANTILES, Spread, spread
 from twin.sweep.statistics.drives import drive_ranking
 from twin.sweep.statistics.pareto import pareto_front
-from twin.sweep.statistics.ranking import best, metrics_in, value
+from twin.sweep.statistics.ranking import best, drives_in, metrics_in, value
 
 MOST_OF_FRONT = 8
 MOST_REASONS = 5
@@ -101,9 +101,9 @@ def _runs(kept: Kept, rows: Sequence[Row], asked: Asked) -> tuple[list[str], lis
 
 
 def _drives(kept: Kept, asked: Asked) -> Part | None:
-    scores = drive_ranking(kept.rows, asked.by)
-    if len(scores) < 2:
+    if len(drives_in(kept.rows)) < 2:
         return None
+    scores = drive_ranking(kept.rows, asked.by)
     head = ["drive", "completed", "median", "worst", "behind, 95 %", "first, P"]
     rows = [
         [
@@ -130,7 +130,7 @@ def _distributions(kept: Kept) -> Part | None:
         return None
     head = ["metric", *(f"{100 * share:g} %" for share in QUANTILES), SKETCH, "missing"]
     rows = [
-        [one.metric, *map(number, one.quantiles), f"|{_shades(one)}|", str(one.missing) if one.missing else "-"]
+        [one.metric, *map(number, one.quantiles), f"|{_shades(one):{BINS}}|", str(one.missing) if one.missing else "-"]
         for one in spreads
     ]
     return Part("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))

@@ -80,6 +80,8 @@ def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> No
 
 
 def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:
+    from matplotlib.ticker import LogLocator, NullFormatter
+
     x, y = (np.array([float(row["parameters"][label]) for row in rows]) for label in axes)
     numbers = np.array([value(row, metric) for row in rows])
     levels = [np.unique(values) for values in (x, y)]
@@ -99,10 +101,15 @@ def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric
     good = np.isfinite(numbers)
     panel.scatter(x[good], y[good], c=numbers[good], cmap=shade.cmap, norm=shade.norm, s=42, ec=INK, lw=0.5)
     panel.scatter(x[~good], y[~good], marker="x", color=FAILED, s=42, lw=2)
-    for level, scale in ((levels[0], panel.set_xscale), (levels[1], panel.set_yscale)):
+    for level, scale, axis in zip(
+        levels, (panel.set_xscale, panel.set_yscale), (panel.xaxis, panel.yaxis), strict=True
+    ):
         # several octaves, all positive: a ratio says more than a difference
         if len(level) > 1 and level[0] > 0.0 and level[-1] / level[0] >= 4.0:
             scale("log")
+            axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+            axis.set_major_formatter(lambda number, position: f"{number:g}")
+            axis.set_minor_formatter(NullFormatter())
     panel.tick_params(labelsize=8)
     panel.grid(alpha=0.3)
 

@@ -1,5 +1,7 @@
 """Which parameters matter to a metric: rank correlations, and Sobol indices where the design allows them."""
 
+from dataclasses import replace
+
 from twin.report.sweep_table import Part
 from twin.report.sweep_words import counted, interval, short
 from twin.sweep.folder import Kept
@@ -20,7 +22,10 @@ def sensitivity_parts(kept: Kept, metric: str) -> list[Part]:
         rows = [row for row in kept.rows if row["drive"] == drive]
         of = f", {drive}" if len(drives) > 1 else ""
         found += [_correlations(kept, rows, metric, of), _indices(kept, rows, metric, of)]
-    return [part for part in found if part is not None]
+    parts = [part for part in found if part is not None]
+    if parts and (why := why_no_indices(kept.design)):
+        parts[-1] = replace(parts[-1], remarks=[*parts[-1].remarks, why])
+    return parts
 
 
 def starred(correlations: dict[str, Correlation]) -> set[str]:
@@ -60,8 +65,6 @@ def _correlations(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | N
     fewest = min(one.runs for one in found.values())
     if fewest < FEW:
         remarks.append(f"only {fewest} runs: intervals are wide, and what has no star may matter all the same")
-    if why := why_no_indices(kept.design):
-        remarks.append(why)
     title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
     return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
 

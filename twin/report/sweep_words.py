@@ -23,7 +23,7 @@ def number(value: float) -> str:
         return "-"
     if math.isinf(value):
         return "never"
-    return "0" if abs(value) < 1e-9 else f"{value:.4g}"
+    return "0" if abs(value) < 1e-12 else f"{value:.4g}"
 
 
 def interval(ends: tuple[float, float], form: str = ".2f") -> str:

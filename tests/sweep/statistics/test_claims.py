@@ -16,7 +16,13 @@ def judged(run: int, value: float | None, verdict: str) -> dict:
 
 
 def test_only_judged_runs_count_and_the_trivial_and_the_failed_are_told_apart():
-    rows = [judged(1, 5.6, "holds"), judged(2, 5.5, "holds"), judged(3, 4.0, "fails"), judged(4, 5.6, "trivial"), row(5, {})]
+    rows = [
+        judged(1, 5.6, "holds"),
+        judged(2, 5.5, "holds"),
+        judged(3, 4.0, "fails"),
+        judged(4, 5.6, "trivial"),
+        row(5, {}),
+    ]
     (found,) = likelihoods(rows)
     assert (found.holds, found.judged, found.trivial) == (2, 3, 1)
     assert found.share == pytest.approx(2 / 3)

@@ -1,19 +1,21 @@
 """Drives ranked over the same points: what the points do to all of them drops out."""
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from tests.sweep.statistics.rows import row
+from twin.sweep.rows import Row
 from twin.sweep.statistics.drives import drive_ranking
 
 
 def rows_of(values: dict[str, list[float | None]]) -> list:
-    rows = []
+    rows: list[Row] = []
     for drive, numbers in values.items():
         for point, number in enumerate(numbers):
-            metrics = {} if number is None else {"y": number}
+            metrics: dict[str, Any] = {} if number is None else {"y": number}
             rows.append(row(len(rows) + 1, {"a": float(point)}, drive, **metrics))
     return rows
 

@@ -34,10 +34,17 @@ def test_a_claims_number_may_be_asked_for_where_claims_were_judged():
 
 
 def test_metrics_of_every_sweep_come_before_those_of_measures():
-    rows = [row(1, {}, **{"press.std": 1.0, "peak_N": 2.0, "force_error_N": None})]
+    rows = [{**row(1, {}, y=1.0), "metrics": {"press.std": 1.0, "peak_N": 2.0, "force_error_N": None}}]
     assert metrics_in(rows) == ["peak_N", "press.std"]
 
 
 def test_without_a_controlled_force_runs_are_ranked_by_position():
     assert usual_metric([row(1, {}, force_error_N=None, lateral_error_mm=1.0)]) == "lateral_error_mm"
     assert usual_metric([row(1, {}, force_error_N=1.0)]) == usual_metric([]) == "force_error_N"
+
+
+def test_rounding_makes_no_run_better():
+    # 1e-17 mm is what a symmetric run is off sideways
+    rows = [row(1, {}, y=1e-17), row(2, {}, y=0.0), row(3, {}, y=1e-9)]
+    assert [one["run"] for one in best(rows, "y")] == [1, 2, 3]
+    assert value(rows[2], "y") == 1e-9

@@ -14,13 +14,16 @@ UNRANKED_MEASURES = ("mean", "peak", "steady_state_error")
 """Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
 other metric less is better."""
 
+ROUNDING = 12
+"""Decimals of a metric: what runs differ by beyond them is the rounding of doubles, and no run is better for it."""
+
 
 def value(row: Row, metric: str) -> float:
     """The run's number, a metric or what a claim measured; nan if it has none, because it failed or no force was
     controlled, or it never happened."""
     claims = row.get("claims", {})
     found = claims[metric]["value"] if metric in claims else row["metrics"].get(metric)
-    return math.nan if found is None else float(found)
+    return math.nan if found is None else round(float(found), ROUNDING)
 
 
 def usual_metric(rows: Sequence[Row]) -> str:

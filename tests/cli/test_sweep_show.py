@@ -1,0 +1,77 @@
+"""`twin sweep show`: text, pictures, page and JSON of a folder."""
+
+import json
+from pathlib import Path
+
+import pytest
+from typer.testing import CliRunner
+
+from tests.sweep.statistics.rows import row
+from twin.cli.app import app
+from twin.errors import InputRefused
+from twin.sweep.folder import FACTS
+from twin.sweep.rows import ROWS
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """A sweep's folder as `twin sweep` leaves it: eleven runs done, one failed."""
+    rows = [
+        row(n, {"a.k": float(n % 4), "b.c": float(n // 4)}, force_error_N=1.0 + n % 4, end_N=5.0, lateral_error_mm=2.0)
+        for n in range(1, 12)
+    ]
+    rows.append(row(12, {"a.k": 0.0, "b.c": 3.0}))
+    facts = {
+        "sweep": "made_up", "runs": 12, "design": "grid", "drives": [], "labels": ["a.k", "b.c"],
+        "metrics": ["force_error_N", "end_N", "lateral_error_mm"], "limits": {}, "configuration": {},
+    }  # fmt: skip
+    (tmp_path / FACTS).write_text(json.dumps(facts))
+    (tmp_path / ROWS).write_text("".join(json.dumps(one) + "\n" for one in rows))
+    return tmp_path
+
+
+def shown(*arguments: str) -> str:
+    done = CliRunner().invoke(app, ["sweep", "show", *arguments], catch_exceptions=False)
+    assert done.exit_code == 0
+    return done.stdout
+
+
+def test_the_answer_comes_first_and_the_files_last(folder: Path):
+    lines = shown(str(folder), "--html").splitlines()
+    assert lines[0] == "made_up  12 runs: least force_error_N 1 (run 4); 1 failed"
+    assert lines[-1].split() == ["page", str(folder / "sweep.html")]
+    assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
+
+
+def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
+    with (folder / ROWS).open("a") as file:
+        judged = {**row(13, {"a.k": 0.5, "b.c": 0.5}, force_error_N=0.1), "curves": {"period_s": 0.04, "of": {}}}
+        file.write(json.dumps({**judged, "curves": {}}) + "\n")
+    facts = json.loads(shown(str(folder), "--json"))
+    assert len(facts["rows"]) == 13 and not any("curves" in one for one in facts["rows"])
+    assert {table["key"] for table in facts["tables"]} >= {"best", "correlation", "metrics", "reasons"}
+    assert Path(facts["files"]["map"]).is_file()
+
+
+@pytest.mark.parametrize(
+    ("options", "sentence"),
+    [
+        (["--by", "end_N"], "neither better nor worse; rank by force_error_N, lateral_error_mm"),
+        (["--by", "force_error"], "did you mean force_error_N"),
+        (["--against", "peek"], "--against peek: no such metric"),
+        (["--x", "b.d"], "--x b.d: no number that varies here"),
+    ],
+)
+def test_what_cannot_be_shown_is_refused_with_what_can(folder: Path, options: list[str], sentence: str):
+    with pytest.raises(InputRefused, match=sentence):
+        shown(str(folder), *options)
+
+
+def test_a_folder_that_is_no_sweeps_is_refused(tmp_path: Path):
+    with pytest.raises(InputRefused, match="no sweep's folder"):
+        shown(str(tmp_path))
+
+
+def test_a_folder_without_a_finished_run_is_shown_as_one(folder: Path):
+    (folder / ROWS).write_text("")
+    assert shown(str(folder), "--html").startswith("made_up  0 of 12 runs")
