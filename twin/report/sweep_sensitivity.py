@@ -10,6 +10,8 @@ from twin.sweep.statistics.correlation import FEW, Correlation, rank_correlation
 from twin.sweep.statistics.ranking import drives_in, numeric_labels
 from twin.sweep.statistics.sobol_indices import sobol_indices, why_no_indices
 
+WIDE = 0.3
+"""Width of an interval that leaves open whether a parameter matters."""
 SURE = 0.05
 """Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
 
@@ -83,5 +85,7 @@ def _indices(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | None:
          interval(one.total_interval)]
         for one in sorted(found.of, key=lambda one: -one.total)
     ]  # fmt: skip
+    if max(high - low for one in found.of for low, high in (one.first_interval, one.total_interval)) > WIDE:
+        remarks.append("some intervals are wide: four times the blocks make them half as wide")
     remarks.append("first: share of the variance that it explains alone; total: together with others")
     return Part("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
