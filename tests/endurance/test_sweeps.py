@@ -6,9 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.sweep.definitions import stiffness_text, written
-from twin.guard.limits import Limits
-from twin.sweep.engine import Job
+from tests.sweep.definitions import job, stiffness_text, written
 from twin.sweep.plan import planned
 from twin.sweep.station import Station
 
@@ -27,7 +25,7 @@ def test_ten_thousand_runs_in_one_process_neither_leak_nor_need_much(root: Path,
     plan = planned(written(tmp_path, text))
     (task,) = plan.tasks
     memory: list[float] = []
-    with Station(Job(plan.experiment, tmp_path, "none", Limits())) as station:
+    with Station(job(plan, tmp_path)) as station:
         for run in range(1, RUNS + 1):
             stiffness = f"contact.stiffness_N_per_m={500 + run}"
             facts = station.facts(replace(task, run=run, settings=(*task.settings, stiffness)), threading.Event())

@@ -12,10 +12,9 @@ import pytest
 
 from tests.guard.conftest import drive as drive  # the hostile drive
 from tests.guard.hostile import EXIT, HANG, HANG_IN_INITIALISATION, LEAK, SEGFAULT, SEGFAULT_IN_FREE
-from tests.sweep.definitions import stiffnesses, written
+from tests.sweep.definitions import job, stiffnesses, written
 from twin.errors import TwinError
 from twin.guard.limits import Limits
-from twin.sweep.engine import Job
 from twin.sweep.plan import Plan, Task, planned
 from twin.sweep.pool import Pool
 from twin.sweep.station import Station
@@ -27,7 +26,7 @@ LIMITS = Limits(step=2.0)
 def results(plan: Plan, tasks: list[Task], folder: Path, processes: int, record: str = "none", limits: Limits = LIMITS):
     """Facts by run, without the cost."""
     found: dict[int, dict] = {}
-    for batch in Pool(processes).results(Job(plan.experiment, folder, record, limits), tasks):
+    for batch in Pool(processes).results(job(plan, folder, record, limits), tasks):
         for task, facts in batch:
             assert task.run not in found
             found[task.run] = {key: value for key, value in facts.items() if key not in COST}
@@ -104,7 +103,7 @@ def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, t
     plan = stiffnesses(root, tmp_path, "[500, 700]")
     first, task = plan.tasks
     stopping = threading.Event()
-    with Station(Job(plan.experiment, tmp_path, "none", LIMITS)) as station:
+    with Station(job(plan, tmp_path)) as station:
         assert station.facts(first, stopping)
         assert station._worker is not None
         pid = station._worker._process.pid
@@ -121,7 +120,7 @@ def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, t
 def test_letting_results_go_ends_every_process_at_once(hostile, tmp_path: Path):
     plan, tasks = hostile(3, {2: HANG, 3: HANG})
     before = children()
-    with closing(Pool(2).results(Job(plan.experiment, tmp_path, "none", Limits(step=60.0)), tasks)) as batches:
+    with closing(Pool(2).results(job(plan, tmp_path, limits=Limits(step=60.0)), tasks)) as batches:
         next(batches)
         assert len(children() - before) == 2
     assert children() == before
@@ -131,7 +130,7 @@ def test_a_full_disk_ends_the_sweep_and_what_was_finished_is_handed_over_first(r
     plan = stiffnesses(root, tmp_path, "[500, 700, 900]")
     place = tmp_path / "no_folder"
     place.write_text("")
-    batches = Pool(1).results(Job(plan.experiment, place, "all", LIMITS), list(plan.tasks))
+    batches = Pool(1).results(job(plan, place, "all"), list(plan.tasks))
     with pytest.raises(TwinError):
         list(batches)
 
