@@ -29,7 +29,7 @@ def measurements(path: Path) -> list[Measurement]:
         short_definition(path, [f"{KEY}=500:5000:{2 * (RUNS + WARM_UP)}"], None), path, path.stem, "benchmark"
     )
     with tempfile.TemporaryDirectory() as scratch:
-        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=Limits())
+        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=Limits(), claims="")
         # in turn, so that a machine that slows down or speeds up does so for both
         rounds = [(warm_run(job, plan, 1), warm_run(job, plan, 2)) for _ in range(3)]
         early, late = memory(job, plan.tasks[0])

@@ -25,8 +25,8 @@ class Job:
     experiment: Path
     recordings: Path
     record: str
-    claims: str
     limits: Limits
+    claims: str
 
     @property
     def arguments(self) -> dict[str, str]:

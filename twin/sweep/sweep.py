@@ -74,7 +74,7 @@ def run_sweep(
         tally = _Tally(len(plan.tasks), rows.rows)
         show(tally.state)
         if tasks:
-            job = Job(plan.experiment, folder / RECORDINGS, record, plan.definition.claims or "", limits)
+            job = Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
             with closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
@@ -131,7 +131,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estim
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with TemporaryDirectory() as scratch:
         began = time.monotonic()
-        job = Job(plan.experiment, Path(scratch) / RECORDINGS, record, plan.definition.claims or "", limits)
+        job = Job(plan.experiment, Path(scratch) / RECORDINGS, record, limits, plan.definition.claims or "")
         times, rows = [], []
         for batch in Pool(1).results(job, [plan.tasks[0]] * 2):
             times.append(time.monotonic() - began)
