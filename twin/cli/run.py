@@ -65,6 +65,12 @@ def run(
             "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
         ),
     ] = None,
+    ranges: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--sweep", metavar="KEY=FROM:TO:COUNT", help="Run once per value, as twin sweep does; rows, no recordings."
+        ),
+    ] = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/EXPERIMENT/TIME.")
     ] = None,
@@ -100,6 +106,11 @@ def run(
 
     Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
     """
+    if ranges:
+        if len(experiments) > 1 or body or report or live or realtime is not None:
+            raise InputRefused("--sweep: takes one experiment, and no --body, --report, --live or --realtime")
+        _sweep(experiments[0], ranges, drive, settings or [], out, limit_step, as_json)
+        return
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
     if isolate != Isolation.NONE and os.name != "posix":
@@ -144,3 +155,26 @@ def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callabl
 
     module, _, function = job.partition(":")
     getattr(importlib.import_module(module), function)(DirectVoice(hear, show), **arguments)
+
+
+def _sweep(
+    experiment: Path,
+    ranges: list[str],
+    drive: str | None,
+    settings: list[str],
+    out: Path | None,
+    limit_step: float,
+    as_json: bool,
+) -> None:
+    from twin.cli.sweep import How, carry_out, check_start, cores
+    from twin.sweep.definition import short_definition
+    from twin.sweep.folder import HOME
+    from twin.sweep.plan import plan_of
+
+    definition = short_definition(experiment, ranges, drive)
+    place = f"--sweep {' '.join(ranges)}"
+    check_start(place, definition, sure=False)
+    plan = plan_of(definition, experiment, experiment.stem, place, settings)
+    # other ranges are another sweep; the same command goes on with its own
+    folder = out or HOME / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
+    carry_out(lambda: plan, How(folder, cores(), "none", limit_step, False, False, None, as_json))

@@ -3,6 +3,8 @@
 import json
 import os
 import sys
+from collections.abc import Callable
+from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -14,6 +16,8 @@ from twin.cli.progress import progress
 from twin.errors import InputRefused
 
 if TYPE_CHECKING:
+    from twin.guard.limits import Limits
+    from twin.sweep.definition import Definition
     from twin.sweep.folder import Kept
     from twin.sweep.plan import Plan
 
@@ -63,7 +67,10 @@ def run(
         bool, typer.Option("--dry-run", help="Only count the runs, and estimate time and disk by running one.")
     ] = False,
     processes: Annotated[
-        int | None, typer.Option(min=1, metavar="N", help="Processes; without it, as many as there are cores.")
+        int | None,
+        typer.Option(
+            "-j", "--processes", min=1, metavar="N", help="Processes; without it, as many as there are cores."
+        ),
     ] = None,
     record: Annotated[Record, typer.Option(help="Full recordings of which runs.")] = Record.NONE,
     limit_step: Annotated[
@@ -83,51 +90,89 @@ def run(
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
     """
-    from twin.guard.limits import Limits
-    from twin.report.sweep_progress import state_text
     from twin.sweep.definition import read_definition
-    from twin.sweep.design import largest_count
-    from twin.sweep.folder import HOME, kept
-    from twin.sweep.measures import checked_metric
+    from twin.sweep.folder import HOME
     from twin.sweep.plan import planned
-    from twin.sweep.pool import Pool
-    from twin.sweep.sweep import run_sweep
+
+    definition, _ = read_definition(sweep)
+    check_start(str(sweep), definition, yes or dry)
+    folder = out or HOME / sweep.stem
+    how = How(folder, processes or cores(), record.value, limit_step, dry, parquet, by, as_json)
+    carry_out(lambda: planned(sweep), how)
+
+
+@dataclass(frozen=True)
+class How:
+    """The options of a sweep, by the names that `run` has for them."""
+
+    out: Path
+    processes: int
+    record: str
+    limit_step: float
+    dry: bool
+    parquet: bool
+    by: str | None
+    as_json: bool
+
+
+def check_start(place: str, definition: "Definition", sure: bool) -> None:
+    """Ask whoever starts a sweep of many runs, unless they are `sure`.
+
+    Raises:
+        InputRefused: sweeps do not run on this system, or nobody says that so many runs are meant.
+    """
+    from twin.sweep.design import largest_count
 
     if os.name != "posix":
         raise InputRefused("twin sweep: needs Linux or macOS, where a drive that crashes can be kept apart")
-    if by:
-        checked_metric("--by", by)
-    definition, _ = read_definition(sweep)
-    _ask(sweep, largest_count(definition), yes or dry)
-    folder, workers = out or HOME / sweep.stem, processes or cores()
-    limits = Limits(step=limit_step)
-    line = progress()
+    count = largest_count(definition)
+    if count < MANY or sure:
+        return
+    question = f"{place}: makes up to {count:,} runs"
+    if not sys.stdin.isatty():
+        raise InputRefused(f"{question}; say --yes if that is meant, --dry-run shows what it takes")
+    if not typer.confirm(f"{question}. Go on?", err=True):
+        raise InputRefused(f"{question}; nothing was run")
+
+
+def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
+    """Run the plan, or estimate what it takes, and say what it came to."""
+    from twin.guard.limits import Limits
+    from twin.report.sweep_progress import state_text
+    from twin.sweep.folder import kept
+    from twin.sweep.measures import checked_metric
+    from twin.sweep.pool import Pool
+    from twin.sweep.sweep import run_sweep
+
+    limits, line = Limits(step=how.limit_step), progress()
     line.say("making the runs")
     try:
-        plan = planned(sweep)
-        if dry:
-            _estimate(plan, workers, record.value, limits, as_json)
+        plan = plan_made()
+        if how.by:
+            checked_metric("--by", how.by, plan.metrics)
+        if how.dry:
+            _estimate(plan, how, limits)
             return
-        run_sweep(plan, folder, Pool(workers), record.value, limits, lambda state: line.say(state_text(state)))
+        run_sweep(plan, how.out, Pool(how.processes), how.record, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
         line.clear()
-        if not folder.exists() or dry:
+        if how.dry or not how.out.exists():
             raise
-        found = kept(folder)
+        found = kept(how.out)
         print(
-            f"interrupted; {len(found.rows)} of {found.runs} runs are kept in {folder}; "
+            f"interrupted; {len(found.rows)} of {found.runs} runs are kept in {how.out}; "
             "the same command runs the others",
             file=sys.stderr,
         )
         raise SystemExit(130) from None
     finally:
         line.clear()
-    found = kept(folder)
-    if parquet:
+    found = kept(how.out)
+    if how.parquet:
         from twin.sweep.parquet import write_parquet
 
-        write_parquet(found, folder / "rows.parquet")
-    _tell(found, folder, by, as_json)
+        write_parquet(found, how.out / "rows.parquet")
+    _tell(found, how.out, how.by, how.as_json)
     if not any(row["metrics"] for row in found.rows):
         raise SystemExit(1)
 
@@ -159,14 +204,14 @@ def show(
     from twin.sweep.parquet import write_parquet
     from twin.sweep.statistics import usual_metric
 
-    for option, metric in (("--by", by), ("--against", against)):
-        if metric:
-            checked_metric(option, metric)
     folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: twin sweep {sweep}")
         return
     found = kept(folder)
+    for option, asked in (("--by", by), ("--against", against)):
+        if asked:
+            checked_metric(option, asked, found.metrics)
     metric = by or usual_metric(found.rows)
     axes = axes_of(found, x, y)
     files = []
@@ -187,25 +232,15 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def _ask(sweep: Path, count: int, sure: bool) -> None:
-    if count < MANY or sure:
-        return
-    question = f"{sweep}: makes up to {count:,} runs"
-    if not sys.stdin.isatty():
-        raise InputRefused(f"{question}; say --yes if that is meant, --dry-run shows what it takes")
-    if not typer.confirm(f"{question}. Go on?", err=True):
-        raise InputRefused(f"{question}; nothing was run")
-
-
-def _estimate(plan: "Plan", workers: int, record: str, limits: Any, as_json: bool) -> None:
+def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:
     from twin.report.sweep_progress import estimate_text
     from twin.sweep.sweep import estimated
 
-    estimate, first = estimated(plan, record, limits)
+    estimate, first = estimated(plan, how.record, limits)
     runs = len(plan.tasks)
-    seconds, size = estimate.total(runs, workers)
-    facts = {"runs": runs, "processes": workers, "seconds": seconds, "MB": size / 1e6, "first": first}
-    print(json.dumps(facts) if as_json else estimate_text(plan.name, runs, workers, estimate, first))
+    seconds, size = estimate.total(runs, how.processes)
+    facts = {"runs": runs, "processes": how.processes, "seconds": seconds, "MB": size / 1e6, "first": first}
+    print(json.dumps(facts) if how.as_json else estimate_text(plan.name, runs, how.processes, estimate, first))
 
 
 def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:

@@ -73,20 +73,31 @@ def measured(experiment: Experiment, trace: Trace) -> Measured:
     metrics: Metrics = {}
     curves, mistakes = {}, []
     for measure in experiment.measures:
-        inside = within(trace.t, measure.begin, np.inf if measure.until is None else measure.until)
         try:
-            found = KINDS[type(measure)](measure, trace, inside)
+            metrics |= metrics_of_measure(measure, trace)
         except InputRefused as problem:
             mistakes.append(f'{experiment.name}: [[measure]] "{measure.name}": {problem}')
             continue
-        # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
-        finite = {name: metric for name, metric in found.items() if np.isfinite(metric.value)}
-        metrics |= {f"{measure.name}.{name}": metric for name, metric in finite.items()}
         if isinstance(measure, measures.Step | measures.Tracking):
-            curves[measure.name] = _curve(measure.signal, trace, inside)
+            curves[measure.name] = _curve(measure.signal, trace, _inside(measure, trace))
     if mistakes:
         raise InputRefused("\n".join(mistakes))
     return Measured(metrics, curves, trace.fmus)
+
+
+def metrics_of_measure(measure: measures.Measure, trace: Trace) -> Metrics:
+    """The numbers of one measure of `trace`, by "measure.metric".
+
+    Raises:
+        InputRefused: this run gives it no meaning.
+    """
+    found = KINDS[type(measure)](measure, trace, _inside(measure, trace))
+    # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
+    return {f"{measure.name}.{name}": metric for name, metric in found.items() if np.isfinite(metric.value)}
+
+
+def _inside(measure: measures.Window, trace: Trace) -> NDArray[np.bool_]:
+    return within(trace.t, measure.begin, np.inf if measure.until is None else measure.until)
 
 
 def _curve(signal: str, trace: Trace, inside: NDArray[np.bool_]) -> Sampled:

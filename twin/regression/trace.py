@@ -65,21 +65,31 @@ def traced(experiment: Experiment) -> Trace:
     """
     with assemble(experiment) as assembly:
         system = assembly.system
-        names = _recorded_names(system)
-        _refuse_unknown(experiment, {name: size for name, (_, size, _) in names.items()})
+        refuse_unknown(experiment, system)
         values = Simulation(system, experiment.duration_ticks, SLICE_TICKS).run()
         for component in system.components:
             if isinstance(component, Monitor) and component.trip is not None:
                 raise SafetyTrip(f"{experiment.name}: {trip_sentence(component.trip)}")
-        vectors = {name: values[:, system.columns(end)] for name, (end, _, _) in names.items() if end}
-        p_ref_B = vectors["controller.p_ref_B"]
-        vectors[REFERENCE_THETA_L] = joint_angles(geometry_of(experiment.controller.model), p_ref_B)
-        return Trace(
-            t=np.arange(len(values), dtype=float) * system.tick,
-            units={name: unit for name, (_, _, unit) in names.items()},
-            fmus=_fmus(assembly),
-            vectors=vectors,
-        )
+        return trace_of(experiment, assembly, values)
+
+
+def trace_of(experiment: Experiment, assembly: Assembly, values: NDArray[np.float64]) -> Trace:
+    """A run of `experiment` that has been made already.
+
+    Args:
+        assembly: of it. values: every row of the run, (n, width of the system's outputs).
+    """
+    system = assembly.system
+    names = _recorded_names(system)
+    vectors = {name: values[:, system.columns(end)] for name, (end, _, _) in names.items() if end}
+    p_ref_B = vectors["controller.p_ref_B"]
+    vectors[REFERENCE_THETA_L] = joint_angles(geometry_of(experiment.controller.model), p_ref_B)
+    return Trace(
+        t=np.arange(len(values), dtype=float) * system.tick,
+        units={name: unit for name, (_, _, unit) in names.items()},
+        fmus=_fmus(assembly),
+        vectors=vectors,
+    )
 
 
 def _recorded_names(system: System) -> dict[str, tuple[str, int, str]]:
@@ -96,7 +106,13 @@ def _recorded_names(system: System) -> dict[str, tuple[str, int, str]]:
     return names | {REFERENCE_THETA_L: ("", 3, "rad")}
 
 
-def _refuse_unknown(experiment: Experiment, sizes: dict[str, int]) -> None:
+def refuse_unknown(experiment: Experiment, system: System) -> None:
+    """Check that `system` has every signal which a measure of `experiment` looks at.
+
+    Raises:
+        InputRefused: it has not; all of those at once.
+    """
+    sizes = {name: size for name, (_, size, _) in _recorded_names(system).items()}
     mistakes = []
     for number, measure in enumerate(experiment.measures, start=1):
         for key, signal in _signals(measure):

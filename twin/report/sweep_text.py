@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 
 from twin.sweep.folder import Kept
-from twin.sweep.measures import METRICS
 from twin.sweep.rows import Row
 from twin.sweep.statistics import best, drive_ranking, is_number, pareto_front, rank_correlation, value
 
@@ -93,7 +92,7 @@ def _drives(rows: Sequence[Row], by: str) -> list[str]:
 
 def _correlations(kept: Kept) -> list[str]:
     names = short(kept.labels)
-    metrics = [metric for metric in METRICS if metric != "peak_time_s"]
+    metrics = [metric for metric in kept.metrics if metric != "peak_time_s"]
     numeric = [label for label in kept.labels if any(is_number(row["parameters"].get(label)) for row in kept.rows)]
     found = {label: [rank_correlation(kept.rows, label, metric) for metric in metrics] for label in numeric}
     if all(math.isnan(number) for numbers in found.values() for number in numbers):

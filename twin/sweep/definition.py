@@ -1,6 +1,7 @@
 """SWEEP.toml: which experiment, which keys of it vary and how, on which drives. Checked as one file."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -9,7 +10,6 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.source import located
-from twin.sweep.measures import METRICS
 from twin.sweep.vary import Vary, contradictions
 
 DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random"]
@@ -42,17 +42,39 @@ def read_definition(path: Path) -> tuple[Definition, Path]:
     Raises:
         InputRefused: no such file, not TOML, or with every mistake in it, one sentence each.
     """
-    table = _table(path)
-    mistakes: list[str] = []
+    definition = _checked(_table(path), str(path))
+    return definition, located(definition.experiment, path.resolve().parent)
+
+
+def short_definition(experiment: Path, ranges: Sequence[str], drive: str | None) -> Definition:
+    """The grid of `ranges`, each "key=from:to:count".
+
+    Raises:
+        InputRefused: one is none, or a key is there twice.
+    """
+    tables = []
+    for text in ranges:
+        key, _, levels = text.partition("=")
+        try:
+            low, high, count = levels.split(":")
+            tables.append({"key": key.strip(), "from": float(low), "to": float(high), "count": int(count)})
+        except ValueError:
+            raise InputRefused(
+                f"--sweep {text}: expected key=from:to:count, for example contact.stiffness_N_per_m=500:5000:10"
+            ) from None
+    table = {"experiment": str(experiment), "drives": [drive] if drive else [], "vary": tables}
+    return _checked(table, f"--sweep {' '.join(ranges)}")
+
+
+def _checked(table: dict[str, Any], place: str) -> Definition:
     try:
         definition = Definition.model_validate(table)
+        mistakes = _disagreements(definition)
     except ValidationError as error:
         mistakes = [_placed(sentence) for sentence in sentences(error, Definition, "")]
-    else:
-        mistakes = _disagreements(definition)
     if mistakes:
-        raise InputRefused("\n".join(f"{path}: {mistake}" for mistake in mistakes))
-    return definition, located(definition.experiment, path.resolve().parent)
+        raise InputRefused("\n".join(f"{place}: {mistake}" for mistake in mistakes))
+    return definition
 
 
 def _disagreements(definition: Definition) -> list[str]:
@@ -80,9 +102,6 @@ def _disagreements(definition: Definition) -> list[str]:
         mistakes += [f"[[vary]] {number}: {mistake}" for mistake in found]
         taken.update(vary.names)
         known.append(vary.label)
-    for metric in definition.limits:
-        if metric not in METRICS:
-            mistakes.append(f"[limits] unknown metric '{metric}'; known are {', '.join(METRICS)}")
     return mistakes
 
 

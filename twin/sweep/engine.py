@@ -18,7 +18,7 @@ class Job:
 
     Attributes:
         experiment: its file. recordings: the folder in which a run's recording gets a folder of its own.
-        record: "all", "failures" or "none". limits: of each worker process.
+        record: of which runs, "all", "failures" or "none". limits: of each worker process.
     """
 
     experiment: Path
@@ -32,7 +32,6 @@ class Job:
         return {
             "experiment": str(self.experiment.absolute()),
             "folder": str(self.recordings.absolute()),
-            "record": self.record,
         }
 
 

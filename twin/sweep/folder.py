@@ -12,6 +12,7 @@ from twin.sweep.rows import ROWS, Row, read_rows
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
+KEYS = {"sweep", "runs", "labels", "metrics", "limits", "configuration"}
 
 
 @dataclass(frozen=True)
@@ -19,13 +20,14 @@ class Kept:
     """What a folder holds.
 
     Attributes:
-        name: of the sweep. runs: planned. labels: what varies, in the order of the file. limits: see `Definition`.
-        rows: of finished runs, by run.
+        name: of the sweep. runs: planned. labels: what varies, in the order of the file. metrics: that a run may have.
+        limits: see `Definition`. rows: of finished runs, by run.
     """
 
     name: str
     runs: int
     labels: tuple[str, ...]
+    metrics: tuple[str, ...]
     limits: dict[str, float]
     rows: list[Row]
 
@@ -50,6 +52,7 @@ def claim(folder: Path, plan: Plan) -> None:
         "experiment": plan.experiment.name,
         "runs": len(plan.tasks),
         "labels": [vary.label for vary in plan.definition.vary],
+        "metrics": plan.metrics,
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
     }
@@ -78,7 +81,8 @@ def kept(folder: Path) -> Kept:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     rows, _ = read_rows(folder / ROWS)
     rows.sort(key=lambda row: row["run"])
-    return Kept(facts["sweep"], facts["runs"], tuple(facts["labels"]), facts["limits"], rows)
+    labels, metrics = tuple(facts["labels"]), tuple(facts["metrics"])
+    return Kept(facts["sweep"], facts["runs"], labels, metrics, facts["limits"], rows)
 
 
 def _read(folder: Path) -> dict[str, Any]:
@@ -86,7 +90,7 @@ def _read(folder: Path) -> dict[str, Any]:
     path = folder / FACTS
     try:
         facts = json.loads(path.read_text())
-        return facts if {"sweep", "runs", "labels", "limits", "configuration"} <= facts.keys() else _refuse(path)
+        return facts if facts.keys() >= KEYS else _refuse(path)
     except (FileNotFoundError, NotADirectoryError):
         return {}
     except OSError as problem:

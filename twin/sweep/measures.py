@@ -1,6 +1,8 @@
 """The numbers that a sweep keeps of a run: measures of what is true, with units in their names."""
 
+import difflib
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -8,9 +10,23 @@ from twin.errors import InputRefused
 
 if TYPE_CHECKING:
     from twin.execution.outcome import Outcome
+    from twin.experiment.measure import Measure
 
 METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm")
 """Of the plant, see `twin.execution.outcome.Outcome`."""
+BY_KIND: dict[str, tuple[str, ...]] = {
+    "step": (
+        "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",
+        "IAE", "ISE", "ITAE",
+    ),
+    "tracking": ("rms_error", "max_error"),
+    "lag": ("lag",),
+    "spread": ("mean", "std"),
+    "onset": ("time",),
+    "path": ("rms_error", "max_error"),
+    "effort": ("commanded_travel", "work_delivered", "work_returned"),
+}  # fmt: skip
+"""What `twin.regression.measurement` makes of each kind of [[measure]], SI; known before a run is made."""
 
 
 @dataclass(frozen=True)
@@ -21,7 +37,8 @@ class Finding:
         status: "done"; "tripped": the safety monitor did; "failed": a component did, or the process died;
             "refused": these values make no experiment.
         reason: the sentence; "" if done.
-        metrics: by the names of `METRICS`; empty unless the run came to its end. None: there is no such number.
+        metrics: by the names of `METRICS`, and "measure.metric" of the experiment's measures; empty unless the run came
+            to its end. None, or missing for a measure: there is no such number.
         seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
     """
 
@@ -52,14 +69,21 @@ def metrics_of(outcome: "Outcome") -> dict[str, float | None]:
     return {name: finite(value) for name, value in zip(METRICS, values, strict=True)}
 
 
-def checked_metric(option: str, metric: str) -> str:
-    """`metric` as it was given with `option`.
+def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
+    """Every metric that a run of an experiment with these `measures` may have."""
+    return METRICS + tuple(f"{measure.name}.{metric}" for measure in measures for metric in BY_KIND[measure.kind])
+
+
+def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
+    """`metric` as it was given at `place`.
 
     Raises:
-        InputRefused: there is no such metric.
+        InputRefused: it is none of those `known`.
     """
-    if metric not in METRICS:
-        raise InputRefused(f"{option} {metric}: no such metric; known are {', '.join(METRICS)}")
+    if metric not in known:
+        close = difflib.get_close_matches(metric, known, 1)
+        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
+        raise InputRefused(f"{place} {metric}: no such metric; {hint}")
     return metric
 
 

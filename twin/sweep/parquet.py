@@ -5,7 +5,6 @@ from typing import Any
 
 from twin.errors import InputRefused
 from twin.sweep.folder import Kept
-from twin.sweep.measures import METRICS
 
 
 def write_parquet(kept: Kept, path: Path) -> None:
@@ -28,7 +27,7 @@ def write_parquet(kept: Kept, path: Path) -> None:
         kinds = {type(value) for value in values if value is not None}
         # a column has one type: numbers stay numbers, anything mixed becomes text
         columns[label] = values if kinds <= {int, float} or len(kinds) == 1 else [_text(value) for value in values]
-    columns |= {metric: [row["metrics"].get(metric) for row in kept.rows] for metric in METRICS}
+    columns |= {metric: [row["metrics"].get(metric) for row in kept.rows] for metric in kept.metrics}
     for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key"):
         columns[name] = [row[name] for row in kept.rows]
     try:

@@ -6,12 +6,16 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin.errors import InputRefused
 from twin.sweep.definition import Definition, read_definition
 from twin.sweep.design import Point, points
+from twin.sweep.measures import checked_metric, metric_names
 from twin.sweep.vary import Value
+
+if TYPE_CHECKING:
+    from twin.experiment.experiment import Experiment
 
 
 @dataclass(frozen=True)
@@ -38,41 +42,56 @@ class Plan:
         name: of the file. definition: what it says. experiment: its file.
         tasks: every run once. A key is the hash of all that decides the result: version of twin, the experiment's
             values, the FMUs' SHA-256, drive and settings.
+        metrics: that a run may have.
         configuration: what all runs have in common, by what a user would call it -> hash.
-        duration: simulated time of the first run (s).
     """
 
     name: str
     definition: Definition
     experiment: Path
     tasks: tuple[Task, ...]
+    metrics: tuple[str, ...]
     configuration: dict[str, str]
-    duration: float
 
 
 def planned(path: Path) -> Plan:
-    """The sweep at `path`, its first run and its extreme ones loaded and their FMUs described.
+    """The sweep file at `path` as a plan.
 
     Raises:
-        InputRefused: a mistake in the sweep file, or values that make no experiment.
+        InputRefused: as `read_definition` and `plan_of`.
     """
     definition, experiment = read_definition(path)
-    drafts = [(point, _settings(definition, point)) for point in points(definition)]
+    return plan_of(definition, experiment, path.stem, str(path))
+
+
+def plan_of(definition: Definition, experiment: Path, name: str, source: str, settings: Sequence[str] = ()) -> Plan:
+    """What `definition` means for the file `experiment`: first and extreme runs loaded, their FMUs described.
+
+    Args:
+        name: of the sweep. source: what a mistake is blamed on. settings: for `load_experiment`, of every run.
+
+    Raises:
+        InputRefused: no run, or values that make no experiment, or a limit of no metric.
+    """
+    drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
-        raise InputRefused(f"{path}: makes no run; no condition holds")
-    foundations = _Foundations(path, experiment)
-    for point, settings in _extremes(drafts):
-        foundations.check(point.drive, settings)
+        raise InputRefused(f"{source}: makes no run; no condition holds")
+    foundations = _Foundations(source, experiment)
+    for point, draft in _extremes(drafts):
+        foundations.check(point.drive, draft)
+    metrics = metric_names(foundations.first.measures)
+    for metric in definition.limits:
+        checked_metric(f"{source}: [limits]", metric, metrics)
     tasks = tuple(
-        Task(number, foundations.key(point, settings), point.drive, point.parameters, settings)
-        for number, (point, settings) in enumerate(drafts, start=1)
+        Task(number, foundations.key(point, draft), point.drive, point.parameters, draft)
+        for number, (point, draft) in enumerate(drafts, start=1)
     )
     configuration = {
-        "the sweep file": _hash(definition.model_dump(mode="json")),
+        "the sweep": _hash([definition.model_dump(mode="json"), settings]),
         "the experiment, a body or an FMU": foundations.digest,
         "the version of twin": version("twin"),
     }
-    return Plan(path.stem, definition, experiment, tasks, configuration, foundations.duration)
+    return Plan(name, definition, experiment, tasks, metrics, configuration)
 
 
 def _settings(definition: Definition, point: Point) -> tuple[str, ...]:
@@ -114,11 +133,17 @@ class _Foundations:
     A number cannot name a file, a text can: a body, an FMU. So runs that share drive and texts share their files.
     """
 
-    def __init__(self, path: Path, experiment: Path):
-        self._path, self._experiment = path, experiment
+    def __init__(self, source: str, experiment: Path):
+        self._source, self._experiment = source, experiment
         self._digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
         self._version = version("twin")
-        self.duration = 0.0
+        self._first: Experiment | None = None
+
+    @property
+    def first(self) -> "Experiment":
+        """The first run that was checked."""
+        assert self._first is not None
+        return self._first
 
     @property
     def digest(self) -> str:
@@ -129,7 +154,7 @@ class _Foundations:
         texts = tuple(text for text in settings if text.endswith('"'))
         if (point.drive, texts) not in self._digests:
             self._digests[point.drive, texts] = self._read(point.drive, texts)
-        return _hash([self._version, self._digests[point.drive, texts], settings])[:16]
+        return _hash([self._version, self._digests[point.drive, texts], point.drive, settings])[:16]
 
     def check(self, drive: str | None, settings: tuple[str, ...]) -> None:
         """Load a run.
@@ -150,8 +175,8 @@ class _Foundations:
             tables = {table.model_dump_json(): table for table in loaded.drives}
             plans = [planned_drive(table) for table in tables.values()]
         except InputRefused as refusal:
-            raise InputRefused(f"{self._path}: the run with {where} cannot be made:\n{refusal}") from None
-        self.duration = self.duration or loaded.duration_ticks * loaded.cosim.tick
+            raise InputRefused(f"{self._source}: the run with {where} cannot be made:\n{refusal}") from None
+        self._first = self._first or loaded
         fmus = [fmu.sha256 for plan in plans for fmu in plan.parts.values()]
         return _hash([_without_paths(loaded.values), fmus])
 

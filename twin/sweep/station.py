@@ -38,20 +38,23 @@ class Station:
         """The facts of the `Finding` that `task` comes to; None if `stopping` was set meanwhile.
 
         A process that dies may do so of what earlier runs did to its memory: then the run gets another chance in a
-        fresh one. So what becomes of a run never depends on those before it.
+        fresh one. So what becomes of a run never depends on those before it. A failure that is to be recorded is known
+        to be one only after that, and gets another chance for the recorder to be there.
 
         Raises:
             TwinError: the job cannot go on, with any run.
         """
+        record = self._job.record
         while True:
             fresh = self._worker is None
             worker = self._worker = self._worker or _Worker(self._job)
             try:
-                facts = worker.facts(task, stopping)
+                facts = worker.facts(task, record, stopping)
             except (JobDied, JobDiedLoading) as death:
                 self._leave()
-                if fresh:
+                if fresh and record != "failures":
                     return _fatal(death)
+                record = "all" if record == "failures" else record
             else:
                 if worker.grown:
                     self._leave()
@@ -85,13 +88,13 @@ class _Worker:
         """Whether a fresh process is better than to charge a run with what others left in this one."""
         return self._process.memory > 0.5 * self._limits.memory
 
-    def facts(self, task: Task, stopping: threading.Event) -> dict[str, Any] | None:
+    def facts(self, task: Task, record: str, stopping: threading.Event) -> dict[str, Any] | None:
         """As `Station.facts`.
 
         Raises:
             JobDied, JobDiedLoading: the process has ended, and who did it.
         """
-        order = {"run": task.run, "drive": task.drive, "settings": task.settings}
+        order = {"run": task.run, "drive": task.drive, "settings": task.settings, "record": record}
         os.write(self._orders, json.dumps(order).encode() + b"\n")
         while not stopping.is_set():
             for report in self._process.reports(POLL):

@@ -35,11 +35,15 @@ def value(row: Row, metric: str) -> float:
     return math.nan if found is None else float(found)
 
 
+USUAL_METRICS = ("force_error_N", "lateral_error_mm")
+
+
 def usual_metric(rows: Sequence[Row]) -> str:
     """What runs are ranked by unless somebody says otherwise: the force error, or where no force was controlled, the
     lateral one."""
-    controlled = any(not math.isnan(value(row, "force_error_N")) for row in rows)
-    return "force_error_N" if controlled or not rows else "lateral_error_mm"
+    force, lateral = USUAL_METRICS
+    controlled = any(not math.isnan(value(row, force)) for row in rows)
+    return force if controlled or not rows else lateral
 
 
 def best(rows: Sequence[Row], metric: str) -> list[Row]:

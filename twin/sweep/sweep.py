@@ -1,7 +1,7 @@
 """A sweep run: what is not finished yet is run, and every row is kept as it comes."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,7 +15,7 @@ from twin.sweep.measures import within
 from twin.sweep.plan import Plan, Task
 from twin.sweep.pool import Pool
 from twin.sweep.rows import ROWS, Row, Rows
-from twin.sweep.statistics import best, usual_metric, value
+from twin.sweep.statistics import USUAL_METRICS, best, value
 
 RECORDINGS = "runs"
 
@@ -71,16 +71,42 @@ def run_sweep(
     with Rows(folder / ROWS) as rows:
         finished = {row["key"] for row in rows.rows}
         tasks = [task for task in plan.tasks if task.key not in finished]
-        began, before = time.monotonic(), len(rows.rows)
-        show(_state(rows.rows, plan, before, 0.0))
+        tally = _Tally(len(plan.tasks), rows.rows)
+        show(tally.state)
         if tasks:
             job = Job(plan.experiment, folder / RECORDINGS, record, limits)
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
             with closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
-                    rows.add([_row(plan, task, facts) for task, facts in batch])
-                    show(_state(rows.rows, plan, before, time.monotonic() - began))
+                    fresh = [_row(plan, task, facts) for task, facts in batch]
+                    rows.add(fresh)
+                    tally.take(fresh)
+                    show(tally.state)
         return rows.rows
+
+
+class _Tally:
+    """Keeps up with rows, a batch at a time: to look at all of them after each would take ever longer."""
+
+    def __init__(self, total: int, rows: Sequence[Row]):
+        self._total, self._before, self._began = total, len(rows), time.monotonic()
+        self._done = self._failed = 0
+        self._best: dict[str, Row] = {}
+        self.take(rows)
+
+    def take(self, rows: Sequence[Row]) -> None:
+        self._done += len(rows)
+        self._failed += sum(not row["metrics"] for row in rows)
+        for metric in USUAL_METRICS:
+            for row in best([*filter(None, [self._best.get(metric)]), *rows], metric)[:1]:
+                self._best[metric] = row
+
+    @property
+    def state(self) -> State:
+        rows = [(metric, self._best[metric]) for metric in USUAL_METRICS if metric in self._best]
+        found = [(metric, value(row, metric), row["run"]) for metric, row in rows]
+        elapsed = time.monotonic() - self._began
+        return State(self._done, self._total, self._failed, self._before, elapsed, found[0] if found else None)
 
 
 @dataclass(frozen=True)
@@ -124,10 +150,3 @@ def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
         **facts,
         "within_limits": within(facts["metrics"], plan.definition.limits),
     }
-
-
-def _state(rows: list[Row], plan: Plan, before: int, elapsed: float) -> State:
-    failed = sum(not row["metrics"] for row in rows)
-    metric = usual_metric(rows)
-    least = [(metric, value(row, metric), row["run"]) for row in best(rows, metric)[:1]]
-    return State(len(rows), len(plan.tasks), failed, before, elapsed, least[0] if least else None)

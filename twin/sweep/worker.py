@@ -5,18 +5,19 @@ import shutil
 from pathlib import Path
 
 from twin.guard.voice import Voice
-from twin.sweep.trial import trial
+from twin.sweep.trial import record, trial
 
 
-def served(voice: Voice, experiment: str, orders: str, folder: str, record: str) -> None:
+def served(voice: Voice, experiment: str, orders: str, folder: str) -> None:
     """Run every order; what is imported, compiled or unpacked for one is there for the next, FMU instances are not.
 
     Notes: {"finding": facts of `Finding`} after each.
 
     Args:
-        experiment: its file. orders: a named pipe that brings {"run", "drive", "settings"} as JSON lines; ends the job
-            when it is closed.
-        folder: where recordings go, a folder per run. record: "all", "failures" or "none".
+        experiment: its file. folder: where recordings go, a folder per run.
+        orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
+            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in
+            a sweep that records failures never meets it.
 
     Raises:
         RecordingFailed: the disk is full.
@@ -24,12 +25,17 @@ def served(voice: Voice, experiment: str, orders: str, folder: str, record: str)
     with open(orders, encoding="utf-8") as lines:
         for line in lines:
             order = json.loads(line)
+            what = Path(experiment), order["drive"], order["settings"]
+            own = Path(folder) / f"{order['run']:06d}"
             voice.loading()
-            own = Path(folder) / f"{order['run']:06d}" if record != "none" else None
-            if own:
-                # what an earlier worker left of the same run
+            if order["record"] != "none":
+                # what an earlier attempt left of the same run
                 shutil.rmtree(own, ignore_errors=True)
-            finding = trial(Path(experiment), order["drive"], order["settings"], own)
-            if own and record == "failures" and finding.status == "done":
-                shutil.rmtree(own)
+            if order["record"] == "all":
+                record(*what, own)
+                voice.loading()
+            finding = trial(*what)
+            if order["record"] == "failures" and finding.status != "done":
+                voice.loading()
+                record(*what, own)
             voice.note(finding=finding.facts)
