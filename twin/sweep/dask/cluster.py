@@ -1,6 +1,5 @@
 """Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do."""
 
-import asyncio
 import logging
 import signal
 import tempfile
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
 
 PATIENCE = 5.0
 """Seconds for a scheduler to answer, and for its first worker to be there."""
+SILENT = logging.CRITICAL + 1
 _LOGGERS = ("distributed", "tornado", "asyncio")
 
 
@@ -36,7 +36,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
         address = scheduler or ends.enter_context(_local_cluster(processes))
         try:
             client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
-        except (OSError, ValueError, ImportError, AssertionError, asyncio.TimeoutError) as problem:
+        except (TimeoutError, OSError, ValueError, ImportError, AssertionError) as problem:
             raise InputRefused(
                 f"--scheduler {scheduler}: no Dask scheduler answers there ({_told(problem)}); expected the address "
                 "that dask scheduler prints, such as tcp://127.0.0.1:8786"
@@ -44,7 +44,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
         ends.callback(client.close, timeout=PATIENCE)
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
-        except asyncio.TimeoutError:
+        except TimeoutError:
             raise InputRefused(
                 f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler} --nthreads 1"
             ) from None
@@ -69,7 +69,7 @@ def _local_cluster(processes: int) -> Iterator[object]:
                 local_directory=folder,
                 # runs live in processes of their own, with a limit of their own
                 memory_limit=0,
-                silence_logs=False,
+                silence_logs=SILENT,
             )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
@@ -82,7 +82,7 @@ def _quiet() -> Iterator[None]:
     """What Dask has to say of lost connections is said here in a sentence, not by it in a hundred lines."""
     levels = {name: logging.getLogger(name).level for name in logging.root.manager.loggerDict if _is_dasks(name)}
     for name in levels:
-        logging.getLogger(name).setLevel(logging.CRITICAL + 1)
+        logging.getLogger(name).setLevel(SILENT)
     with warnings.catch_warnings():
         warnings.filterwarnings("ignore", module="distributed")
         try:
