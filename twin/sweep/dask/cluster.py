@@ -54,6 +54,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
 @contextmanager
 def _local_cluster(processes: int) -> Iterator[object]:
     """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
+    import dask.config
     from distributed import LocalCluster
 
     with tempfile.TemporaryDirectory(prefix="twin_dask_") as folder:
@@ -61,16 +62,18 @@ def _local_cluster(processes: int) -> Iterator[object]:
         # inherit what is blocked while they are started, do not hear it. It is heard here as soon as they are there.
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
-            cluster = LocalCluster(
-                n_workers=processes,
-                threads_per_worker=1,
-                host="127.0.0.1",
-                dashboard_address=None,
-                local_directory=folder,
-                # runs live in processes of their own, with a limit of their own
-                memory_limit=0,
-                silence_logs=SILENT,
-            )
+            with dask.config.set({"temporary-directory": folder}):
+                cluster = LocalCluster(
+                    n_workers=processes,
+                    threads_per_worker=1,
+                    host="127.0.0.1",
+                    dashboard_address=None,
+                    # runs live in processes of their own, with a limit of their own
+                    memory_limit=0,
+                    silence_logs=SILENT,
+                    # what is tried again is for us to say
+                    scheduler_kwargs={"allowed_failures": 0},
+                )
         finally:
             signal.pthread_sigmask(signal.SIG_SETMASK, before)
         with cluster:
