@@ -52,7 +52,7 @@ class Vary(_Table):
     @property
     def names(self) -> tuple[str, ...]:
         """Every key that gets the value."""
-        return tuple(self.keys or ()) + ((self.key,) if self.key else ())
+        return tuple(self.keys or ()) + ((self.key,) if self.key is not None else ())
 
     @property
     def label(self) -> str:
