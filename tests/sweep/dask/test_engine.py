@@ -1,5 +1,5 @@
+import os
 import shutil
-import threading
 from pathlib import Path
 
 import pytest
@@ -48,9 +48,9 @@ def longer(root: Path, tmp_path: Path) -> Plan:
 
 def test_rows_and_recordings_are_those_of_local_processes_byte_for_byte(root: Path, tmp_path: Path, cluster: Running):
     text = f"""
-experiment = "{root}/experiments/fig4_force_position.toml"
+experiment = "{root}/experiments/calibration.toml"
 drives = ["velocity_servo", "brushed_dc"]
-vary = [{{ key = "contact.stiffness_N_per_m", values = [800, 900] }}, {{ key = "duration_s", values = [0.1] }}]
+vary = [{{ key = "plant.eta", values = [0.8, 0.9] }}, {{ key = "duration_s", values = [0.1] }}]
 """
     plan = planned(written(tmp_path, text))
     here, there = tmp_path / "here", tmp_path / "there"
@@ -82,6 +82,8 @@ vary = [
 
 def test_files_are_sent_once_and_then_known_by_their_content(short: Plan, tmp_path: Path, cluster: Running):
     rows(short, tmp_path / "first", Dask(cluster.address, 1))
+    # nor is a process left behind
+    assert [children(worker.pid) for worker in cluster.workers] == [[], []]
     depot = cluster.cache / "parcels"
     before = {file.name: file.stat().st_mtime_ns for file in depot.iterdir()}
     contents = Parcel(short.experiment).contents
@@ -153,22 +155,15 @@ def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goe
     assert [row for row in after if row["run"] in {old["run"] for old in before}] == before
 
 
-def test_when_a_sweep_is_over_no_process_of_it_is_left(short: Plan, tmp_path: Path, cluster: Running):
-    rows(short, tmp_path / "out", Dask(cluster.address, 1))
-    assert [children(worker.pid) for worker in cluster.workers] == [[], []]
+def test_an_own_cluster_is_gone_when_the_sweep_is_over(short: Plan, tmp_path: Path):
+    before = children(os.getpid())
+    assert [row["status"] for row in rows(short, tmp_path / "out", Dask(None, 1))] == ["done"] * 3
+    assert children(os.getpid()) == before
 
 
-def test_an_own_cluster_leaves_no_thread_of_workers_behind(short: Plan, tmp_path: Path):
-    before = children(None)
-    assert [row["status"] for row in rows(short, tmp_path / "out", Dask(None, 2))] == ["done"] * 3
-    assert children(None) == before
-    assert threading.active_count() < 50
-
-
-def children(pid: int | None) -> list[str]:
-    """Command lines of the living children of a process; None: of this one."""
-    task = Path(f"/proc/{pid or 'self'}/task")
-    pids = [child for thread in task.iterdir() for child in (thread / "children").read_text().split()]
+def children(pid: int) -> list[str]:
+    """Command lines of the living children of a process."""
+    pids = [child for thread in Path(f"/proc/{pid}/task").iterdir() for child in (thread / "children").read_text().split()]
     lines = [Path(f"/proc/{child}/cmdline").read_bytes().replace(b"\0", b" ").decode() for child in pids]
     # Python's own, which lives as long as the process
     return [line for line in lines if line and "resource_tracker" not in line]
