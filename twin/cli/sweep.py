@@ -19,6 +19,7 @@ from twin.errors import InputRefused
 if TYPE_CHECKING:
     from twin.guard.limits import Limits
     from twin.sweep.definition import Definition
+    from twin.sweep.engine import Engine
     from twin.sweep.folder import Kept
     from twin.sweep.plan import Plan
 
@@ -33,6 +34,13 @@ class Group(TyperGroup):
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         own = not args or args[0] in self.commands or args[0] == "--help" or args[0].startswith("--show-completion")
         return super().parse_args(ctx, args if own else [RUN, *args])
+
+
+class EngineName(StrEnum):
+    """Who runs the runs."""
+
+    LOCAL = "local"
+    DASK = "dask"
 
 
 class Record(StrEnum):
@@ -74,6 +82,13 @@ def run(
     ] = 10.0,
     parquet: Annotated[bool, typer.Option("--parquet", help="In the end, write rows.parquet, too.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help=f"Do not ask before {MANY:,} runs or more.")] = False,
+    engine: Annotated[
+        EngineName, typer.Option(help="Who runs them: processes here, or the workers of a Dask cluster.")
+    ] = EngineName.LOCAL,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(metavar="ADDRESS", help="Of a running Dask cluster; without it, one is started here."),
+    ] = None,
     by: By = None,
     as_json: Json = False,
 ) -> None:
@@ -82,7 +97,7 @@ def run(
     A run that fails, crashes or hangs is a row with a reason and costs only
     itself. The same command goes on after an interruption.
     Exit code: 0 every run has a row, 1 none of them has metrics, 2 input refused,
-    3 the disk is full, 130 interrupted.
+    3 the disk is full or the cluster is gone, 130 interrupted.
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
     """
@@ -93,7 +108,13 @@ def run(
     definition, _ = read_definition(sweep)
     check_start(str(sweep), definition, yes or dry)
     folder = out or HOME / sweep.stem
-    how = How(folder, processes or cores(), record.value, limit_step, dry, parquet, by, as_json)
+    if scheduler and engine != EngineName.DASK:
+        raise InputRefused(f"--scheduler {scheduler}: belongs to --engine dask; add that, or leave the address out")
+    if scheduler and processes:
+        raise InputRefused(f"--processes {processes}: the cluster of {scheduler} has the workers it has; leave it out")
+    how = How(
+        folder, processes or cores(), record.value, limit_step, dry, parquet, by, as_json, engine.value, scheduler
+    )
     carry_out(lambda: planned(sweep), how)
 
 
@@ -109,6 +130,8 @@ class How:
     parquet: bool
     by: str | None
     as_json: bool
+    engine: str = "local"
+    scheduler: str | None = None
 
 
 def check_start(place: str, definition: "Definition", sure: bool) -> None:
@@ -136,7 +159,6 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
     from twin.guard.limits import Limits
     from twin.report.sweep_progress import state_text
     from twin.sweep.folder import kept
-    from twin.sweep.pool import Pool
     from twin.sweep.statistics.ranking import checked_rank
     from twin.sweep.sweep import run_sweep
 
@@ -149,7 +171,7 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
         if how.dry:
             _estimate(plan, how, limits)
             return
-        run_sweep(plan, how.out, Pool(how.processes), how.record, limits, lambda state: line.say(state_text(state)))
+        run_sweep(plan, how.out, _engine(how), how.record, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
         line.clear()
         if how.dry or not how.out.exists():
@@ -179,6 +201,16 @@ app.command("show")(show)
 def cores() -> int:
     """Processors this process may use."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
+def _engine(how: How) -> "Engine":
+    if how.engine == "local":
+        from twin.sweep.pool import Pool
+
+        return Pool(how.processes)
+    from twin.sweep.dask.engine import Dask
+
+    return Dask(how.scheduler, how.processes)
 
 
 def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:

@@ -11,7 +11,7 @@ from packaging.specifiers import SpecifierSet
 
 from twin.doctor.finding import Finding
 
-PURPOSES = {"live": "twin run --live", "parquet": "twin export --parquet"}
+PURPOSES = {"dask": "twin sweep --engine dask", "live": "twin run --live", "parquet": "twin export --parquet"}
 """What users need an extra for; all others are for who develops twin."""
 
 

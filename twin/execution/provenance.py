@@ -33,7 +33,8 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
     values = _named_fmus(experiment.values)
     return {
         "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
-        "origins": dict(experiment.origins),
+        # sorted: the same experiment may be spread over files in many ways
+        "origins": dict(sorted(experiment.origins.items())),
         "fmu": fmus,
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},

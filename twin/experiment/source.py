@@ -144,7 +144,9 @@ def forget_contact(source: Source, keep: tuple[str, ...] = ()) -> None:
 def forget_reference(source: Source, keep: tuple[str, ...]) -> None:
     """Take out what is said of the reference, but the keys `keep`."""
     reference = source.values.get("reference")
-    kept = {key: value for key, value in reference.items() if key in keep} if isinstance(reference, dict) else {}
+    if not isinstance(reference, dict):
+        return
+    kept = {key: value for key, value in reference.items() if key in keep}
     _forget(source, "reference", tuple(f"reference.{key}" for key in kept))
     source.values["reference"] = kept
 

@@ -1,0 +1,29 @@
+"""Recordings that were made elsewhere, brought to the sweep's folder."""
+
+import shutil
+from collections.abc import Mapping
+from pathlib import Path
+
+from twin.sweep.rows import DiskFailed
+
+
+def keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Make `folder` that of a run with `files`; without files nothing is done.
+
+    Raises:
+        DiskFailed: they cannot be written; nothing of them is left.
+    """
+    if not files:
+        return
+    try:
+        # what an interrupted sweep left of the same run
+        shutil.rmtree(folder, ignore_errors=True)
+        folder.mkdir(parents=True)
+        for name, content in files.items():
+            (folder / name).write_bytes(content)
+    except OSError as problem:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise DiskFailed(
+            f"{folder}: cannot be written: {problem.strerror}; finished runs are kept. "
+            "Make room, then give the same command to go on"
+        ) from None
