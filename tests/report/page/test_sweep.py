@@ -3,6 +3,7 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.sweep.statistics.rows import kept, row
@@ -10,6 +11,7 @@ from twin.errors import InputRefused
 from twin.report.page.sweep import sweep_page, write_sweep_page
 from twin.report.sweep_parts import Asked
 from twin.report.sweep_pictures import write_pictures
+from twin.sweep.curves import packed
 from twin.sweep.folder import Kept
 
 ASKED = Asked("force_error_N", "lateral_error_mm", 5)
@@ -62,3 +64,23 @@ def test_a_folder_that_cannot_be_written_is_told(sweep: Kept, tmp_path: Path):
 def test_a_parameter_that_does_not_vary_is_on_no_map(sweep: Kept, tmp_path: Path):
     with pytest.raises(InputRefused, match="--x d: no number that varies here"):
         write_pictures(sweep, ASKED, "d", None, tmp_path)
+
+
+def test_claims_are_explained_and_their_bands_drawn_beside_them(tmp_path: Path):
+    t = np.linspace(0.0, 19.9, 200)
+    of_one = ("z", "true_z", "F_z", "true_F_z", "F_x", "F_y")
+    names = [f"{run}.{one}" for run in ("force_position", "position") for one in of_one]
+    rows = [
+        {
+            **row(n, {"a": float(n), "b": float(-n)}, force_error_N=1.0 + n),
+            "claims": {"trigger_time": {"value": 5.6, "verdict": "holds"}},
+            "curves": packed({name: (t, n * np.sin(t)) for name in [*names, "force_position.z_cmd"]}, 19.9),
+        }
+        for n in range(1, 9)
+    ]
+    drawn = write_pictures(kept(rows), ASKED, None, None, tmp_path)
+    # nothing that varies is anyone's choice, so there is no map and no front
+    assert set(drawn) == {"bands", "metrics"}
+    html = sweep_page(kept(rows), ASKED, drawn)
+    claims = html.split('<section id="claims-0"')[1].split("</section>")[0]
+    assert "force control triggers near 5.6 s" in claims and "Fig. 4 over all runs" in claims
