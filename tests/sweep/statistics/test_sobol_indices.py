@@ -99,3 +99,7 @@ def test_too_few_blocks_and_a_constant_metric_give_a_reason_instead_of_numbers()
     flat = [{**one, "metrics": {"y": 2.0}} for one in ishigami_rows(8)]
     assert sobol_indices(flat, LABELS, 40, "y").remark == "y does not vary"
     assert sobol_indices([], LABELS, 40, "y").of == ()
+
+
+def test_runs_that_make_no_whole_blocks_are_not_guessed_at():
+    assert "draw with another seed" in sobol_indices(ishigami_rows(8)[:-1], LABELS, 39, "y").remark

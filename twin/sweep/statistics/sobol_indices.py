@@ -57,6 +57,9 @@ def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric:
     """
     width = len(labels) + 2
     planned = runs // width
+    if runs % width:
+        # two runs that came out equal are planned once, and then nothing says which block a run belongs to
+        return Indices((), f"{runs} runs are no whole blocks of {width}; draw with another seed", 0, planned)
     first = min((row["run"] for row in rows), default=1)
     # rows may be missing, their drive's first one too: blocks of all drives are equally many
     start = first - (first - 1) % runs
