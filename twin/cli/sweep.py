@@ -173,8 +173,10 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
             return
         run_sweep(plan, how.out, _engine(how), how.record, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
+        from twin.sweep.rows import ROWS
+
         line.clear()
-        if how.dry or not how.out.exists():
+        if how.dry or not (how.out / ROWS).exists():
             raise
         found = kept(how.out)
         print(
