@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import figure_4, fmi_versions, isolation, live, macro_step, report, start_up, tasks
+from benchmarks import figure_4, fmi_versions, isolation, live, macro_step, report, start_up, sweep, tasks
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -40,6 +40,7 @@ def main() -> None:
         lambda: isolation.measurements(EXPERIMENT),
         lambda: live.measurements(EXPERIMENT),
         lambda: report.measurements(EXPERIMENT),
+        lambda: sweep.measurements(EXPERIMENT),
     ):
         found = part()
         everything += found

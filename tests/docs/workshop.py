@@ -16,6 +16,7 @@ import pytest
 from tests.docs.code_blocks import Block
 from twin.experiment.experiment import load_experiment
 from twin.experiment.schema import Drive
+from twin.sweep.plan import planned
 
 SETUP = re.compile(r"^(make\b|python3 -m venv|\S*python -m pip install|\S*pip install)")
 
@@ -115,15 +116,21 @@ class Workshop:
         assert all(option in told for option in options), f"{block.place}: twin {' '.join(asked)} lacks {options}"
 
     def _toml(self, block: Block) -> None:
-        """A mapping of a drive, or else a complete experiment."""
+        """A mapping of a drive, a sweep, or else a complete experiment."""
         table = tomllib.loads(block.text)
         if table.keys() <= set(Drive.model_fields):
             Drive.model_validate(table)
             return
+        if "experiment" in table:
+            planned(self._written(block))
+            return
         assert "extends" in table, f"{block.place}: not a mapping, and no experiment: begin with extends = ..."
+        load_experiment(self._written(block))
+
+    def _written(self, block: Block) -> Path:
         path = self.folder / (block.file_name or f"experiments/line_{block.line}_of_{Path(block.page).stem}.toml")
         path.write_text(block.text)
-        load_experiment(path)
+        return path
 
     def _python(self, block: Block, namespace: dict[str, Any]) -> None:
         # lines are numbered as on the page, and numba finds the source of what it compiles

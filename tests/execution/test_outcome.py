@@ -41,6 +41,9 @@ def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_po
     for start in range(0, len(rows), size):
         tally.take(rows[start : start + size])
     found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
+    whole = Tally(System())  # type: ignore[arg-type]
+    whole.take(rows)
+    assert found == whole.outcome
     # sums in another order round differently
     assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)
     assert found.end == pytest.approx(F_z[-1000:].mean(), rel=1e-12)

@@ -2,7 +2,9 @@
 
 from pathlib import Path
 
+from twin.guard.limits import Limits
 from twin.sweep.definition import Definition
+from twin.sweep.engine import Job
 from twin.sweep.plan import Plan, planned
 
 STIFFNESS = "contact.stiffness_N_per_m"
@@ -32,3 +34,8 @@ experiment = "{root}/experiments/fig4_force_position.toml"
 vary = [{{ key = "{STIFFNESS}", values = {values} }}, {SHORT}]
 {more}
 """
+
+
+def job(plan: Plan, folder: Path, record: str = "none", limits: Limits = Limits(step=2.0)) -> Job:  # noqa: B008
+    """What its runs have in common; recordings go to `folder`."""
+    return Job(experiment=plan.experiment, recordings=folder, record=record, limits=limits)

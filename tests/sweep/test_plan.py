@@ -17,6 +17,11 @@ def test_every_run_has_a_number_and_a_key_of_its_own(root: Path, tmp_path: Path)
     assert len({task.key for task in plan.tasks}) == 6
 
 
+def test_one_drive_under_two_names_is_two_runs(root: Path, tmp_path: Path):
+    plan = stiffnesses(root, tmp_path, "[500]", f'drives = ["pmsm_foc", "{root}/fmus/pmsm_foc"]')
+    assert len({task.key for task in plan.tasks}) == 2
+
+
 def test_linked_keys_get_the_same_value(root: Path, tmp_path: Path):
     text = stiffness_text(root, "[500]").replace(SHORT, f"{{ keys = {SPRING}, values = [2.5] }}")
     (task,) = planned(written(tmp_path, text)).tasks

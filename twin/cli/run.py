@@ -23,6 +23,7 @@ from twin.guard.remains import remains, seen_from_here
 JOB = "twin.guard.runs:recorded_runs"
 LIVE_JOB = "twin.live.runs:served_runs"
 PORT = 8765
+MEMORY = 4000.0
 
 
 class Command(TyperCommand):
@@ -88,7 +89,7 @@ def run(
     ] = math.inf,
     limit_memory: Annotated[
         float, typer.Option(metavar="MB", min=0.0, help="Most memory of the run's process.")
-    ] = 4000.0,
+    ] = MEMORY,
     live: Annotated[
         bool, typer.Option("--live", help="Serve the run to Lichtblick or Foxglove; starts with the first viewer.")
     ] = False,
@@ -107,8 +108,12 @@ def run(
     Example: twin run experiments/fig4_force_position.toml --drive pmsm_foc
     """
     if ranges:
-        if len(experiments) > 1 or body or report or live or realtime is not None:
-            raise InputRefused("--sweep: takes one experiment, and no --body, --report, --live or --realtime")
+        others = (body, report, live, realtime is not None, isolate != Isolation.RUN, limit_wall < math.inf)
+        if len(experiments) > 1 or any(others) or limit_memory != MEMORY:
+            raise InputRefused(
+                "--sweep: takes one experiment and --drive, --set, --out, --limit-step, --json; "
+                "for more, write a sweep file for twin sweep"
+            )
         _sweep(experiments[0], ranges, drive, settings or [], out, limit_step, as_json)
         return
     if out is not None and len(experiments) > 1:

@@ -1,6 +1,7 @@
 """What a run came to in a few numbers of what is true, summed up as it goes: nothing is read again."""
 
 import math
+from copy import copy
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,6 +10,8 @@ from twin.cosim.system import System
 
 END = 1.0
 """The end of a run is its last second (s)."""
+BLOCK = 1000
+"""Rows that are summed up at once."""
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Outcome:
 
 
 class Tally:
-    """Sums up the rows of a run.
+    """Sums up the rows of a run. How they are sliced makes no difference, not even to the last bit.
 
     Args:
         system: with the components plant and controller of `twin.assembly`.
@@ -41,6 +44,7 @@ class Tally:
         self._tick = system.tick
         signals = ("plant.F_ee_B", "plant.p_B", "controller.p_ref_B", "controller.triggered", "controller.F_z_ref")
         self._columns = [system.columns(name) for name in signals]
+        self._waiting = np.empty((0, 11))
         self._count = self._controlled = 0
         self._squares = np.zeros(3)
         self._force_squares = 0.0
@@ -49,30 +53,37 @@ class Tally:
 
     def take(self, rows: np.ndarray) -> None:
         """Go on with `rows` (n, width), one per tick."""
-        if len(rows) == 0:
-            return
-        F_ee_B, p_B, p_ref_B, triggered, F_z_ref = (rows[:, columns] for columns in self._columns)
-        F_z = -F_ee_B[:, 2]
+        waiting = np.vstack([self._waiting, np.hstack([rows[:, columns] for columns in self._columns])])
+        # sums of floating-point numbers depend on their order: these are always of the same rows
+        whole = len(waiting) // BLOCK * BLOCK
+        for first in range(0, whole, BLOCK):
+            self._add(waiting[first : first + BLOCK])
+        self._waiting = waiting[whole:]
+
+    def _add(self, rows: np.ndarray) -> None:
+        F_z, p_B, p_ref_B, on, F_z_ref = -rows[:, 2], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.0, rows[:, 10]
         highest = int(np.argmax(F_z))
         if F_z[highest] > self._peak:
             self._peak, self._peak_tick = float(F_z[highest]), self._count + highest
-        on = triggered[:, 0] > 0.0
         self._controlled += int(np.count_nonzero(on))
-        self._force_squares += float(np.sum(np.square(F_z_ref[on, 0] - F_z[on])))
-        self._squares += np.sum(np.square(p_B - p_ref_B), axis=0)
+        self._force_squares += float(np.sum(np.square(F_z_ref[on] - F_z[on])))
+        self._squares = self._squares + np.sum(np.square(p_B - p_ref_B), axis=0)
         self._count += len(rows)
         self._last = np.concatenate([self._last, F_z])[-round(END / self._tick) :]
 
     @property
     def outcome(self) -> Outcome:
         """Of at least one row."""
-        x, y, z = self._squares / self._count
-        controlled = self._controlled
+        total = copy(self)
+        if len(self._waiting):
+            total._add(self._waiting)
+        x, y, z = total._squares / total._count
+        controlled = total._controlled
         return Outcome(
-            peak=self._peak,
-            peak_time=self._peak_tick * self._tick,
-            end=float(np.mean(self._last)),
-            force_error=math.sqrt(self._force_squares / controlled) if controlled else None,
+            peak=total._peak,
+            peak_time=total._peak_tick * total._tick,
+            end=float(np.mean(total._last)),
+            force_error=math.sqrt(total._force_squares / controlled) if controlled else None,
             lateral_error=math.sqrt(x + y),
             z_error=math.sqrt(z),
         )

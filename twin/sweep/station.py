@@ -34,6 +34,11 @@ class Station:
     def __exit__(self, *failure: object) -> None:
         self._leave()
 
+    @property
+    def memory(self) -> int:
+        """Resident memory of the process (bytes); 0 if there is none, or the system does not tell."""
+        return self._worker.memory if self._worker else 0
+
     def facts(self, task: Task, stopping: threading.Event) -> dict[str, Any] | None:
         """The facts of the `Finding` that `task` comes to; None if `stopping` was set meanwhile.
 
@@ -56,7 +61,8 @@ class Station:
                     return _fatal(death)
                 record = "all" if record == "failures" else record
             else:
-                if worker.grown:
+                # a fresh process is better than to charge a run with what others left in this one
+                if worker.memory > 0.5 * self._job.limits.memory:
                     self._leave()
                 return facts
 
@@ -73,7 +79,6 @@ class _Worker:
         os.mkfifo(orders)
         # both ends, so that opening does not wait for the process, and a process that dies leaves no broken pipe
         self._orders = os.open(orders, os.O_RDWR)
-        self._limits = job.limits
         self._process = GuardedProcess(JOB)
         self._watch = Watch(self._process, job.limits)
         self._process.start({**job.arguments, "orders": str(orders)})
@@ -84,9 +89,8 @@ class _Worker:
         self._folder.cleanup()
 
     @property
-    def grown(self) -> bool:
-        """Whether a fresh process is better than to charge a run with what others left in this one."""
-        return self._process.memory > 0.5 * self._limits.memory
+    def memory(self) -> int:
+        return self._process.memory
 
     def facts(self, task: Task, record: str, stopping: threading.Event) -> dict[str, Any] | None:
         """As `Station.facts`.
