@@ -28,7 +28,7 @@ BATCH_SECONDS = 0.5
 """What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
 PER_THREAD = 0.004
 """Seconds that it should take at least for each thread there is: all of them share one scheduler and one client, which
-need about a millisecond for a batch."""
+need about 2 ms for a batch (docs/cluster.md)."""
 MOST_OF_BATCH = 64
 AHEAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
