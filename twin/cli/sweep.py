@@ -162,7 +162,7 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
     """Run the plan, or estimate what it takes, and say what it came to."""
     from twin.guard.limits import Limits
     from twin.report.sweep_progress import state_text
-    from twin.sweep.folder import FACTS, kept
+    from twin.sweep.folder import kept
     from twin.sweep.measures import checked_metric
     from twin.sweep.sweep import run_sweep
 
@@ -177,8 +177,10 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
             return
         run_sweep(plan, how.out, _engine(how), how.record, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
+        from twin.sweep.rows import ROWS
+
         line.clear()
-        if how.dry or not (how.out / FACTS).exists():
+        if how.dry or not (how.out / ROWS).exists():
             raise
         found = kept(how.out)
         print(
