@@ -6,7 +6,7 @@ import platform
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import figure_4, fmi_versions, isolation, live, macro_step, report, start_up, sweep, tasks
+from benchmarks import dask, figure_4, fmi_versions, isolation, live, macro_step, report, start_up, sweep, tasks
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -41,6 +41,7 @@ def main() -> None:
         lambda: live.measurements(EXPERIMENT),
         lambda: report.measurements(EXPERIMENT),
         lambda: sweep.measurements(EXPERIMENT),
+        lambda: dask.measurements(EXPERIMENT),
     ):
         found = part()
         everything += found

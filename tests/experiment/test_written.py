@@ -11,7 +11,7 @@ TEXTS = st.text(st.characters(exclude_categories=["Cs"]), max_size=8)
 PLAIN = st.one_of(
     st.booleans(), st.integers(-(2**63), 2**63 - 1), st.floats(allow_nan=False, allow_infinity=False), TEXTS
 )
-KEYS = st.text("abcXYZ_-é\" ", min_size=1, max_size=6)
+KEYS = st.text('abcXYZ_-é" ', min_size=1, max_size=6)
 VALUES = st.one_of(PLAIN, st.lists(PLAIN, max_size=3), st.lists(st.lists(PLAIN, max_size=2), max_size=2))
 TABLES = st.dictionaries(KEYS, VALUES, max_size=3)
 FILES = st.dictionaries(KEYS, st.one_of(VALUES, TABLES, st.lists(TABLES, min_size=1, max_size=3)), max_size=5)

@@ -5,12 +5,13 @@ import signal
 import socket
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from contextlib import closing, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from twin.sweep.dask.cluster import connected
+from distributed import Client
 
 CLUSTER = ("--host", "127.0.0.1", "--no-dashboard")
 
@@ -45,12 +46,25 @@ class Running:
     def begin(self, workers: int) -> None:
         """Start the scheduler and so many workers, and wait for them."""
         self.scheduler = self._process("scheduler", "--port", str(self.port), *CLUSTER)
+        self._wait_for_port()
         self.workers = [self.worker() for _ in range(workers)]
-        self.wait(workers)
+        if workers:
+            self.wait(workers)
 
     def wait(self, workers: int) -> None:
-        with connected(self.address, 0) as client:
+        """Until there are so many workers."""
+        with Client(self.address, timeout=60, set_as_default=False) as client:
             client.wait_for_workers(workers, timeout=60)
+
+    def _wait_for_port(self) -> None:
+        deadline = time.monotonic() + 60
+        while True:
+            try:
+                socket.create_connection(("127.0.0.1", self.port), 1.0).close()
+                return
+            except OSError:
+                assert time.monotonic() < deadline, (self.folder / "scheduler.log").read_text()
+                time.sleep(0.05)
 
     def worker(self, *before: Path) -> subprocess.Popen[bytes]:
         """One more, whose Python imports from the folders `before` all others."""

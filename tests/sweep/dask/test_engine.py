@@ -141,7 +141,9 @@ def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goe
                 assert cluster.scheduler is not None
                 kill(cluster.scheduler)
 
-        with pytest.raises(ClusterLost, match=f"the scheduler {cluster.address} is gone; finished runs are kept") as end:
+        with pytest.raises(
+            ClusterLost, match=f"the scheduler {cluster.address} is gone; finished runs are kept"
+        ) as end:
             run_sweep(longer, folder, Dask(cluster.address, 1), show=watch)
         assert end.value.exit_code == 3
         before = kept(folder).rows
@@ -163,7 +165,9 @@ def test_an_own_cluster_is_gone_when_the_sweep_is_over(short: Plan, tmp_path: Pa
 
 def children(pid: int) -> list[str]:
     """Command lines of the living children of a process."""
-    pids = [child for thread in Path(f"/proc/{pid}/task").iterdir() for child in (thread / "children").read_text().split()]
+    pids = [
+        child for thread in Path(f"/proc/{pid}/task").iterdir() for child in (thread / "children").read_text().split()
+    ]
     lines = [Path(f"/proc/{child}/cmdline").read_bytes().replace(b"\0", b" ").decode() for child in pids]
     # Python's own, which lives as long as the process
     return [line for line in lines if line and "resource_tracker" not in line]

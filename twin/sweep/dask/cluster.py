@@ -1,11 +1,13 @@
 """Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do."""
 
+import asyncio
 import logging
 import signal
 import tempfile
 import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from twin.errors import InputRefused
@@ -32,15 +34,10 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
         raise InputRefused("--engine dask: needs dask.distributed; install it with pip install 'twin[dask]'") from None
     with ExitStack() as ends:
         ends.enter_context(_quiet())
-        address: str | distributed.LocalCluster
+        if scheduler:
+            _knock(scheduler)
         address = scheduler or ends.enter_context(_local_cluster(processes))
-        try:
-            client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
-        except (TimeoutError, OSError, ValueError, ImportError, AssertionError) as problem:
-            raise InputRefused(
-                f"--scheduler {scheduler}: no Dask scheduler answers there ({_told(problem)}); expected the address "
-                "that dask scheduler prints, such as tcp://127.0.0.1:8786"
-            ) from None
+        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
         ends.callback(client.close, timeout=PATIENCE)
         try:
             client.wait_for_workers(1, timeout=PATIENCE)
@@ -49,6 +46,37 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
                 f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler} --nthreads 1"
             ) from None
         yield client
+
+
+def _knock(address: str) -> None:
+    """Ask whoever is at `address` who it is. A client of Dask's would wait for ever for one who never answers.
+
+    Raises:
+        InputRefused: no scheduler.
+    """
+    from distributed import Security
+    from distributed.comm import connect
+
+    async def role() -> str:
+        comm = await connect(address, timeout=PATIENCE, **Security().get_connection_args("client"))
+        try:
+            await comm.write({"op": "identity", "reply": True})
+            return (await comm.read())["type"]
+        finally:
+            comm.abort()
+
+    try:
+        found = asyncio.run(asyncio.wait_for(role(), PATIENCE))
+        if found == "Scheduler":
+            return
+        reason = f"a {found} does"
+    # whatever a foreign server says or an address can be mistaken for
+    except (OSError, ValueError, KeyError, TypeError) as problem:
+        reason = str(problem).splitlines()[0] if str(problem) else f"not within {PATIENCE:g} s"
+    raise InputRefused(
+        f"--scheduler {address}: no Dask scheduler answers there ({reason}); expected the address that dask scheduler "
+        "prints, such as tcp://127.0.0.1:8786"
+    )
 
 
 @contextmanager
@@ -60,6 +88,8 @@ def _local_cluster(processes: int) -> Iterator[object]:
     with tempfile.TemporaryDirectory(prefix="twin_dask_") as folder:
         # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers, which
         # inherit what is blocked while they are started, do not hear it. It is heard here as soon as they are there.
+        # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before.
+        resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
             with dask.config.set({"temporary-directory": folder}):
@@ -97,7 +127,3 @@ def _quiet() -> Iterator[None]:
 
 def _is_dasks(name: str) -> bool:
     return name.partition(".")[0] in _LOGGERS
-
-
-def _told(problem: BaseException) -> str:
-    return str(problem).splitlines()[0] if str(problem) else type(problem).__name__

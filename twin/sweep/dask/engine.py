@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 
 BATCH_SECONDS = 0.5
 """What a batch should take: the scheduler's milliseconds do not matter then, and no more is lost with a worker."""
+PER_THREAD = 0.004
+"""Seconds that it should take at least for each thread there is: all of them share one scheduler and one client, which
+need about 2 ms for a batch (docs/cluster.md)."""
 MOST_OF_BATCH = 64
 AHEAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
@@ -149,9 +152,10 @@ class _Campaign:
         return self._client.scheduler.address
 
     def _batch(self, waiting: deque[Order]) -> list[Order]:
-        """As many runs as take `BATCH_SECONDS`; fewer towards the end, so that all threads end together."""
+        """As many runs as a batch should take; fewer towards the end, so that all threads end together."""
         share = -(-len(waiting) // (AHEAD * self._threads))
-        size = max(1, min(int(BATCH_SECONDS / self._seconds), MOST_OF_BATCH, share))
+        seconds = max(BATCH_SECONDS, PER_THREAD * self._threads)
+        size = max(1, min(int(seconds / self._seconds), MOST_OF_BATCH, share))
         return [waiting.popleft() for _ in range(size)]
 
     def _send(self, batch: list[Order]) -> None:
