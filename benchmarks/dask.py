@@ -38,7 +38,7 @@ def measurements(path: Path) -> list[Measurement]:
         short_definition(path, [f"contact.stiffness_N_per_m=500:5000:{RUNS + WARM_UP}"], None), path, path.stem, "bench"
     )
     with tempfile.TemporaryDirectory() as scratch:
-        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=Limits())
+        job = Job(experiment=path, recordings=Path(scratch), record="none", limits=Limits(), claims="")
         added = [overhead(Dask(None, 1), job, plan) - overhead(Pool(1), job, plan) for _ in range(ROUNDS)]
         began = time.perf_counter()
         with connected(None, 1) as client:
