@@ -74,7 +74,5 @@ def _recounted(experiment: Experiment, name: str, ticks: int, tick: float) -> in
     length = ticks * experiment.cosim.tick
     count = round(length / tick)
     if count < 1 or abs(count * tick - length) > 1e-9 * length:
-        raise InputRefused(
-            f"{experiment.name}: {name} of {length:g} s is not a whole number of ticks of {tick:g} s"
-        )
+        raise InputRefused(f"{experiment.name}: {name} of {length:g} s is not a whole number of ticks of {tick:g} s")
     return count
