@@ -4,7 +4,8 @@ from twin.accuracy.budget import Budget, Contribution
 from twin.report.accuracy_text import details, headline
 from twin.report.page.markup import Markup, element, joined, table
 
-HEAD = ("cause", "what it means", "bias, N", "std, N", "rms, N")
+NUMBERS = ("bias, N", "std, N", "rms, N")
+MEANING = "what it means"
 Row = tuple[str, ...]
 
 
@@ -15,29 +16,28 @@ def accuracy(budget: Budget, label: str) -> Markup:
         budget: of the run's experiment. label: of the run.
     """
     found, why = headline(budget), details(budget)
-    causes = [
-        *map(_row, budget.of("imperfection")),
-        ("all of them", "sum of the biases, root of the sum of the squares", f"{budget.bias:+.4f}", "",
-         f"{budget.together:.4f}"),
-        _row(budget.as_is),
-    ]  # fmt: skip
-    beliefs = [
-        *map(_row, budget.of("parameter")),
-        ("all of them", "root of the sum of the squares", "", "", f"{budget.parameters:.4f}"),
-    ]
+    together = ("all of them", f"{budget.bias:+.4f}", "", f"{budget.together:.4f}", "sum of biases, root of squares")
+    added = ("all of them", "", "", f"{budget.parameters:.4f}", "root of the sum of squares")
+    causes = [*map(_row, budget.of("imperfection")), together, _row(budget.as_is)]
+    beliefs = [*map(_row, budget.of("parameter")), added]
+    others = f"None of this is in the run: each line is another, whose controller believes otherwise. {_begun(why[1])}."
     return joined(
         [
-            element("p", *(f"{text[0].upper()}{text[1:]}. " for text in (found, why[0]))),
-            table(HEAD, causes, f"causes of the force error of {label}"),
+            element("p", f"{_begun(found)}. {_begun(why[0])}."),
+            table(("cause", *NUMBERS, MEANING), causes, f"causes of the force error of {label}"),
             element("h3", "The twin itself"),
-            table(HEAD, map(_row, budget.of("twin")), f"error of the simulation of {label}"),
+            table(("cause", *NUMBERS, MEANING), map(_row, budget.of("twin")), f"error of the simulation of {label}"),
             element("h3", "If the controller believed"),
-            element("p", f"Not in this run, whose beliefs are what they are: {why[1]}."),
-            table(HEAD, beliefs, f"what beliefs that are off would add in {label}"),
+            element("p", others),
+            table(("belief", *NUMBERS, "why so much, assumed"), beliefs, f"what beliefs would add in {label}"),
         ]
     )
 
 
+def _begun(text: str) -> str:
+    return text[0].upper() + text[1:]
+
+
 def _row(one: Contribution) -> Row:
     # a zero has no sign
-    return (one.label, one.meaning, f"{round(one.bias, 4) + 0.0:+.4f}", f"{one.std:.4f}", f"{one.rms:.4f}")
+    return (one.label, f"{round(one.bias, 4) + 0.0:+.4f}", f"{one.std:.4f}", f"{one.rms:.4f}", one.meaning)
