@@ -65,7 +65,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def applies(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, is late or watches."""
+    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, watches."""
     return not (
         experiment.tasks
         or experiment.faults

@@ -7,7 +7,7 @@ import numpy as np
 from twin.assembly import assemble
 from twin.convergence.coupling import FINEST
 from twin.convergence.monolith import ATOL, applies, monolithic_rows, servos, within_limits
-from twin.convergence.signals import Samples, chosen, largest_errors, sampled_run
+from twin.convergence.signals import FORCE, Samples, chosen, largest_errors, sampled_run
 from twin.experiment.experiment import Experiment
 from twin.experiment.true_parameters import plant_parameters
 
@@ -22,6 +22,11 @@ class Reference:
     samples: Samples
     floor: dict[str, float]
     meaning: str
+
+    @property
+    def pressed(self) -> bool:
+        """Whether the robot presses on anything at any time."""
+        return bool(np.any(self.samples[FORCE.name]))
 
 
 def reference_of(experiment: Experiment) -> Reference:

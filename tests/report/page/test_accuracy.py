@@ -85,6 +85,6 @@ def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_p
 
 def test_a_run_without_force_has_no_budget(root: Path, tmp_path: Path):
     execute(load_experiment(root / "experiments/fig4_force_position.toml", ["duration_s=0.1"]), tmp_path)
-    with pytest.raises(InputRefused, match="^fig4_force_position: does not press with more than 0.5 N"):
+    with pytest.raises(InputRefused, match=r"^fig4_force_position: does not press with more than 0\.5 N"):
         write_report([tmp_path], budget=True)
     assert not (tmp_path / "report.html").exists()
