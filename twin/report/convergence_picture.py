@@ -2,6 +2,7 @@
 
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -65,7 +66,7 @@ def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: Study) -> None:
         return
     point = study.choice.point
     error = FORCE.scale * point.errors[FORCE.name]
-    ring = {"marker": "o", "ms": 15, "mfc": "none", "mec": "#1c1c1c", "mew": 1.2, "ls": "none"}
+    ring: dict[str, Any] = {"marker": "o", "ms": 15, "mfc": "none", "mec": "#1c1c1c", "mew": 1.2, "ls": "none"}
     by_tick.plot(1e3 * point.tick, error, label="recommended", **ring)
     by_cost.plot(1e3 * point.cost, error, **ring)
 

@@ -34,7 +34,8 @@ def convergence_text(study: Study, files: Mapping[str, str]) -> str:
 
 def _headline(study: Study) -> list[str]:
     if not study.reference.pressed:
-        return [f"{study.name}: presses on nothing", "  so no tolerance of the force says which tick and coupling to use"]
+        why = "  so no tolerance of the force says which tick and coupling to use"
+        return [f"{study.name}: presses on nothing", why]
     limit = f"{1e3 * study.tolerance:g} mN"
     if study.choice is None:
         return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]
