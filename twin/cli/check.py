@@ -19,7 +19,7 @@ def check(
         list[Path] | None,
         typer.Argument(
             metavar="[EXPERIMENT]...",
-            help="Experiments with [[measure]] tables; without any, all that have baselines.",
+            help="Experiments that say what to measure; none: all that have baselines.",
             autocompletion=experiment_files,
         ),
     ] = None,

@@ -11,7 +11,7 @@ from twin.regression.baseline import (
     OWN,
     Baseline,
     baseline_file,
-    read_baseline,
+    known_baseline,
     stored_drives,
 )
 from twin.regression.measurement import Measured, measured
@@ -80,12 +80,12 @@ def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
     """The baseline of the experiment in `file` with `drive`.
 
     Raises:
-        InputRefused: there is none; it says how one is made.
+        InputRefused: there is none, and it says how one is made; or it is damaged, or of something else.
     """
-    stored = baseline_file(folder, file.stem, drive)
-    if not stored.exists():
-        raise InputRefused(_no_baseline(stored, file, drive))
-    return read_baseline(stored)
+    known = known_baseline(folder, file.stem, drive)
+    if known is None:
+        raise InputRefused(_no_baseline(baseline_file(folder, file.stem, drive), file, drive))
+    return known
 
 
 def _no_baseline(stored: Path, file: Path, drive: str) -> str:

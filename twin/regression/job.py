@@ -10,10 +10,9 @@ from twin.experiment.source import located
 from twin.regression.baseline import (
     OWN,
     Entry,
-    baseline_file,
     baseline_of,
     baseline_text,
-    read_baseline,
+    known_baseline,
     stored_drives,
 )
 from twin.regression.check import experiment_file, measured_with, stored_baseline
@@ -107,12 +106,11 @@ def checked(voice: Any, work: list[dict[str, str]], folder: str, date: str, reas
 
 def _outcome(pair: Pair, folder: Path, date: str, reason: str) -> Outcome:
     file = Path(pair.file)
-    stored = baseline_file(folder, file.stem, pair.drive)
     if not reason:
         before = stored_baseline(folder, file, pair.drive)
         experiment, now = measured_with(file, pair.drive)
         return Outcome(pair, verdict(experiment, pair.drive, before, now))
-    known = read_baseline(stored) if stored.exists() else None
+    known = known_baseline(folder, file.stem, pair.drive)
     experiment, now = measured_with(file, pair.drive)
     history = known.history if known else ()
     after = baseline_of(experiment, pair.drive, now, (*history, Entry(date, reason)), known)

@@ -8,8 +8,8 @@ import numpy as np
 
 from twin import __version__
 from twin.comparison.tube import reach
-from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.metrics.response import within
 from twin.regression.baseline import Baseline, fingerprint
 from twin.regression.measurement import Measured, Sampled
 from twin.regression.metric import Metric
@@ -64,41 +64,29 @@ class Verdict:
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> Verdict:
     """Hold `now` against `baseline`; if there is none, everything is new.
 
-    A changed experiment or FMU is compared all the same, which is what a baseline is for, and told in a note.
-
-    Raises:
-        InputRefused: the baseline is of another experiment or drive, or in other units.
+    A changed experiment or FMU is compared all the same, which is what a baseline is for, and told in a note. A number
+    that is in another unit than it was is another number: the old one is gone.
     """
     if baseline is None:
         rows = [Row(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()]
         return Verdict(experiment.name, drive, tuple(rows), ())
-    if (baseline.experiment, baseline.drive) != (experiment.name, drive):
-        raise InputRefused(
-            f"{experiment.name}, {drive}: its baseline is of {baseline.experiment} with {baseline.drive}; move that "
-            "file to where it belongs, or write this one with --update"
-        )
-    rows = [*_metric_rows(experiment.name, baseline, now), *_tube_rows(baseline, now)]
+    rows = [*_metric_rows(baseline, now), *_tube_rows(baseline, now)]
     return Verdict(experiment.name, drive, tuple(rows), tuple(_notes(experiment, baseline, now)))
 
 
-def _metric_rows(experiment: str, baseline: Baseline, now: Measured) -> Iterator[Row]:
+def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[Row]:
     for name, kept in baseline.metrics.items():
         metric = now.metrics.get(name)
-        if metric is None:
+        if metric is None or metric.unit != kept.unit:
             yield Row(name, kept.unit, kept.value, None, None, None, "gone")
             continue
-        if metric.unit != kept.unit:
-            raise InputRefused(
-                f"{experiment}, {baseline.drive}: {name} is in {metric.unit}, but its baseline in {kept.unit}; they "
-                "are not the same quantity, write the baseline anew with --update"
-            )
         word: Word = "ok"
         # written so that what is not a number is not ok
         if not abs(metric.value - kept.value) <= kept.bound:
             word = _direction(metric, kept.value)
         yield Row(name, kept.unit, kept.value, metric.value, kept.bound, None, word)
     for name, metric in now.metrics.items():
-        if name not in baseline.metrics:
+        if name not in baseline.metrics or baseline.metrics[name].unit != metric.unit:
             yield Row(name, metric.unit, None, metric.value, None, None, "new")
 
 
@@ -120,7 +108,9 @@ def _tube_rows(baseline: Baseline, now: Measured) -> Iterator[Row]:
 
 def _tube_row(name: str, tube: Sampled, curve: Sampled) -> Row:
     """At the instants that the baseline has, where a thinned curve is as good as the whole."""
-    y = np.interp(tube.t, curve.t, curve.values, left=np.nan, right=np.nan)
+    # the times of a baseline are rounded, so its ends may lie beside the first and last tick
+    inside = within(tube.t, curve.t[0], curve.t[-1])
+    y = np.where(inside, np.interp(tube.t, curve.t, curve.values), np.nan)
     around = reach(tube.t, tube.values, tube.t, tube.dt)
     off = np.abs(around.excess(y))
     worst = int(np.argmax(off))
@@ -144,5 +134,8 @@ def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterato
             yield f"{name} is another FMU than the baseline's {', '.join(baseline.fmus)}"
         elif was != digest:
             yield f"{name} has changed: was sha256 {was[:12]}, now {digest[:12]}"
+    for name, kept in baseline.metrics.items():
+        if name in now.metrics and now.metrics[name].unit != kept.unit:
+            yield f"{name} was in {kept.unit} and is in {now.metrics[name].unit}: another quantity, not compared"
     if baseline.twin != __version__:
         yield f"the baseline was measured by twin {baseline.twin}, this is {__version__}"
