@@ -122,7 +122,7 @@ def test_a_step_looked_for_when_it_is_over_is_refused_rather_than_measured_from_
     run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
     with pytest.raises(InputRefused, match=r"controller.z makes no step at 1.2 s; set begin_s to when it does"):
         measured(measuring({**STEP, "begin_s": 1.2}), run)
-    with pytest.raises(InputRefused, match="controller.z still moves after the step at 0.9 s"):
+    with pytest.raises(InputRefused, match=r"controller.z still moves after the step at 0.9 s"):
         measured(measuring({**STEP, "begin_s": 0.9}), run)
 
 

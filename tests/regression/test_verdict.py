@@ -57,7 +57,18 @@ def test_beyond_its_bound_a_number_is_worse_or_better(before: float, now: float,
     ],
 )
 def test_a_curve_that_leaves_its_tube_is_outside(curve: np.ndarray, word: str):
-    assert words(verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=curve)))[1] == word
+    found = verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=curve))
+    assert words(found)[1] == word
+    assert [beside.name for beside in found.outside] == ["z.tube"] * (word == "outside")
+
+
+def test_of_a_curve_outside_there_is_what_a_picture_needs():
+    (beside,) = verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=SINE + 0.06)).outside
+    lower, before, upper, now = map(np.array, (beside.lower, beside.before, beside.upper, beside.now))
+    assert (beside.signal, beside.unit, len(beside.t)) == ("plant.p_B[2]", "m", 40)
+    # the tolerance, and 4 ms of a slope of at most 1; six digits are kept
+    assert np.all((before - lower > 0.05 - 1e-5) & (before - lower < 0.0541) & (upper - before < 0.0541))
+    assert now - before == pytest.approx(0.06, abs=1e-5)
 
 
 def test_what_is_only_in_one_of_them_deviates():

@@ -16,7 +16,7 @@ from twin.regression.baseline import (
     stored_drives,
 )
 from twin.regression.check import experiment_file, measured_with, stored_baseline
-from twin.regression.verdict import Row, Verdict, verdict
+from twin.regression.verdict import Verdict, verdict
 
 ALL = "all"
 """Called like a drive: every drive of fmus/."""
@@ -49,15 +49,8 @@ class Outcome:
     @classmethod
     def of(cls, note: dict[str, Any]) -> "Outcome":
         """Put together again what `checked` has taken apart."""
-        told = note["verdict"]
-        rows = told and tuple(Row(**row) for row in told["rows"])
-        return cls(
-            **note
-            | {
-                "pair": Pair(**note["pair"]),
-                "verdict": told and Verdict(told["experiment"], told["drive"], rows, tuple(told["notes"])),
-            }
-        )
+        verdict = note["verdict"] and Verdict.of(note["verdict"])
+        return cls(**note | {"pair": Pair(**note["pair"]), "verdict": verdict})
 
 
 def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> list[Pair]:

@@ -155,7 +155,10 @@ def _lag(measure: measures.Lag, trace: Trace, inside: NDArray[np.bool_]) -> Metr
     found = lag(t, y, reference, measure.longest)
     if found >= measure.longest - (t[1] - t[0]):
         raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
-    return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")}
+    late = t >= t[0] + found
+    missed = rms(y[late] - np.interp(t[late] - found, t, reference))
+    # steps of a stepper drown the speed that they come to: then there is no such number
+    return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
 
 
 def _spread(measure: measures.Spread, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:

@@ -39,17 +39,42 @@ class Row:
 
 
 @dataclass(frozen=True)
+class Outside:
+    """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
+
+    Attributes:
+        name: of its row. signal: what it is. before: the baseline. lower, upper: the tube around it.
+    """
+
+    name: str
+    signal: str
+    unit: str
+    t: list[float]
+    before: list[float]
+    lower: list[float]
+    upper: list[float]
+    now: list[float]
+
+
+@dataclass(frozen=True)
 class Verdict:
     """An experiment with one drive against its baseline.
 
     Attributes:
-        rows: numbers, then tubes. notes: what has changed besides, a sentence each.
+        rows: numbers, then tubes. notes: what has changed besides, a sentence each. outside: of what tubes have lost.
     """
 
     experiment: str
     drive: str
     rows: tuple[Row, ...]
     notes: tuple[str, ...]
+    outside: tuple[Outside, ...] = ()
+
+    @classmethod
+    def of(cls, facts: dict[str, Any]) -> "Verdict":
+        """Put together again what `dataclasses.asdict` has taken apart."""
+        rows, outside = (Row(**row) for row in facts["rows"]), (Outside(**curve) for curve in facts["outside"])
+        return cls(facts["experiment"], facts["drive"], tuple(rows), tuple(facts["notes"]), tuple(outside))
 
     @property
     def deviations(self) -> tuple[Row, ...]:
@@ -58,7 +83,16 @@ class Verdict:
     def facts(self) -> dict[str, Any]:
         """For JSON; None for what is not a number."""
         rows = [{key: None if value != value else value for key, value in asdict(row).items()} for row in self.rows]
-        return {"experiment": self.experiment, "drive": self.drive, "rows": rows, "notes": self.notes}
+        outside = [
+            {
+                key: [None if y != y else y for y in value] if key == "now" else value
+                for key, value in asdict(curve).items()
+            }
+            for curve in self.outside
+        ]
+        return {
+            "experiment": self.experiment, "drive": self.drive, "rows": rows, "notes": self.notes, "outside": outside,
+        }  # fmt: skip
 
 
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> Verdict:
@@ -70,8 +104,17 @@ def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: 
     if baseline is None:
         rows = [Row(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()]
         return Verdict(experiment.name, drive, tuple(rows), ())
-    rows = [*_metric_rows(baseline, now), *_tube_rows(baseline, now)]
-    return Verdict(experiment.name, drive, tuple(rows), tuple(_notes(experiment, baseline, now)))
+    rows, outside = list(_metric_rows(baseline, now)), []
+    for name, tube in baseline.tubes.items():
+        curve = now.curves.get(name)
+        if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
+            rows.append(Row(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone"))
+        else:
+            row, beside = _tube_row(f"{name}.tube", tube, curve)
+            rows.append(row)
+            outside += [beside] if row.word == "outside" else []
+    notes = tuple(_notes(experiment, baseline, now))
+    return Verdict(experiment.name, drive, tuple(rows), notes, tuple(outside))
 
 
 def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[Row]:
@@ -97,16 +140,7 @@ def _direction(metric: Metric, before: float) -> Word:
     return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
 
 
-def _tube_rows(baseline: Baseline, now: Measured) -> Iterator[Row]:
-    for name, tube in baseline.tubes.items():
-        curve = now.curves.get(name)
-        if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
-            yield Row(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone")
-        else:
-            yield _tube_row(f"{name}.tube", tube, curve)
-
-
-def _tube_row(name: str, tube: Sampled, curve: Sampled) -> Row:
+def _tube_row(name: str, tube: Sampled, curve: Sampled) -> tuple[Row, Outside]:
     """At the instants that the baseline has, where a thinned curve is as good as the whole."""
     # the times of a baseline are rounded, so its ends may lie beside the first and last tick
     inside = within(tube.t, curve.t[0], curve.t[-1])
@@ -114,7 +148,7 @@ def _tube_row(name: str, tube: Sampled, curve: Sampled) -> Row:
     around = reach(tube.t, tube.values, tube.t, tube.dt)
     off = np.abs(around.excess(y))
     worst = int(np.argmax(off))
-    return Row(
+    row = Row(
         name,
         tube.unit,
         float(tube.values[worst]),
@@ -123,6 +157,8 @@ def _tube_row(name: str, tube: Sampled, curve: Sampled) -> Row:
         float(tube.t[worst]),
         "ok" if off[worst] <= tube.tolerance else "outside",
     )
+    lines = [line.tolist() for line in (tube.t, tube.values, *around.widened(tube.tolerance), y)]
+    return row, Outside(name, tube.signal, tube.unit, *lines)
 
 
 def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterator[str]:
