@@ -131,7 +131,6 @@ def test_a_step_looked_for_when_it_is_over_is_refused_rather_than_measured_from_
     [
         ({**STEP, "until_s": 1.01}, "measures for less than 0.02 s"),
         ({**STEP, "kind": "tracking", "until_s": 1.0005}, "fewer than two ticks from begin_s to until_s"),
-        ({**STEP, "kind": "lag", "begin_s": 0.5, "until_s": 1.5}, "1 s are too short for lags of up to longest_s = 2"),
     ],
 )
 def test_a_window_too_short_for_its_measure_is_refused(measure: dict, said: str):

@@ -68,7 +68,7 @@ class Lag(Led):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag")
+    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag; at most half the window")
 
 
 class Spread(Watched):
@@ -127,6 +127,11 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
             mistakes.append(f"[measure {number}] until_s = {until:g}: after the end at {duration:g} s")
         elif measure.begin >= until:
             mistakes.append(f"[measure {number}] begin_s = {measure.begin:g}: expected a time before {until:g} s")
+        elif isinstance(measure, Lag) and until - measure.begin < 2.0 * measure.longest - 1e-9:
+            mistakes.append(
+                f"[measure {number}] longest_s = {measure.longest:g}: {until - measure.begin:g} s are too short for such "
+                "lags; expected at most half of the window"
+            )
         if measure.name in [other.name for other in measures]:
             mistakes.append(f'[measure {number}] name = "{measure.name}": another measure has that name')
         measures.append(measure)
