@@ -25,7 +25,7 @@ def test_a_single_check_shows_every_number():
 
 def test_of_many_checks_only_what_deviates_is_shown_in_units_people_read():
     lines = check_text([verdict(OK, WORSE, OUTSIDE), verdict(OK, drive="b")], []).splitlines()
-    assert lines[0] == "1 of 2 checks deviate: 1 worse, 1 outside"
+    assert lines[0] == "1 of 2 checks deviates: 1 worse, 1 outside"
     assert not any("rise_time" in line for line in lines)
     assert "  worse   motors.commanded_travel  deg        22.92     28.65    0.4584" in lines
     # what is not a number is not shown as one

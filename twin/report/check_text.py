@@ -54,7 +54,8 @@ def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
         return "; ".join(filter(None, (f"New: {of}", missed)))
     if not wrong:
         return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
-    told = f"{len(wrong)} of {_count(len(verdicts), 'check')} deviate: {_words(wrong)}"
+    share = f"{len(wrong)} of {_count(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
+    told = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
     return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
 
 
