@@ -39,7 +39,7 @@ def _verdict(done: Tuned) -> Iterator[str]:
         where = "the one corner" if corners == 1 else f"all {corners} corners"
         yield f"{name}  GOALS MET at {where}{confirmed}"
         return
-    yield f"{name}  GOALS NOT MET; this is the best there is"
+    yield f"{name}  GOALS NOT MET; this is the best that was found"
     for miss in done.after.misses:
         yield from _wrapped("  missed    ", _miss(done, miss))
     for sentence in done.contradictions:
@@ -72,33 +72,33 @@ def _gain(law: str, now: str, before: float) -> str:
 
 
 def _table(done: Tuned) -> Iterator[str]:
-    head = f"{'M_s':>5} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
-    yield f"{'':21}  {'before':-^27}  {'after':-^27}"
-    yield f"{'a step of':21}  {head}  {head}"
+    head = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
+    yield f"{'':23}  {'before':-^26}  {'after':-^26}"
+    yield f"{'a step of':23}  {head}  {head}"
     drive = ""
     for i in worst_places(done.after.predictions):
         corner = done.after.predictions[i].corner
         if corner.drive != drive:
             drive = corner.drive
             yield Path(drive).stem
-        yield f"  {corner.name:19}  {_predicted(done.before, i)}  {_predicted(done.after, i)}"
+        yield f"  {corner.name:21}  {_predicted(done.before, i)}  {_predicted(done.after, i)}"
         if i in done.after.trials:
-            yield f"  {'  simulated':19}  {_simulated(done.before, i)}  {_simulated(done.after, i)}"
+            yield f"  {'  simulated':21}  {_simulated(done.before, i)}  {_simulated(done.after, i)}"
 
 
 def _predicted(judged: Judged, i: int) -> str:
     prediction = judged.predictions[i]
     if not prediction.stable:
-        return f"{'UNSTABLE':^27}"
+        return f"{'UNSTABLE':^26}"
     found = next(iter(prediction.answers.values()))
-    return f"{prediction.sensitivity:5.2f} {_answer(found)} {_bandwidth(found.bandwidth)}"
+    return f"{prediction.sensitivity:#4.3g} {_answer(found)} {_bandwidth(found.bandwidth)}"
 
 
 def _simulated(judged: Judged, i: int) -> str:
     trial = judged.trials.get(i)
     if trial is None:
-        return f"{'failed' if i in judged.trials else 'not tried':^27}"
-    return f"{'':5} {_answer(trial.answer)} {_bandwidth(trial.answer.bandwidth)}"
+        return f"{'failed' if i in judged.trials else 'not tried':^26}"
+    return f"{'':4} {_answer(trial.answer)} {_bandwidth(trial.answer.bandwidth)}"
 
 
 def _bandwidth(omega: float) -> str:
