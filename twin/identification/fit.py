@@ -117,7 +117,7 @@ def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
     at, A = _linearised(x, scale, used, belief, resolution)
     inverse, unseen, singular = _seen(A, fixed)
     r = at.residual / at.sigma
-    covariance = sandwich(inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
+    covariance = sandwich(A, inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
     variance = float(r @ r) / max(len(r) - COUNT, 1)
     independent = variance * inverse @ inverse.T * np.outer(scale, scale)
     clusters = len(np.unique(used.cluster))

@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from twin.controller.belief import Belief
 from twin.errors import Unreachable
 from twin.identification.balance import CONTACT, in_air, on_scale
 from twin.identification.errors import NotIdentifiable
 from twin.identification.estimate import Estimate
-from twin.identification.fit import Fit, fit
+from twin.identification.fit import TOLD, Fit, fit
 from twin.identification.friction import friction
 from twin.identification.motor_torque import spring_stiffness
 from twin.identification.one_pose import OnePose, one_pose
@@ -186,12 +187,11 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
 
 
 def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
-    """For each direction that is not seen, the unknowns that make it up."""
-    groups: list[tuple[str, ...]] = []
-    for direction in found.unseen.T:
-        weight = np.abs(direction)
-        # how fast a loss turns over means nothing where there is none
-        weight[RATE] = 0.0
-        members = np.flatnonzero(weight > 0.3 * np.max(weight))
-        groups.append(tuple(found.unknowns[i].meaning for i in members))
-    return tuple(dict.fromkeys(groups))
+    """The unknowns that stand in unseen directions, in groups that share one."""
+    hidden = np.abs(found.unseen @ found.unseen.T)
+    # how fast a loss turns over means nothing where there is none
+    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > TOLD), RATE)
+    _, group = connected_components(hidden[np.ix_(members, members)] > TOLD**2, directed=False)
+    return tuple(
+        tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
+    )
