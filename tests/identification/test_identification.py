@@ -134,8 +134,8 @@ def test_intervals_hold_with_noisy_encoders():
 
 
 def test_skin_in_place_of_the_scale_gives_the_springs_and_says_what_it_does_not():
-    soft = ("contact.law='kelvin_voigt'", "contact.damper_N_s_per_m=25", "contact.touch_depth_mm=2", NINE_PRESSES)
-    one = identification("calibration", *soft, "contact.kind='skin'")
+    # stiffens by a fifth for each millimetre
+    one = identification("calibration", NINE_PRESSES, "contact.law='exponential'", "contact.stiffening_per_mm=0.2")
     # 1.4 % is what it says itself
     assert one.estimate("k_s_eta").value == pytest.approx(1.07, abs=one.estimate("k_s_eta").half_width)
     assert one.estimate("k_s_eta").half_width < 0.02

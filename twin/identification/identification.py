@@ -26,9 +26,9 @@ PLAUSIBLE = 5.0
 """k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
 LEVEL = (HEIGHT, SLOPE, SLOPE + 1)
 """What is known of a level scale whose height was measured."""
-NO_SPRING = 10.0
-"""Depths under load this many times farther from the scale's law than rounding explains, about 40 micrometres: what was
-pressed is skin, or no plane."""
+NO_SPRING = 2.0
+"""Depths under load this many times farther from the scale's law than all else, or than rounding explains (it leaves 4
+micrometres), say less than they spoil: what was pressed is skin, or no plane."""
 LOSS_SEEN = 0.02
 """A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
 
@@ -124,9 +124,10 @@ def identified(log: Log, model: Model, height: float | None = None, motor_torque
     notes = taken.notes
     try:
         found = fit(seen, belief, unknowns, model.resolution, fixed)
-        if found.depth_misfit > NO_SPRING:
+        springs, depth = found.misfit(0, 1), found.misfit(2)
+        if depth > NO_SPRING * max(springs, 1.0):
             notes += (
-                f"the depths under load are {found.depth_misfit:.0f} times farther from those of a spring on a plane, "
+                f"the depths under load are {depth:.0f} times farther from those of a spring on a plane, "
                 "F = K d (1 + c d'), than rounding explains: that law was left out, and with it what it says of "
                 "height, stiffness and the joints' zeros",
             )
@@ -147,20 +148,21 @@ def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     """Raise if there is no k_s eta in the log that could be believed."""
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
-    told = found.converged and found.told(axis, found.unknowns[KAPPA].size)
-    if told and 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE:
+    plausible = 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE
+    told = found.told(axis, found.unknowns[KAPPA].size)
+    if told and plausible and found.converged:
         return
-    if found.told(axis, k) or (pressing > 10 and not 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE):
+    doubt = (
+        "is the scale in N, are N and counts per turn those of this robot, and do motors and joints count in the same "
+        "sense?"
+    )
+    if not plausible and (found.told(axis, k) or pressing > 10):
         raise LogRefused(
             f"{log.path}: k_s eta comes out more than {PLAUSIBLE:g} times away from the believed {believed:g} N m/rad; "
-            "is the scale in N, are N and counts per turn those of this robot, and do motors and joints count in the "
-            "same sense?"
+            f"{doubt}"
         )
-    if not found.converged and pressing + air:
-        raise NotIdentifiable(
-            f"{log.path}: no k_s eta, zeros and backlash meet statics in {pressing + air} windows of slow motion; are "
-            "lengths, masses, N and counts per turn those of this robot?"
-        )
+    if not found.converged or not len(found.seen.t):
+        raise LogRefused(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
     share = found.half_width(axis) / believed
     left = f"{100.0 * share:.0f} % of it" if share < 1.0 else "it"
     raise NotIdentifiable(
