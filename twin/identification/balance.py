@@ -130,12 +130,15 @@ def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
 
-def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose) -> Rows:
+def rows(
+    x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose, surface: bool = True
+) -> Rows:
     """Residuals of all equations at parameters `x` (17,).
 
     Args:
         seen: windows in free air or in contact. belief: geometry, masses, N and counts.
         resolution: step of the force (N). at: `pose` at x's zeros of the joints.
+        surface: whether the depth in the scale is held against the scale's law, too.
     """
     W = platform_weight(belief)
     torque = joint_torques(x, seen, belief.N) + at.g_a
@@ -153,16 +156,18 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
     force = (np.sum(J_z * torque[scale], axis=1) - W + F) * per_newton
     force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) * per_newton)
 
-    rate = np.sum(at.lift[scale] * seen.speed[scale], axis=1)
-    surface = x[HEIGHT] + at.p_B[scale, :2] @ x[SLOPE : SLOPE + 2]
-    depth = at.p_B[scale, 2] - surface + x[COMPLIANCE] * F / (1.0 - x[DAMPING] * rate)
-    turn = np.linalg.norm(at.lift[scale], axis=1)
+    law = slice(None) if surface else slice(0)
+    under = scale[law]
+    rate = np.sum(at.lift[under] * seen.speed[under], axis=1)
+    plane = x[HEIGHT] + at.p_B[under, :2] @ x[SLOPE : SLOPE + 2]
+    depth = at.p_B[under, 2] - plane + x[COMPLIANCE] * F[law] / (1.0 - x[DAMPING] * rate)
+    turn = np.linalg.norm(at.lift[under], axis=1)
     depth_rounding = np.hypot(turn * step_l, PLAUSIBLE_COMPLIANCE * resolution) / np.sqrt(12.0)
     return Rows(
         np.concatenate([joints.ravel(), force, depth]),
         np.concatenate([np.full(3 * len(air), rounding), force_rounding, depth_rounding]),
-        np.concatenate([np.repeat(air, 3), scale, scale]),
-        np.repeat([0, 1, 2], [3 * len(air), len(scale), len(scale)]),
+        np.concatenate([np.repeat(air, 3), scale, under]),
+        np.repeat([0, 1, 2], [3 * len(air), len(scale), len(under)]),
         per_newton,
     )
 

@@ -88,10 +88,10 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
     length = max(LENGTH, 10.0 * log.period, 2.0 * float(np.median(np.diff(force.t))))
     bins = np.floor((log.t - log.t[0]) / length).astype(np.int64)
     known = (log.t >= force.t[0]) & (log.t <= force.t[-1]) & ~in_gap(log.t, force.sampling.gaps)
-    known &= np.all(np.isfinite(log.count_m + log.count_l), axis=1)
+    F = np.interp(log.t, force.t, force.values)
+    known &= np.isfinite(F) & np.all(np.isfinite(log.count_m + log.count_l), axis=1)
     if not np.any(known):
         raise LogRefused(f"{log.path}: encoders and scale were never recorded at the same time")
-    F = np.interp(log.t, force.t, force.values)
     motor = log.count_m * (2.0 * np.pi / belief.motor_counts)
     joint = log.count_l * (2.0 * np.pi / belief.joint_counts)
     full, late = 0.8 * length / log.period, round(GUARD / log.period)

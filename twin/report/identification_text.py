@@ -116,8 +116,7 @@ def _paper(one: Identification) -> list[str]:
 def _residuals(one: Identification) -> list[str]:
     fit = one.fit
     air, scale = int((fit.rows.kind == 0).sum()) // 3, int((fit.rows.kind == 1).sum())
-    r = fit.rows.residual / fit.rows.sigma
-    share = float((r @ r / max(len(r), 1)) ** 0.5)
+    share = fit.misfit(0, 1, 2)
     lines = _wrapped(
         "fit",
         f"{air} windows of {fit.seen.length:g} s in free air, {scale} on the scale, in {fit.clusters} independent "
