@@ -79,6 +79,11 @@ def test_the_longest_tick_that_is_good_enough_is_chosen_and_there_the_simplest_c
     assert found is not None and (found.coupling, found.point.tick) == (COUPLINGS[2], 2e-3)
 
 
+def test_an_error_that_is_small_at_one_tick_only_is_no_reason_to_choose_it():
+    found = recommended([series(0, 3e-3, 9e-3), series(2, 9e-3, 3e-3)], 5e-3)
+    assert found is not None and (found.coupling, found.point.tick) == (COUPLINGS[2], 1e-3)
+
+
 def test_a_run_that_failed_is_never_chosen_and_nothing_may_be_good_enough():
     assert recommended([series(0, np.inf, 6e-3)], 5e-3) is None
 

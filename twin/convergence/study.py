@@ -131,16 +131,18 @@ def convergence(
 
 
 def recommended(series: list[Series], tolerance: float) -> Choice | None:
-    """The longest tick at which some coupling keeps the force within `tolerance` (N), and the simplest that does.
+    """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
 
-    Couplings are in the order of their simplicity, which is also that of their cost; and unlike measured times the
-    order is the same on every machine.
+    At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
+    of their simplicity, which is also that of their cost; and unlike measured times the order is the same on every
+    machine.
     """
     ticks = sorted({point.tick for one in series for point in one.points}, reverse=True)
     for tick in ticks:
         for one in series:
             for point in one.points:
-                if point.tick == tick and point.errors[FORCE.name] <= tolerance:
+                shorter = [other for other in one.points if other.tick <= tick]
+                if point.tick == tick and all(other.errors[FORCE.name] <= tolerance for other in shorter):
                     return Choice(one.coupling, point)
     return None
 

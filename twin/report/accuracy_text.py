@@ -41,10 +41,12 @@ def headline(budget: Budget) -> str:
 def details(budget: Budget) -> tuple[str, str]:
     """What the error consists of, and what might be added; half a sentence each."""
     total, worst = budget.as_is, max(budget.of("imperfection"), key=lambda one: one.rms)
+    off = f"{abs(total.bias):.3f} N too {'high' if total.bias > 0.0 else 'low'}"
+    # three digits, as they are shown
+    off = off if abs(total.bias) >= 5e-4 else "right"
     return (
-        f"pressing {budget.force:.2f} N, {budget.start:.2f} to {budget.end:.2f} s: {abs(total.bias):.3f} N too "
-        f"{'high' if total.bias > 0.0 else 'low'} on average, {total.std:.3f} N of scatter; most of it is "
-        f"{worst.label}",
+        f"pressing {budget.force:.2f} N, {budget.start:.2f} to {budget.end:.2f} s: {off} on average, "
+        f"{total.std:.3f} N of scatter; most of it is {worst.label}",
         f"parameters that are known no better than assumed here may add {budget.parameters:.3f} N",
     )
 
