@@ -125,11 +125,12 @@ def fit(
             break
         at, A = _linearised(x, scale, used, belief, resolution, surface)
         step = _seen(A, fixed)[0] @ (-at.residual / at.sigma)
-        step = np.clip(step, -0.5, 0.5)
-        change = float(np.max(np.abs(step)))
-        x = x + scale * step
+        there = x + scale * np.clip(step, -0.5, 0.5)
         for index in (KAPPA, RATE):
-            x[index] = max(x[index], SMALLEST * unknowns[index].start)
+            there[index] = max(there[index], SMALLEST * unknowns[index].start)
+        # held back at its least, a parameter has come to rest
+        change = float(np.max(np.abs(there - x)[scale > 0.0] / scale[scale > 0.0]))
+        x = there
         candidates = settled if number < RETURNING else used
         used = candidates.where(clear(x, candidates, belief.N))
     return _finished(x, scale, used, belief, unknowns, resolution, fixed, surface, change < CONVERGED)
