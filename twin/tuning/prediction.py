@@ -166,7 +166,7 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
-    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) since the step (s), over `HORIZON`."""
+    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `HORIZON` (s)."""
     return Answer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED),
