@@ -21,7 +21,6 @@ def test_the_co_simulation_answers_a_step_as_predicted_in_spite_of_backlash_and_
     (found,) = predicted(corner, FAST).answers.values()
     # backlash and encoder counts: 0.05 N of 2 N, 0.02 mm of 1 mm
     assert trial.answer.overshoot == pytest.approx(found.overshoot, abs=0.03)
-    assert trial.answer.short < 0.04
     assert trial.answer.bandwidth == pytest.approx(found.bandwidth, rel=0.15)
     # it comes to rest within what backlash and counts leave open
     assert trial.swing < 0.03
@@ -42,13 +41,13 @@ def test_gains_that_shake_in_the_co_simulation_never_settle():
 
 
 def test_the_bandwidth_of_a_first_order_lag_is_that_of_its_pole():
-    t = 1e-3 * np.arange(8000)
+    t = np.linspace(0.0, 8.0, 8000, endpoint=False)
     # the spectrum is taken every 0.02 rad/s, and the lag is sampled
     assert step_bandwidth(1.0 - np.exp(-5.0 * t), 1e-3) == pytest.approx(5.0, abs=0.05)
 
 
 def test_a_swing_is_told_from_creeping():
-    t = 1e-3 * np.arange(8000)
+    t = np.linspace(0.0, 8.0, 8000, endpoint=False)
     creeping = 1.0 - 0.1 * t
     assert lasting_swing(t, creeping) == pytest.approx(0.0, abs=1e-9)
     # 40 periods in the last quarter: the line through them is level but for a share of 1/40

@@ -23,8 +23,6 @@ SETTLED = 0.05
 """Band around the final value (share of the step)."""
 BLOCK = 64
 """Samples; a power of two."""
-END = 0.1
-"""Share of the samples."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
 ALONE = (1.0, 1.0, 1.0, 1.0)
 """Factors on the loops x, y, z and force that leave them as they are."""
@@ -39,13 +37,14 @@ class Answer:
 
     Attributes:
         overshoot: share of the step. settling: time from which it stays within `SETTLED` (s); infinity: not in
-            `HORIZON`. short: mean distance from the final value over the last `END` of it (share of the step).
+            `HORIZON`.
+        error: integrated absolute error over `HORIZON`, of a unit step (s).
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
 
     overshoot: float
     settling: float
-    short: float
+    error: float
     bandwidth: float
 
 
@@ -167,11 +166,11 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
-    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) since the step (s)."""
+    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `HORIZON` (s)."""
     return Answer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED),
-        float(abs(1.0 - np.mean(share[-round(END * len(share)) :]))),
+        float(np.mean(np.abs(1.0 - share)) * HORIZON),
         bandwidth,
     )
 
@@ -186,7 +185,7 @@ def _worst(each: list[Answer]) -> Answer:
     return Answer(
         max(found.overshoot for found in each),
         max(found.settling for found in each),
-        max(found.short for found in each),
+        max(found.error for found in each),
         min(found.bandwidth for found in each),
     )
 
