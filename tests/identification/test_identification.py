@@ -61,9 +61,10 @@ def test_backlash_and_scale_are_found(name: str, true: float, tolerance: float):
 
 def test_encoders_read_in_one_instant_see_the_friction_that_the_tick_leaves():
     one = identification()
-    # 5e-3 less 1.07 * 2^2 * 0.5 ms: 2.9e-3; 10 %
+    # 5e-3 less 1.07 * 2^2 * 0.5 ms: 2.9e-3
     assert truth(one.model)["b_j"] == pytest.approx(5e-3 - 1.07 * 4 * 5e-4)
-    assert one.estimate("b_j").value == pytest.approx(truth(one.model)["b_j"], rel=0.1)
+    # half of its interval; without the robot's inertia in the balance it would be 4 % off
+    assert one.estimate("b_j").value == pytest.approx(truth(one.model)["b_j"], rel=0.02)
 
 
 def test_a_constant_efficiency_leaves_only_the_product():
@@ -115,7 +116,7 @@ def refused(log: Log, kind: type[TwinError] = LogRefused, **options: bool) -> st
 
 
 def test_what_cannot_be_told_apart_is_named_and_nothing_else_is():
-    # without a way round the belt only its losses' own rate is open, and 27 presses tell all the rest somehow
+    # that a belt without losses does not say how fast they turn over is no news
     assert identification().alike == ()
     (zeros,) = identification("calibration", NINE_PRESSES).alike
     assert {"zero of joint 1", "slope of the scale along x"} <= set(zeros)

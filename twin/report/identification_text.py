@@ -69,10 +69,12 @@ def _unknown(one: Identification) -> list[str]:
     missing = [
         quantity.meaning
         for name, quantity in one.quantities.items()
-        if quantity.found is None and name not in ("k_s", "eta")
+        if quantity.found is None and name not in ("k_s", "eta", "friction")
     ]
     if missing:
         lines += _item(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
+    if one.quantities["friction"].found is None:
+        lines += _item("friction under the head: no sweep under load that is long enough")
     for told in dict.fromkeys(_list(group) for group in one.alike if len(group) > 1):
         lines += _item(f"trade against each other: {told}")
     if "height" in one.quantities:
