@@ -1,12 +1,14 @@
 """Budgets of Fig. 4: each line is what statics and springs say it must be, and together they are the whole."""
 
+import json
+
 import pytest
 
 from tests.laws.runs import FORCE, shipped
 from twin.accuracy.budget import Budget, Contribution, accuracy_budget
 from twin.errors import InputRefused
 from twin.experiment.variation import with_model
-from twin.report.accuracy import accuracy_facts, accuracy_rows
+from twin.report.accuracy import accuracy_facts
 from twin.report.accuracy_text import accuracy_text
 from twin.robot.gravity import G_ACCELERATION
 
@@ -80,10 +82,14 @@ def test_what_has_no_budget_is_refused(name: str, overrides: tuple[str, ...], sa
         accuracy_budget(experiment)
 
 
-def test_rows_and_text_have_every_line(budget: Budget):
-    rows = accuracy_rows(accuracy_facts(budget))
-    labels = [one.label for one in budget.contributions]
-    assert [label for label, _, _ in rows] == [*labels, "imperfections together", "parameters together", "as it is"]
+def test_the_text_is_for_80_columns_and_has_every_line(budget: Budget):
     text = accuracy_text(budget, "accuracy.json")
     assert max(map(len, text.splitlines())) <= 80
-    assert all(label in text for label in labels)
+    assert all(one.label in text for one in budget.contributions)
+
+
+def test_facts_are_plain_numbers_in_newtons(budget: Budget):
+    facts = json.loads(json.dumps(accuracy_facts(budget)))
+    rms = {one["label"]: one["rms_N"] for one in facts["contributions"]}
+    assert rms == {one.label: one.rms for one in (*budget.contributions, budget.as_is)}
+    assert facts["together_N"] == budget.together

@@ -15,6 +15,7 @@ def test_a_check_goes_from_accepted_to_as_it_was_to_deviating(root: Path, tmp_pa
     assert first.returncode == 0, first.stderr
     assert first.stdout.startswith("New: 1 experiment, 2 drives")
     assert "written  2 of 2 baselines in tests/baselines" in first.stdout
+    assert not (tmp_path / "results").exists()
     # without --drive all that have a baseline
     again = twin("check", mine, "--isolate", "none", cwd=tmp_path)
     assert again.returncode == 0, again.stderr
@@ -25,6 +26,8 @@ def test_a_check_goes_from_accepted_to_as_it_was_to_deviating(root: Path, tmp_pa
     verdicts = json.loads(changed.stdout)["verdicts"]
     assert [verdict["drive"] for verdict in verdicts] == ["own", "stepper"]
     assert {row["word"] for row in verdicts[0]["rows"]} >= {"better", "outside"}
+    assert verdicts[0]["outside"][0]["signal"] == "plant.p_B[2]"
+    assert len(list((tmp_path / "results/check").glob("*.png"))) == 2
 
 
 @pytest.mark.parametrize(
@@ -35,6 +38,9 @@ def test_a_check_goes_from_accepted_to_as_it_was_to_deviating(root: Path, tmp_pa
         (["mine.toml", "--reason", "why"], "--update and --reason"),
         ([], "tests/baselines: no baselines there"),
         (["mine.toml"], "tests/baselines/mine/own.toml: no baseline of mine; accept what it comes to now: twin check"),
+        (["mine.toml", "--baselines", "kept"], "--drive own --baselines kept --update --reason"),
+        (["mine.toml", "--drive", "steper"], "steper: no such drive"),
+        (["mien.toml"], "no such experiment file"),
     ],
 )
 def test_what_cannot_be_checked_is_refused_in_a_sentence(root: Path, tmp_path: Path, words: list[str], said: str):

@@ -1,5 +1,7 @@
 """A whole study, short, and what it recommends."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -8,6 +10,7 @@ from twin.convergence.coupling import COUPLINGS
 from twin.convergence.study import Point, Series, Study, convergence, recommended
 from twin.experiment.experiment import load_experiment
 from twin.report.convergence import convergence_facts
+from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text
 
 
@@ -35,10 +38,29 @@ def test_the_experiments_own_coupling_and_tick_are_among_the_runs(study: Study):
     assert max(ticks) == 2.0 * study.tick
 
 
-def test_the_text_is_for_80_columns_and_begins_with_what_to_use(study: Study):
+def test_the_text_is_for_80_columns_and_begins_with_what_can_be_said(study: Study):
     text = convergence_text(study, {"picture": "convergence.png"})
     assert max(map(len, text.splitlines())) <= 80
-    assert text.startswith("fig4_force_position: use ")
+    assert text.startswith("fig4_force_position: presses on nothing\n")
+    assert "largest error of p_B in um at" in text
+
+
+def test_nothing_is_recommended_in_the_air_and_nothing_is_amiss(study: Study, tmp_path: Path, recwarn):
+    assert study.choice is None and study.judged.name == "p_B"
+    draw_convergence(study, tmp_path / "picture.png")
+    assert not recwarn.list
+
+
+def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
+    down = ("reference.p_mm=[[0,0,-101],[0,0,-102],[0,0,-102]]", "reference.t_s=[0,0.2,1]", "duration_s=0.4")
+    found = convergence(shipped("fig4_position", *down), tolerance=1e-3)
+    assert found.judged.name == "F_z" and found.choice is not None
+    assert found.choice.point.errors["F_z"] <= 1e-3
+    files = {"picture": "convergence.png"}
+    text = convergence_text(found, files)
+    assert max(map(len, text.splitlines())) <= 80
+    assert text.startswith(f"fig4_position: use {found.choice.coupling.name} at ")
+    draw_convergence(found, tmp_path / "picture.png")
 
 
 def test_facts_are_plain_numbers(study: Study):
@@ -55,6 +77,11 @@ def series(number: int, *errors: float) -> Series:
 def test_the_longest_tick_that_is_good_enough_is_chosen_and_there_the_simplest_coupling():
     found = recommended([series(0, 9e-3, 4e-3), series(2, 3e-3, 1e-3), series(3, 2e-3, 1e-3)], 5e-3)
     assert found is not None and (found.coupling, found.point.tick) == (COUPLINGS[2], 2e-3)
+
+
+def test_an_error_that_is_small_at_one_tick_only_is_no_reason_to_choose_it():
+    found = recommended([series(0, 3e-3, 9e-3), series(2, 9e-3, 3e-3)], 5e-3)
+    assert found is not None and (found.coupling, found.point.tick) == (COUPLINGS[2], 1e-3)
 
 
 def test_a_run_that_failed_is_never_chosen_and_nothing_may_be_good_enough():

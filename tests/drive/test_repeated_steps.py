@@ -10,7 +10,8 @@ from tests.drive.compiled import compiled_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.assembly import assemble
 from twin.assembly.drives import drive, planned
-from twin.cosim.component import width
+from twin.cosim.component import Port, width
+from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent
@@ -62,6 +63,28 @@ def test_a_step_from_a_restored_state_gives_the_same_bits(root: Path, path: str)
         component.close()
     assert np.array_equal(first, again)
     assert not np.array_equal(first, before) and not np.array_equal(first, other)
+
+
+@pytest.mark.parametrize("path", ["fmus/velocity_servo", "fmus/torque_motor_fmi3", "fmus/python_servo"])
+def test_a_step_that_is_repeated_with_the_same_inputs_changes_no_bit_of_a_run(root: Path, path: str):
+    class Command:
+        inputs, outputs, sampled = (), (Port("command"),), True
+
+        def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
+            y[0] = 0.3 * np.sin(50.0 * t)
+
+    def rows(iterations: int) -> np.ndarray:
+        component = fmu(root, path)
+        wires = [("command.command", f"drive_1.{port.name}") for port in component.inputs]
+        components = [PythonComponent("command", Command()), component]
+        try:
+            return Simulation(System(components, wires, TICK, iterations=iterations), 200).run()
+        finally:
+            component.close()
+
+    once = rows(1)
+    assert np.ptp(once[:, 1]) > 1e-4
+    assert np.array_equal(rows(3), once)
 
 
 def test_a_state_is_freed_once_and_before_its_instance(root: Path, monkeypatch: pytest.MonkeyPatch):

@@ -12,6 +12,8 @@ VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 FILES = sorted((Path(__file__).parents[2] / "experiments").rglob("*.toml"))
 TASK = {"kind": "press", "point_mm": [0.0, 0.0], "force_N": 8.0, "build_up_s": 3.5, "hold_s": 5.0}
 FAULT = {"kind": "surface_jump", "onset_s": 3.0, "magnitude_mm": 2.0}
+CHANGE = {"t_s": 8.0, "key": "controller.force.reference_N", "value": 6.0}
+SPREAD = {"kind": "spread", "name": "force", "signal": "-plant.F_ee_B[2]"}
 
 
 def test_the_schema_is_one_of_draft_2020_12():
@@ -43,6 +45,9 @@ def test_every_file_of_the_repository_is_right(file: Path):
         {"task": [TASK | {"radius_mm": 3.0}]},
         {"fault": [FAULT | {"target": "joint_1"}]},
         {"fault": [{key: FAULT[key] for key in FAULT if key != "magnitude_mm"}]},
+        {"change": [CHANGE | {"key": "controller.mode"}]},
+        {"measure": [SPREAD | {"signal": "the force"}]},
+        {"measure": [SPREAD | {"reference": "controller.F_z_ref"}]},
     ],
     ids=str,
 )
@@ -52,7 +57,7 @@ def test_what_no_file_may_say_is_found(wrong: dict):
 
 def test_a_file_may_leave_anything_to_the_one_it_extends():
     assert VALIDATOR.is_valid({"extends": "other.toml", "controller": {"force": {"kp_mm_per_N": 3}}})
-    assert VALIDATOR.is_valid({"task": [TASK], "fault": [FAULT]})
+    assert VALIDATOR.is_valid({"task": [TASK], "fault": [FAULT], "change": [CHANGE], "measure": [SPREAD]})
 
 
 def test_every_key_says_what_it_means():

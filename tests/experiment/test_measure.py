@@ -38,6 +38,7 @@ def test_every_kind_is_read(kind: str):
         ({"until_s": 5.0}, "until_s = 5: after the end at 4 s"),
         ({"begin_s": 4.0}, "begin_s = 4: expected a time before 4 s"),
         ({"at_s": 1.0}, "unknown key 'at_s'"),
+        ({"kind": "lag"}, "longest_s = 2: 3.5 s are too short for such lags"),
     ],
 )
 def test_a_wrong_measure_is_told_with_its_number(wrong: dict, said: str):

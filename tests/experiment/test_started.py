@@ -11,7 +11,7 @@ from twin.experiment.started import start_experiment
     ("file", "start", "said"),
     [
         ("a.toml", "taping", "--from taping: no such experiment; did you mean 'tapping'?"),
-        ("a.toml", "xyz", "--from xyz: no such experiment; known are fig4_force_position, "),
+        ("a.toml", "xyz", "--from xyz: no such experiment; known are calibration, "),
         ("a.yaml", "tapping", "a.yaml: expected a name that ends with .toml"),
         ("/proc/nowhere/a.toml", "tapping", "/proc/nowhere: cannot be written"),
     ],

@@ -40,3 +40,13 @@ def _at(values: dict, path: str) -> dict:
     for key in filter(None, path.split(".")):
         values = values[key]
     return values
+
+
+def test_the_change_and_the_measure_behind_a_hash_would_do(tmp_path: Path):
+    text = commented_experiment("mine.toml", EXPERIMENTS[0].with_stem("fig4_force_position"))
+    start, end = text.index("#[[change]]"), text.index("# The robot as the file")
+    mine = tmp_path / "mine.toml"
+    # what is set behind a # has no blank after it, what is told has one
+    mine.write_text(text[:start] + re.sub(r"(?m)^#(?! )", "", text[start:end]) + text[end:])
+    experiment = load_experiment(mine)
+    assert (len(experiment.changes), len(experiment.measures)) == (1, 1)

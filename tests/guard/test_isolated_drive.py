@@ -31,6 +31,26 @@ def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive
     assert command.leftovers() == []
 
 
+def test_an_isolated_drive_repeats_no_step_and_says_what_to_do(command: Command, drive: Path):
+    done = command.run(drive, NONE, "--isolate", "drive", "--set", "cosim.iterations=2")
+    assert done.returncode == 2
+    assert done.stderr.endswith(
+        ".fmu: a drive in a process of its own cannot go back to the start of a step, which iterations above 1 need; "
+        "use iterations = 1, or --isolate run\n"
+    )
+    assert command.survivors() == []
+
+
+def test_a_run_with_interpolated_inputs_and_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):
+    recordings = []
+    for isolation in ("drive", "none"):
+        done = command.run(drive, NONE, "--isolate", isolation, "--set", "cosim.inputs=linear")
+        assert done.returncode == 0, done.stderr
+        recordings.append((command.folder / "x" / "run.mcap").read_bytes())
+        (command.folder / "x").rename(command.folder / isolation)
+    assert recordings[0] == recordings[1]
+
+
 def test_an_isolated_drive_looks_like_the_drive_itself(root: Path):
     plan = planned(load_experiment(root / "experiments/fig4_position.toml").drives[0])
     here = drive_here("drive_1", plan, 1e-3, 0.3, 0.05)

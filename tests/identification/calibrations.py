@@ -94,4 +94,4 @@ def windows_of_statics(x: np.ndarray, rng: np.random.Generator, noise: float = 0
     rate = np.where(F > 0.0, down / x[COMPLIANCE], 0.0)
     motor += noise * np.sqrt(0.5) * (rng.normal(size=(n, 3)) + rng.normal(size=(n // 6, 3))[cluster])
     t = 0.1 * np.arange(n, dtype=np.float64)
-    return Windows(t, motor, joint, speed, np.full((n, 3), 1e-3), F, rate, F, F, cluster, 0.1)
+    return Windows(t, motor, joint, speed, np.zeros((n, 3)), np.full((n, 3), 1e-3), F, rate, F, F, cluster, 0.1)

@@ -76,6 +76,13 @@ def test_a_response_still_on_its_way_is_refused_rather_than_measured():
         step_info(t[early], 1.0 - np.exp(-t[early]), 0.0, 1.0)
 
 
+def test_a_response_that_hunts_for_ever_has_no_settling_time_rather_than_one_at_its_very_end():
+    # 3 % either way: within 5 % but never within 2 %
+    info = step_info(t, 1.0 - np.exp(-t) + 0.03 * np.sin(20.0 * t), 0.0, 1.0)
+    assert info.settling_time_2 == np.inf
+    assert np.log(20.0) < info.settling_time_5 < np.log(50.0)
+
+
 def test_no_answer_no_step_and_too_few_samples_are_refused():
     with pytest.raises(InputRefused, match="no answer to the step from 0 to 1"):
         step_info(t, np.zeros_like(t), 0.0, 1.0)

@@ -9,7 +9,16 @@ import pytest
 from tests.laws.runs import shipped
 from tests.regression.traces import EXPERIMENT, t
 from twin.errors import InputRefused
-from twin.regression.baseline import Entry, baseline_of, baseline_text, fingerprint, read_baseline
+from twin.regression.baseline import (
+    Entry,
+    baseline_file,
+    baseline_of,
+    baseline_text,
+    fingerprint,
+    known_baseline,
+    read_baseline,
+    write_baseline,
+)
 from twin.regression.measurement import Measured, Sampled
 from twin.regression.metric import Metric
 
@@ -72,10 +81,29 @@ def test_the_fingerprint_tells_experiments_from_one_another_but_not_titles_or_pl
         ("[metrics]", "[metrics", "not valid TOML"),
         ('unit = "s", ', "", "no baseline: .*'unit'"),
         ("  0.0, 0.256", "  0.5, 0.256", "times that increase"),
+        ("  0.0, 0.256", "  nan, 0.256", "times that increase"),
+        ("  0.0, 0.253", "  nan, 0.253", "tube z: expected as many numbers"),
+        ("tolerance = 0.05", "tolerance = -0.05", "tube z: expected tolerance and dt_s to be numbers >= 0"),
+        ("value = 1.0,", "value = nan,", '"z.rise_time": expected a number and a bound >= 0'),
+        ("value = 1.0,", 'value = "fast",', "no baseline: must be real number"),
+        ("bound = 0.02 ", "bound = -0.02 ", '"z.rise_time": expected a number and a bound >= 0'),
+        ('drive = "x"', "drive = 3", "drive = 3: expected a text"),
+        ("[metrics]", "[[metrics]]", "no baseline: "),
     ],
 )
 def test_a_damaged_baseline_is_refused_in_one_sentence(tmp_path: Path, old: str, new: str, said: str):
     text = baseline_text(baseline_of(EXPERIMENT, "x", NOW, [FIRST], None))
     assert old in text
-    with pytest.raises(InputRefused, match=said):
+    with pytest.raises(InputRefused, match=said) as refused:
         read_baseline(stored(tmp_path, text.replace(old, new)))
+    assert str(refused.value).endswith("remove it and write it anew with --update")
+
+
+def test_a_baseline_is_of_its_pair_and_another_file_of_the_drive_is_the_same_drive(tmp_path: Path):
+    file = baseline_file(tmp_path, EXPERIMENT.name, "vendor/x.fmu")
+    write_baseline(file, baseline_text(baseline_of(EXPERIMENT, "vendor/x.fmu", NOW, [FIRST], None)))
+    assert known_baseline(tmp_path, EXPERIMENT.name, "vendor/next/x.fmu") is not None
+    assert known_baseline(tmp_path, EXPERIMENT.name, "y") is None
+    file.rename(file.with_stem("y"))
+    with pytest.raises(InputRefused, match=r"y.toml: the baseline of step_z_air with vendor/x.fmu, expected .* with y"):
+        known_baseline(tmp_path, EXPERIMENT.name, "y")

@@ -55,8 +55,8 @@ def test_a_constant_delay_is_the_lag():
     sine, late = np.sin(t), np.sin(t - 0.25)
     lag = {"kind": "lag", "name": "z", "signal": "plant.z", "reference": "controller.z"}
     found = numbers(measuring(lag), trace({"plant.z": late, "controller.z": sine}, METRES))
-    # whole samples
-    assert found["z.lag"] == pytest.approx(0.25, abs=1e-3)
+    # over no whole number of waves
+    assert found["z.lag"] == pytest.approx(0.25, abs=1e-5)
 
 
 def test_errors_spread_and_onset_are_those_of_the_definition():
@@ -116,6 +116,27 @@ def test_work_is_torque_times_angle_and_travel_the_integral_of_the_commanded_spe
 def test_a_step_that_means_nothing_is_refused_with_the_name_of_its_measure(y, reference, units, said):
     with pytest.raises(InputRefused, match=rf'\[\[measure\]\] "z": .*{said}'):
         measured(measuring(STEP), trace({"plant.z": y, "controller.z": reference}, units))
+
+
+def test_a_step_looked_for_when_it_is_over_is_refused_rather_than_measured_from_there():
+    run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
+    with pytest.raises(InputRefused, match=r"controller.z makes no step at 1.2 s; set begin_s to when it does"):
+        measured(measuring({**STEP, "begin_s": 1.2}), run)
+    with pytest.raises(InputRefused, match=r"controller.z still moves after the step at 0.9 s"):
+        measured(measuring({**STEP, "begin_s": 0.9}), run)
+
+
+@pytest.mark.parametrize(
+    ("measure", "said"),
+    [
+        ({**STEP, "until_s": 1.01}, "measures for less than 0.02 s"),
+        ({**STEP, "kind": "tracking", "until_s": 1.0005}, "fewer than two ticks from begin_s to until_s"),
+    ],
+)
+def test_a_window_too_short_for_its_measure_is_refused(measure: dict, said: str):
+    run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
+    with pytest.raises(InputRefused, match=said):
+        measured(measuring(measure), run)
 
 
 def test_without_excitation_there_is_no_lag_and_no_path_and_both_are_told():

@@ -7,7 +7,6 @@ import pytest
 
 from tests.laws.runs import shipped
 from tests.regression.traces import EXPERIMENT, t
-from twin.errors import InputRefused
 from twin.regression.baseline import Baseline, Entry, baseline_of
 from twin.regression.measurement import Measured, Sampled
 from twin.regression.metric import Metric, Sense
@@ -58,7 +57,18 @@ def test_beyond_its_bound_a_number_is_worse_or_better(before: float, now: float,
     ],
 )
 def test_a_curve_that_leaves_its_tube_is_outside(curve: np.ndarray, word: str):
-    assert words(verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=curve)))[1] == word
+    found = verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=curve))
+    assert words(found)[1] == word
+    assert [beside.name for beside in found.outside] == ["z.tube"] * (word == "outside")
+
+
+def test_of_a_curve_outside_there_is_what_a_picture_needs():
+    (beside,) = verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, curve=SINE + 0.06)).outside
+    lower, before, upper, now = map(np.array, (beside.lower, beside.before, beside.upper, beside.now))
+    assert (beside.signal, beside.unit, len(beside.t)) == ("plant.p_B[2]", "m", 40)
+    # the tolerance, and 4 ms of a slope of at most 1; six digits are kept
+    assert np.all((before - lower > 0.05 - 1e-5) & (before - lower < 0.0541) & (upper - before < 0.0541))
+    assert now - before == pytest.approx(0.06, abs=1e-5)
 
 
 def test_what_is_only_in_one_of_them_deviates():
@@ -76,8 +86,16 @@ def test_another_fmu_another_experiment_and_another_version_are_told_and_compare
     assert "x.fmu has changed: was sha256 000000000000, now 111111111111" in found.notes
 
 
-def test_a_baseline_of_another_drive_or_in_another_unit_is_refused():
-    with pytest.raises(InputRefused, match="its baseline is of step_z_air with x"):
-        verdict(EXPERIMENT, "y", baseline(), coming_to(1.0))
-    with pytest.raises(InputRefused, match="is in m, but its baseline in s"):
-        verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, unit="m"))
+def test_a_number_in_another_unit_is_another_number_and_that_is_told():
+    found = verdict(EXPERIMENT, "x", baseline(), coming_to(1.0, unit="m"))
+    assert [(row.word, row.unit) for row in found.deviations] == [("gone", "s"), ("new", "m")]
+    assert found.notes == ("z.number was in s and is in m: another quantity, not compared",)
+
+
+@pytest.mark.parametrize("first", [0, 9, 71, 204])
+def test_a_tube_may_begin_at_any_tick(first: int):
+    # one tick in eight is a little later than its decimals say
+    window = Sampled("plant.p_B[2]", "m", t[first:], SINE[first:], 0.05, 0.004)
+    now = replace(coming_to(1.0), curves={"z": window})
+    stored = baseline_of(EXPERIMENT, "x", now, [Entry("2026-01-01", "first")], None)
+    assert words(verdict(EXPERIMENT, "x", stored, now)) == ["ok", "ok"]

@@ -6,6 +6,7 @@ from twin.report.check_text import MOST, check_text
 OK = Row("z.rise_time", "s", 1.4, 1.41, 0.028, None, "ok")
 WORSE = Row("motors.commanded_travel", "rad", 0.4, 0.5, 0.008, None, "worse")
 OUTSIDE = Row("next_joint.tube", "rad", 0.14, float("nan"), 4e-4, 0.5, "outside")
+LONG = Row("force_on_the_left_shoulder.settling_time_2", "N", 5.0, 6.0, 0.1, None, "worse")
 NEW = Row("z.rise_time", "s", None, 1.4, None, None, "new")
 
 
@@ -25,7 +26,7 @@ def test_a_single_check_shows_every_number():
 
 def test_of_many_checks_only_what_deviates_is_shown_in_units_people_read():
     lines = check_text([verdict(OK, WORSE, OUTSIDE), verdict(OK, drive="b")], []).splitlines()
-    assert lines[0] == "1 of 2 checks deviate: 1 worse, 1 outside"
+    assert lines[0] == "1 of 2 checks deviates: 1 worse, 1 outside"
     assert not any("rise_time" in line for line in lines)
     assert "  worse   motors.commanded_travel  deg        22.92     28.65    0.4584" in lines
     # what is not a number is not shown as one
@@ -56,7 +57,7 @@ def test_what_could_not_be_done_is_told_first_and_in_full():
     assert check_text([], ["x"]).startswith("1 check could not be done")
 
 
-@pytest.mark.parametrize("rows", [(OK,), (WORSE, OUTSIDE), (NEW,)])
+@pytest.mark.parametrize("rows", [(OK,), (WORSE, OUTSIDE), (NEW,), (OK, LONG)])
 def test_no_line_is_longer_than_a_terminal(rows: tuple[Row, ...]):
     text = check_text([verdict(*rows, notes=("a note " * 20,)), verdict(OK)], ["a sentence " * 20])
     assert max(len(line) for line in text.splitlines()) <= 80

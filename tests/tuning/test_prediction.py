@@ -8,7 +8,7 @@ from twin.analysis.loops import closed_loops, closed_poles
 from twin.analysis.margins import margins
 from twin.loop_analysis.linear_point import Linearised
 from twin.tuning.gains import LawGains, with_gains
-from twin.tuning.prediction import closed, predicted, sensitivities, step_response
+from twin.tuning.prediction import closed, confirmed, predicted, sensitivities, step_response
 
 ONE_OF = st.integers(0, 8)
 GAINS = st.builds(LawGains, st.floats(0.5, 12.0), st.floats(1e-5, 5e-3), st.floats(1e-4, 2e-2))
@@ -76,6 +76,28 @@ def test_gains_beyond_the_limit_of_free_air_are_unstable():
     # docs/analysis.md: the limit of kp in air is 17.1 1/s
     assert predicted(fig4_corners()[1], FIG4._replace(kp=16.5)).stable
     assert not predicted(fig4_corners()[1], FIG4._replace(kp=18.0)).stable
+
+
+@given(ONE_OF, GAINS, st.floats(0.2, 5.0))
+@settings(max_examples=20)
+def test_a_factor_on_every_loop_of_a_law_is_one_on_its_gains(i, gains, factor):
+    corner = fig4_corners()[i]
+    for factors, scaled in (
+        ((factor, factor, factor, 1.0), gains._replace(kp=factor * gains.kp)),
+        ((1.0, 1.0, 1.0, factor), LawGains(gains.kp, factor * gains.force_kp, factor * gains.force_ki)),
+    ):
+        for ours, theirs in zip(closed(corner, gains, factors), closed(corner, scaled), strict=True):
+            # rounding
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("i", [1, 3, 5])
+def test_eigenvalues_bear_out_the_sensitivity_and_no_smaller_one_that_the_gain_margin_forbids(i):
+    corner = fig4_corners()[i]
+    M_s = predicted(corner, FAST).sensitivity
+    assert confirmed(corner, FAST, M_s)
+    # M_s of 1.001 would leave room for 40 times the gain, which no loop has
+    assert not confirmed(corner, FAST, 1.001)
 
 
 def test_where_the_force_law_does_not_act_its_gains_change_nothing():

@@ -1,5 +1,6 @@
 import math
 
+import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
@@ -7,7 +8,7 @@ from tests.tuning.corners import fig4_corners
 from twin.tuning.corner import at_stiffness
 from twin.tuning.gains import LawGains
 from twin.tuning.prediction import predicted
-from twin.tuning.trial import can_be_tried, step_trial, whole_run
+from twin.tuning.trial import can_be_tried, lasting_swing, step_bandwidth, step_trial, whole_run
 
 FAST = LawGains(5.0, 1.5e-3, 3.5e-3)
 
@@ -20,7 +21,9 @@ def test_the_co_simulation_answers_a_step_as_predicted_in_spite_of_backlash_and_
     (found,) = predicted(corner, FAST).answers.values()
     # backlash and encoder counts: 0.05 N of 2 N, 0.02 mm of 1 mm
     assert trial.answer.overshoot == pytest.approx(found.overshoot, abs=0.03)
-    assert trial.answer.short < 0.04
+    assert trial.answer.bandwidth == pytest.approx(found.bandwidth, rel=0.15)
+    # it comes to rest within what backlash and counts leave open
+    assert trial.swing < 0.03
     # where the answer creeps into the band such a difference is much time
     assert trial.answer.settling == pytest.approx(found.settling, rel=0.2)
 
@@ -35,6 +38,20 @@ def test_gains_that_shake_in_the_co_simulation_never_settle():
     # docs/analysis.md: the limit of kp in air is 17.1 1/s
     trial = step_trial(fig4_corners()[1], LawGains(30.0, 0.0, 0.0))
     assert trial is None or (trial.answer.overshoot > 1.0 and math.isinf(trial.answer.settling))
+
+
+def test_the_bandwidth_of_a_first_order_lag_is_that_of_its_pole():
+    t = np.linspace(0.0, 8.0, 8000, endpoint=False)
+    # the spectrum is taken every 0.02 rad/s, and the lag is sampled
+    assert step_bandwidth(1.0 - np.exp(-5.0 * t), 1e-3) == pytest.approx(5.0, abs=0.05)
+
+
+def test_a_swing_is_told_from_creeping():
+    t = np.linspace(0.0, 8.0, 8000, endpoint=False)
+    creeping = 1.0 - 0.1 * t
+    assert lasting_swing(t, creeping) == pytest.approx(0.0, abs=1e-9)
+    # 40 periods in the last quarter: the line through them is level but for a share of 1/40
+    assert lasting_swing(t, creeping + 0.2 * np.sin(2.0 * np.pi * 20.0 * t)) == pytest.approx(0.4, rel=0.03)
 
 
 def test_the_position_law_is_tried_in_air_and_the_force_law_pressing():

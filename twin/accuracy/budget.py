@@ -10,8 +10,9 @@ Biases add up with their signs, scatter adds up as squares. Both sums are set be
 is: what is missing there comes of imperfections that act on each other.
 """
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -32,6 +33,8 @@ FINER = 8
 BELIEFS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
 """What a controller believes besides its encoders' resolution."""
 
+Group = Literal["imperfection", "twin", "parameter", "total"]
+
 
 @dataclass(frozen=True)
 class Contribution:
@@ -40,7 +43,7 @@ class Contribution:
     Attributes:
         label: for people. bias, std, rms: over the window; rms^2 = bias^2 + std^2.
         meaning: what was compared with what.
-        group: "imperfection", "twin", "parameter" or "total".
+        group: "total": the experiment as it is.
     """
 
     label: str
@@ -48,7 +51,7 @@ class Contribution:
     std: float
     rms: float
     meaning: str
-    group: str
+    group: Group
 
 
 @dataclass(frozen=True)
@@ -73,6 +76,10 @@ class Budget:
     parameters: float
     as_is: Contribution
 
+    def of(self, group: Group) -> tuple[Contribution, ...]:
+        """The contributions of one group."""
+        return tuple(one for one in self.contributions if one.group == group)
+
 
 @dataclass(frozen=True)
 class _Trace:
@@ -86,8 +93,8 @@ class _Trace:
         return self.estimate - self.true
 
 
-def accuracy_budget(experiment: Experiment) -> Budget:
-    """Run `experiment` as it is, without any imperfection, and with each of them alone.
+def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda what: None) -> Budget:
+    """Run `experiment` as it is, without any imperfection, and with each of them alone; `say` is told which.
 
     Raises:
         InputRefused: it has faults, taps, or never presses. ComponentFailed: a component failed.
@@ -102,12 +109,17 @@ def accuracy_budget(experiment: Experiment) -> Budget:
     # a monitor that does not trip does nothing to the force, and one that believes in other encoders trips
     experiment = replace(experiment, monitor=None)
     exact = _perfect(experiment)
-    traces = {name: _trace(one) for name, one in _ablations(experiment, exact)}
-    believed = {u: _trace(u.of(_fine(exact))) for u in UNCERTAINTIES}
+    traces, believed = {}, {}
+    for name, one in _ablations(experiment, exact):
+        say(name)
+        traces[name] = _trace(one)
+    for uncertainty in UNCERTAINTIES:
+        say(uncertainty.label)
+        believed[uncertainty] = _trace(uncertainty.of(_fine(exact)))
     window = _window(experiment, [*traces.values(), *believed.values()])
     ideal = traces["ideal"]
 
-    def line(label: str, e: NDArray[np.float64], meaning: str, group: str = "imperfection") -> Contribution:
+    def line(label: str, e: NDArray[np.float64], meaning: str, group: Group = "imperfection") -> Contribution:
         e = e[window]
         return Contribution(label, float(e.mean()), float(e.std()), float(np.sqrt(np.mean(e**2))), meaning, group)
 

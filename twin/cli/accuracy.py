@@ -7,6 +7,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.completion import drive_names, experiment_files, setting_keys
+from twin.cli.progress import progress
 
 
 def accuracy(
@@ -28,7 +29,7 @@ def accuracy(
     ] = None,
     out: Annotated[
         Path | None,
-        typer.Option(metavar="DIR", help="Where accuracy.json goes: results/accuracy/EXPERIMENT; or a run's folder."),
+        typer.Option(metavar="DIR", help="Where accuracy.json goes: results/accuracy/EXPERIMENT."),
     ] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
@@ -42,5 +43,9 @@ def accuracy(
     """
     from twin.report.accuracy import accuracy_report
 
-    report = accuracy_report(experiment, settings or (), drive, out)
+    shown = progress()
+    try:
+        report = accuracy_report(experiment, settings or (), drive, out, shown.say)
+    finally:
+        shown.clear()
     print(json.dumps(report.facts) if as_json else report.text)

@@ -11,7 +11,7 @@ from twin.cli.completion import drive_names, experiment_files
 from twin.cli.faults import Isolation
 from twin.errors import InputRefused
 
-BASELINES = Path("tests/baselines")
+BASELINES, PICTURES = Path("tests/baselines"), Path("results/check")
 
 
 def check(
@@ -19,7 +19,7 @@ def check(
         list[Path] | None,
         typer.Argument(
             metavar="[EXPERIMENT]...",
-            help="Experiments with [[measure]] tables; without any, all that have baselines.",
+            help="Experiments that say what to measure; none: all that have baselines.",
             autocompletion=experiment_files,
         ),
     ] = None,
@@ -36,6 +36,9 @@ def check(
     update: Annotated[bool, typer.Option("--update", help="Accept what is now as the baseline.")] = False,
     reason: Annotated[str, typer.Option(metavar="TEXT", help="Why; kept in the baseline.")] = "",
     baselines: Annotated[Path, typer.Option(metavar="DIR", help="Where baselines are.")] = BASELINES,
+    out: Annotated[
+        Path, typer.Option(metavar="DIR", help="Where pictures of curves outside their tubes go.")
+    ] = PICTURES,
     jobs: Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes that run experiments.")] = 2,
     isolate: Annotated[
         Isolation, typer.Option(help="Processes: their own for the runs; none, for debuggers, but this one.")
@@ -46,6 +49,7 @@ def check(
 
     Numbers have bounds and curves have tubes, stored in tests/baselines as
     docs/regression.md tells. --update shows the difference, then accepts it.
+    Of curves outside their tubes there are pictures.
 
     Exit code: 0 all as it was, or updated; 1 something deviates; 2 input
     refused, or no baseline; 3 a drive failed; 4 the safety monitor tripped.
@@ -66,11 +70,18 @@ def check(
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
     facts = {"verdicts": [verdict.facts() for verdict in verdicts], "failures": told}
     print(json.dumps(facts) if as_json else check_text(verdicts, [outcome.failure for outcome in failures]))
+    places = []
     moved = [outcome for outcome in done if outcome.text]
     for outcome in moved:
         write_baseline(baseline_file(baselines, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
-    if update and not as_json:
-        print(f"\n  written  {len(moved)} of {len(done)} baselines in {baselines}; the others hold what is now")
+    if update and verdicts:
+        places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {baselines}")
+    if any(verdict.outside for verdict in verdicts):
+        from twin.report.check_picture import check_pictures
+
+        places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
+    if places and not as_json:
+        print("\n" + "\n".join(places))
     if failures:
         raise SystemExit(failures[0].exit_code)
     if not update and any(verdict.deviations for verdict in verdicts):

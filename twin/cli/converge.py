@@ -33,7 +33,7 @@ def converge(
         float, typer.Option(metavar="N", min=0.0, help="Error of the pressing force that may be.")
     ] = 0.005,
     duration: Annotated[
-        float | None, typer.Option(metavar="S", min=0.0, help="How much of the experiment; without it, all.")
+        float | None, typer.Option(metavar="S", min=0.01, help="How much of the experiment; without it, all.")
     ] = None,
     smooth: Annotated[
         bool, typer.Option("--smooth", help="Without backlash and friction, so that orders are clean.")

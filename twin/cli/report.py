@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.cli.progress import progress
 from twin.errors import InputRefused
 from twin.guard.remains import seen_from_here
 
@@ -29,17 +30,26 @@ def report(
             metavar="FILE", help="The page; without it report.html beside the run, of several in results/report."
         ),
     ] = None,
+    budget: Annotated[
+        bool, typer.Option("--budget", help="Run it again without its imperfections: what adds to the force error.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
 ) -> None:
     """Write a run, or several side by side, as one HTML page to look at offline.
 
-    Exit code: 0 written, whatever the verdict, 2 input refused.
+    Exit code: 0 written, whatever the verdict, 2 input refused, 3 a component
+    failed while a budget was made.
 
     Example: twin report results/fig4_force_position results/fig4_position
     """
     from twin.report.page.page import write_report
 
-    _tell(write_report(runs, out), as_json)
+    shown = progress()
+    try:
+        done = write_report(runs, out, budget, shown.say)
+    finally:
+        shown.clear()
+    _tell(done, as_json)
 
 
 class Reported:

@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -46,7 +47,7 @@ def tune(
     Searched on the linear model at every place, stiffness and drive, then
     tried in the co-simulation. The experiment's file is left as it is:
     tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are
-    not (the best there is is told), 2 input refused or no linear model, 3 a
+    not (the best found is told), 2 input refused or no linear model, 3 a
     drive failed, crashed or hung.
 
     Example: twin tune experiments/fig4_force_position.toml
@@ -109,12 +110,17 @@ def tuned_loops(
 
     file, folder = Path(experiment), Path(out)
     asked, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)
+    # of several drives the file's own stays
+    one = [] if len(drives) > 1 else [("--drive", drives[0])]
+    given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
+    options = [word for option, value in given if value is not None for word in (option, value)]
     done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], asked, span)
-    facts = done.facts() | {"files": [str(folder / name) for name in (GAINS, PICTURE, FACTS)]}
+    again = shlex.join(["twin", "run", str(folder / GAINS), *options])
+    facts = done.facts() | {"files": [str(folder / name) for name in (GAINS, PICTURE, FACTS)], "again": again}
     try:
-        (folder / GAINS).write_text(fragment(done, file))
+        (folder / GAINS).write_text(fragment(done, file, folder, options))
         draw_tuning(done, folder / PICTURE)
         (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
     except OSError as problem:
         raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
-    return facts, tuning_text(done)
+    return facts, "\n".join([tuning_text(done), f"next  {again}"])

@@ -65,10 +65,11 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def applies(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, delays or watches."""
+    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, watches."""
     return not (
         experiment.tasks
         or experiment.faults
+        or experiment.changes
         or experiment.contact.motions
         or experiment.monitor
         or experiment.controller.delay_ticks

@@ -7,7 +7,7 @@ import numpy as np
 from twin.assembly import assemble
 from twin.convergence.coupling import FINEST
 from twin.convergence.monolith import ATOL, applies, monolithic_rows, servos, within_limits
-from twin.convergence.signals import Samples, chosen, largest_errors, sampled_run
+from twin.convergence.signals import FORCE, Samples, chosen, largest_errors, sampled_run
 from twin.experiment.experiment import Experiment
 from twin.experiment.true_parameters import plant_parameters
 
@@ -23,6 +23,11 @@ class Reference:
     floor: dict[str, float]
     meaning: str
 
+    @property
+    def pressed(self) -> bool:
+        """Whether the robot presses on anything at any time."""
+        return bool(np.any(self.samples[FORCE.name]))
+
 
 def reference_of(experiment: Experiment) -> Reference:
     """Without any coupling where the drives' equations are known, else the finest co-simulation.
@@ -34,7 +39,7 @@ def reference_of(experiment: Experiment) -> Reference:
         drives = servos(assembly.drives)
     why = "no equations of this drive are known here"
     if drives is not None and not applies(experiment):
-        why = "the monolithic one knows neither moving bodies nor delays"
+        why = "the monolithic one knows no moving bodies, delays or changes"
     elif drives is not None:
         rows = monolithic_rows(experiment, drives)
         if within_limits(rows, drives):

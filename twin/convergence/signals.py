@@ -24,7 +24,7 @@ SIGNALS = (
     Signal("theta_m", "urad", 1e6),
     Signal("tau_load", "uN m", 1e6),
 )
-FORCE = SIGNALS[0]
+FORCE, POSITION = SIGNALS[:2]
 
 Samples = dict[str, NDArray[np.float64]]
 """By name of the signal, (n, values): one row per tick of the controller."""

@@ -9,7 +9,7 @@ from twin.convergence.coupling import COUPLINGS, Coupling
 from twin.convergence.order import Order, observed_order
 from twin.convergence.power import Residual, power_residuals
 from twin.convergence.reference import Reference, reference_of
-from twin.convergence.signals import FORCE, SIGNALS, largest_errors, sampled_run
+from twin.convergence.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
 from twin.convergence.smoothing import Smooth, comparable, smoothed
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
@@ -59,7 +59,7 @@ class Study:
         name: of the experiment. duration, tick: as it was run (s). coupling: the experiment's own.
         changes: what was taken out of the experiment. reference: what errors are measured against.
         series: by coupling. left_out: (coupling's name, why).
-        tolerance: of the force (N). choice: None: no run met it.
+        tolerance: of the force (N). choice: None: no run met it, or nothing is pressed.
     """
 
     name: str
@@ -72,6 +72,11 @@ class Study:
     left_out: tuple[tuple[str, str], ...]
     tolerance: float
     choice: Choice | None
+
+    @property
+    def judged(self) -> Signal:
+        """What the study is about: the force; the position in the air, where no coupling can be wrong about a force."""
+        return FORCE if self.reference.pressed else POSITION
 
 
 def convergence(
@@ -121,21 +126,23 @@ def convergence(
         series=tuple(series),
         left_out=tuple(left_out),
         tolerance=tolerance,
-        choice=recommended(series, tolerance),
+        choice=recommended(series, tolerance) if reference.pressed else None,
     )
 
 
 def recommended(series: list[Series], tolerance: float) -> Choice | None:
-    """The longest tick at which some coupling keeps the force within `tolerance` (N), and the simplest that does.
+    """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
 
-    Couplings are in the order of their simplicity, which is also that of their cost; and unlike measured times the
-    order is the same on every machine.
+    At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
+    of their simplicity, which is also that of their cost; and unlike measured times the order is the same on every
+    machine.
     """
     ticks = sorted({point.tick for one in series for point in one.points}, reverse=True)
     for tick in ticks:
         for one in series:
             for point in one.points:
-                if point.tick == tick and point.errors[FORCE.name] <= tolerance:
+                shorter = [other for other in one.points if other.tick <= tick]
+                if point.tick == tick and all(other.errors[FORCE.name] <= tolerance for other in shorter):
                     return Choice(one.coupling, point)
     return None
 

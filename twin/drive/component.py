@@ -128,10 +128,12 @@ class FmuComponent(Component):
         return self.instance.unheard()
 
     def close(self) -> None:
-        if self._state is not None and self._state[0]["state"]:
-            self.instance.forget(int(self._state[0]["state"]))
-            self._state = None
-        self.instance.close()
+        state, self._state = self._state, None
+        try:
+            if state is not None and state[0]["state"]:
+                self.instance.forget(int(state[0]["state"]))
+        finally:
+            self.instance.close()
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
         """Whether values can go as they are: Real, unscaled, only the first output shifted."""

@@ -130,9 +130,12 @@ class Instance:
         self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(state))
 
     def forget(self, state: int) -> None:
-        """Free the state at address `state`."""
-        with self._calling("FreeFMUstate"):
-            self._fmu.freeFMUState(c_void_p(state))
+        """Free the state at address `state`.
+
+        Raises:
+            ComponentFailed: the FMU does not.
+        """
+        self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(c_void_p(state)))
 
     def unheard(self) -> list[tuple[int, str]]:
         """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""

@@ -22,7 +22,7 @@ from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.reach import geometry_of
 from twin.experiment.reference import Reference, WayPoints, way_points
-from twin.experiment.source import override, read_source, replace_drive, with_numbers
+from twin.experiment.source import Source, override, read_source, replace_drive, with_numbers
 from twin.faults.fault import Fault
 
 
@@ -128,6 +128,19 @@ def load_experiment(
     if body is not None:
         replace_body(source, body)
     override(source, overrides)
+    return checked_experiment(source, path.stem, path, folder)
+
+
+def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> Experiment:
+    """The experiment that `source` says, which is completed in place.
+
+    Args:
+        source: of all files. name: of the experiment. where: it comes from, for sentences.
+        folder: from which bodies and drives are looked up.
+
+    Raises:
+        InputRefused: with every mistake, one sentence each.
+    """
     _fill_from_robot(source.values)
     mistakes: list[str] = []
     try:
@@ -147,11 +160,11 @@ def load_experiment(
     _expand_reference(checked, length, mistakes)
     mistakes += disagreements(checked, tasks, source.values)
     if mistakes:
-        raise InputRefused(_told(path, mistakes))
+        raise InputRefused(_told(where, mistakes))
     head, (one, two, three) = checked["head"], drives
     monitor = checked.get("monitor")
     return Experiment(
-        name=path.stem,
+        name=name,
         title=head.title,
         seed=head.seed,
         duration_ticks=ticks["duration"],

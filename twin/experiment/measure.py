@@ -5,12 +5,14 @@ from collections.abc import Mapping
 from typing import Any, Literal
 
 from pydantic import Field, ValidationError, field_validator
+from pydantic.config import JsonDict
 
 from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section, quantity
 
 SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
 _NAME = re.compile(r"[a-z0-9_]+")
+_PATTERN: JsonDict = {"pattern": f"^({SIGNAL.pattern})$"}
 
 
 class Window(Section):
@@ -32,7 +34,9 @@ class Watched(Window):
     """A [[measure]] of one signal."""
 
     signal: str = Field(
-        examples=["plant.p_B[2]"], description='as recorded, one component of it; "-" before it turns it round'
+        examples=["plant.p_B[2]"],
+        description='as recorded, one component of it; "-" before it turns it round',
+        json_schema_extra=_PATTERN,
     )
 
     @field_validator("signal")
@@ -44,7 +48,11 @@ class Watched(Window):
 class Led(Watched):
     """A [[measure]] of a signal and its reference."""
 
-    reference: str = Field(examples=["controller.p_ref_B[2]"], description="the signal that it should be, likewise")
+    reference: str = Field(
+        examples=["controller.p_ref_B[2]"],
+        description="the signal that it should be, likewise",
+        json_schema_extra=_PATTERN,
+    )
 
     @field_validator("reference")
     @classmethod
@@ -68,7 +76,7 @@ class Lag(Led):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag")
+    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag; at most half the window")
 
 
 class Spread(Watched):
@@ -127,6 +135,12 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
             mistakes.append(f"[measure {number}] until_s = {until:g}: after the end at {duration:g} s")
         elif measure.begin >= until:
             mistakes.append(f"[measure {number}] begin_s = {measure.begin:g}: expected a time before {until:g} s")
+        elif isinstance(measure, Lag) and until - measure.begin < 2.0 * measure.longest - 1e-9:
+            length = until - measure.begin
+            mistakes.append(
+                f"[measure {number}] longest_s = {measure.longest:g}: {length:g} s are too short for such lags; "
+                "expected at most half of that"
+            )
         if measure.name in [other.name for other in measures]:
             mistakes.append(f'[measure {number}] name = "{measure.name}": another measure has that name')
         measures.append(measure)

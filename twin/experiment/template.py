@@ -35,6 +35,7 @@ MEASURE = {
     "signal": "-plant.F_ee_B[2]",
     "reference": "controller.F_z_ref",
     "begin_s": 10.0,
+    "until_s": 18.7,
 }
 BELIEVED = "What the controller believes where it differs from [robot]: any key of it."
 LED_BY_TASKS = (
@@ -51,8 +52,8 @@ Table = Mapping[str, Any]
 def commented_experiment(name: str, base: Path) -> str:
     """The text of an experiment that does what the one at `base` does, with all that it could say besides.
 
-    What `base` says of other tables than [robot] and [plant] stands as it is. All else stands behind a "#", with the
-    value that body or robot give it, or its default, or one that would do.
+    What `base` says of other tables than [robot] stands as it is; of [plant], what the robot's file does not say. All
+    else stands behind a "#", with the value that body or robot give it, or its default, or one that would do.
 
     Args:
         name: of the file it will be.
@@ -85,7 +86,9 @@ def commented_experiment(name: str, base: Path) -> str:
     lines += ["", f"# {MEASURED}", *page.array("measure", _measure_of, own.values.get("measure"), (MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     lines += page.keys("robot", schema.Robot, {}, {})
-    lines += ["", f"# {TRUE}", "#[plant]", *page.keys("plant", schema.Plant, {}, {})]
+    true, origins = _values_beside_robot(own, base, "plant"), page.origins("plant")
+    lines += ["", f"# {TRUE}", f"{'' if true else '#'}[plant]", *page.keys("plant", schema.Plant, true, origins)]
+    lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k not in _plain_keys(schema.Plant)]
     return "\n".join(lines) + "\n"
 
 
@@ -167,6 +170,12 @@ def _values_of_body_and_robot(base: Path) -> Table:
     source = read_source(base)
     fill_from_body(source, base.parent)
     return source.values
+
+
+def _values_beside_robot(own: Source, base: Path, table: str) -> Table:
+    """What `own` says in `table` that the robot's file does not."""
+    robot = _at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, table) or {}
+    return {key: value for key, value in (_at(own.values, table) or {}).items() if robot.get(key) != value}
 
 
 def _values_of_others(base: Path) -> Table:

@@ -26,23 +26,34 @@ def with_model(experiment: Experiment, **values: Any) -> Experiment:
 
 
 def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
-    """With another tick (s), scheme, way of inputs or number of iterations; durations and periods stay.
+    """With another tick (s), scheme, way of inputs or number of iterations; whatever is counted in ticks stays as long.
+
+    Args:
+        experiment: without faults, whose onsets are counted too.
 
     Raises:
-        InputRefused: a duration or period is not a whole number of the new ticks.
+        InputRefused: a duration, a period, a delay or the time of a change is not a whole number of the new ticks.
     """
     cosim = experiment.cosim.model_copy(update=values)
+
+    def recounted(name: str, ticks: int) -> int:
+        return _recounted(experiment, name, ticks, cosim.tick)
+
     counts: dict[str, Any] = {
-        name: _recounted(experiment, name, cosim.tick)
+        f"{name}_ticks": recounted(name, getattr(experiment, f"{name}_ticks"))
         for name, there in (
-            ("duration_ticks", True),
-            ("controller_ticks", True),
-            ("scale_ticks", experiment.scale is not None),
-            ("monitor_ticks", experiment.monitor is not None),
+            ("duration", True),
+            ("controller", True),
+            ("scale", experiment.scale is not None),
+            ("monitor", experiment.monitor is not None),
         )
         if there
     }
-    return replace(experiment, cosim=cosim, **counts)
+    changes = tuple(replace(change, tick=recounted("time of a change", change.tick)) for change in experiment.changes)
+    computer = experiment.controller
+    if computer.delay_ticks:
+        computer = computer.model_copy(update={"delay_ticks": recounted("delay", computer.delay_ticks)})
+    return replace(experiment, cosim=cosim, controller=computer, changes=changes, **counts)
 
 
 def exactly_measured(experiment: Experiment) -> Experiment:
@@ -58,12 +69,10 @@ def shortened(experiment: Experiment, duration: float) -> Experiment:
     return replace(experiment, duration_ticks=min(ticks, experiment.duration_ticks))
 
 
-def _recounted(experiment: Experiment, name: str, tick: float) -> int:
-    length = getattr(experiment, name) * experiment.cosim.tick
-    ticks = round(length / tick)
-    if ticks < 1 or abs(ticks * tick - length) > 1e-9 * length:
-        raise InputRefused(
-            f"{experiment.name}: {name.removesuffix('_ticks')} of {length:g} s is not a whole number of ticks of "
-            f"{tick:g} s"
-        )
-    return ticks
+def _recounted(experiment: Experiment, name: str, ticks: int, tick: float) -> int:
+    """How many ticks of `tick` (s) are as long as `ticks` of the experiment's own."""
+    length = ticks * experiment.cosim.tick
+    count = round(length / tick)
+    if count < 1 or abs(count * tick - length) > 1e-9 * length:
+        raise InputRefused(f"{experiment.name}: {name} of {length:g} s is not a whole number of ticks of {tick:g} s")
+    return count

@@ -16,7 +16,7 @@ import numpy as np
 
 from twin.assembly.drives import DrivePlan, Start
 from twin.cosim.component import Component, width
-from twin.errors import TwinError
+from twin.errors import InputRefused, TwinError
 from twin.guard.called import Elsewhere
 from twin.guard.futex import kernel
 from twin.guard.guard import POLL, JobDied, Watch, raise_failure
@@ -112,6 +112,12 @@ class IsolatedDrive(Elsewhere):
             initial_outputs=initial,
             label=label,
             keep=(memory, info, page),
+        )
+
+    def rewind(self) -> None:
+        raise InputRefused(
+            f"{self.label}: a drive in a process of its own cannot go back to the start of a step, which iterations "
+            "above 1 need; use iterations = 1, or --isolate run"
         )
 
     def explain(self, status: int) -> str:

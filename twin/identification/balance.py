@@ -5,9 +5,9 @@ dead zone and s = sign(w) tanh(theta_l'/rate), the spring's torque is (18)-(20) 
 
     tau_l = k N e^(loss s) dead_zone(w, b)
 
-and the robot at rest but for viscous joints obeys (P5), docs/physics.md,
+and the slow robot obeys (P5), docs/physics.md, without the terms in the square of speed,
 
-    J^T (tau_l + g_a - b_j theta_l') - W e_z = F_ee.
+    J^T (tau_l + g_a - b_j theta_l' - I_a theta_l'') - W e_z - m p'' = F_ee,  p'' = J^-1 theta_l''.
 
 In free air F_ee = 0: three equations. On the scale F_ee,z = -F is measured, but the bristles of friction pull sideways
 by up to mu F and nobody measures it: only the z row holds, whatever they do. All are divided by k N (and by the length
@@ -130,15 +130,27 @@ def joint_torques(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np
     return x[KAPPA] * N * np.exp(x[LOSS] * direction) * d - x[FRICTION] * seen.speed
 
 
-def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose) -> Rows:
+def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
+    """Torque that accelerates the robot (n, 3), N m; without I_r, which is not believed: a tenth of it all."""
+    I_a = (belief.m_a / 3.0 + belief.m_b / 2.0) * belief.l_a**2
+    mass = belief.m_p + 1.5 * belief.m_b
+    a_B = np.linalg.solve(at.J, seen.acceleration[..., None])
+    torque: NDArray[np.float64] = mass * np.linalg.solve(at.J.transpose(0, 2, 1), a_B)[..., 0]
+    return torque + I_a * seen.acceleration
+
+
+def rows(
+    x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose, surface: bool = True
+) -> Rows:
     """Residuals of all equations at parameters `x` (17,).
 
     Args:
         seen: windows in free air or in contact. belief: geometry, masses, N and counts.
         resolution: step of the force (N). at: `pose` at x's zeros of the joints.
+        surface: whether the depth in the scale is held against the scale's law, too.
     """
     W = platform_weight(belief)
-    torque = joint_torques(x, seen, belief.N) + at.g_a
+    torque = joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at)
     air, scale = np.flatnonzero(in_air(seen)), np.flatnonzero(on_scale(seen))
     per_torque = 1.0 / (x[KAPPA] * belief.N)
     step_m, step_l = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
@@ -153,16 +165,18 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
     force = (np.sum(J_z * torque[scale], axis=1) - W + F) * per_newton
     force_rounding = np.hypot(rounding, resolution / np.sqrt(12.0) * per_newton)
 
-    rate = np.sum(at.lift[scale] * seen.speed[scale], axis=1)
-    surface = x[HEIGHT] + at.p_B[scale, :2] @ x[SLOPE : SLOPE + 2]
-    depth = at.p_B[scale, 2] - surface + x[COMPLIANCE] * F / (1.0 - x[DAMPING] * rate)
-    turn = np.linalg.norm(at.lift[scale], axis=1)
+    law = slice(None) if surface else slice(0)
+    under = scale[law]
+    rate = np.sum(at.lift[under] * seen.speed[under], axis=1)
+    plane = x[HEIGHT] + at.p_B[under, :2] @ x[SLOPE : SLOPE + 2]
+    depth = at.p_B[under, 2] - plane + x[COMPLIANCE] * F[law] / (1.0 - x[DAMPING] * rate)
+    turn = np.linalg.norm(at.lift[under], axis=1)
     depth_rounding = np.hypot(turn * step_l, PLAUSIBLE_COMPLIANCE * resolution) / np.sqrt(12.0)
     return Rows(
         np.concatenate([joints.ravel(), force, depth]),
         np.concatenate([np.full(3 * len(air), rounding), force_rounding, depth_rounding]),
-        np.concatenate([np.repeat(air, 3), scale, scale]),
-        np.repeat([0, 1, 2], [3 * len(air), len(scale), len(scale)]),
+        np.concatenate([np.repeat(air, 3), scale, under]),
+        np.repeat([0, 1, 2], [3 * len(air), len(scale), len(under)]),
         per_newton,
     )
 
@@ -170,6 +184,6 @@ def rows(x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: floa
 def pressing_force(x: NDArray[np.float64], seen: Windows, belief: Belief) -> NDArray[np.float64]:
     """F_ee_B (n, 3) in N by statics with the parameters `x`, the robot's weight taken off."""
     at = pose(belief, seen.joint - x[JOINT_ZERO : JOINT_ZERO + 3])
-    F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a)
+    F = np.einsum("nij,ni->nj", at.J, joint_torques(x, seen, belief.N) + at.g_a - inertia(seen, belief, at))
     F[:, 2] -= platform_weight(belief)
     return F

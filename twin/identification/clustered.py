@@ -22,22 +22,29 @@ def t_factor(clusters: int) -> float:
 
 
 def sandwich(
-    inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
+    A: NDArray[np.floating], inverse: NDArray[np.floating], residual: NDArray[np.floating], cluster: NDArray[np.int64]
 ) -> NDArray[np.float64]:
     """Covariance (p, p) of least squares whose errors are independent between clusters and anything within.
 
-    (A^T A)^-1 sum_g (A_g^T r_g)(A_g^T r_g)^T (A^T A)^-1 G/(G - 1): Cameron and Miller (2015), A practitioner's guide to
-    cluster-robust inference, J. Human Resources 50:317, Eq. 11 and 12. Infinite for a single cluster.
+    (G - 1)/G sum_g s_g s_g^T, s_g = (I - A_g^+ A_g)^-1 A_g^+ r_g: what leaving out cluster g moves. It is CR3 of Bell
+    and McCaffrey (2002), Bias reduction in standard errors, Survey Methodology 28:169, as in Cameron and Miller (2015),
+    J. Human Resources 50:317, Sec. VI.B, with (I - A_g A_g^+)^-1 pushed through: plain residuals of a few clusters are
+    too small, because the fit has bent to them. Infinite for a single cluster.
 
     Args:
-        inverse: pseudo-inverse of A (p, m). residual: (m,). cluster: number of the group of each row (m,).
+        A: (m, p). inverse: its pseudo-inverse, A^+ (p, m). residual: (m,). cluster: the group of each row (m,).
     """
     numbers = np.unique(cluster)
     G = len(numbers)
     if G < 2:
         return np.full((len(inverse), len(inverse)), np.inf)
-    scores = np.stack([inverse[:, cluster == g] @ residual[cluster == g] for g in numbers])
-    return G / (G - 1.0) * scores.T @ scores
+    moved = np.zeros((G, len(inverse)))
+    for row, g in zip(moved, numbers, strict=True):
+        own = cluster == g
+        remainder = np.eye(len(inverse)) - inverse[:, own] @ A[own]
+        # a direction that only one cluster sees has no scatter
+        row[:] = np.linalg.pinv(remainder, rcond=1e-6) @ (inverse[:, own] @ residual[own])
+    return (G - 1.0) / G * moved.T @ moved
 
 
 def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int64]) -> Line | None:
@@ -46,5 +53,5 @@ def line(A: NDArray[np.float64], y: NDArray[np.float64], cluster: NDArray[np.int
         return None
     inverse = np.linalg.pinv(A)
     c: NDArray[np.float64] = inverse @ y
-    covariance = sandwich(inverse, y - A @ c, cluster)
+    covariance = sandwich(A, inverse, y - A @ c, cluster)
     return Line(c, t_factor(len(np.unique(cluster))) * np.sqrt(np.diag(covariance)))

@@ -7,6 +7,7 @@ named. Intervals are those of clustered errors (`clustered.sandwich`), which ask
 but no narrower than if all errors were independent and of one size: few clusters can agree by chance.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,6 +27,8 @@ JOINTS = slice(JOINT_ZERO, JOINT_ZERO + 3)
 DIFFERENCE = 1e-5
 """Sizes."""
 STEPS = 12
+RETURNING = 6
+"""Steps; windows that leave later do not return: one at the edge of a dead zone would come and go for ever."""
 CONVERGED = 1e-4
 """Sizes: the step that ends the search; what is left after it is its square."""
 SMALLEST = 0.05
@@ -43,6 +46,7 @@ class Fit:
         unseen: orthonormal directions in units of sizes that the data do not see (17, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
         seen: the windows used. rows: their equations at x.
+        converged: whether the search came to rest.
         clusters: how many groups of windows. t_factor: half width of a 95 % interval in standard deviations.
     """
 
@@ -54,6 +58,7 @@ class Fit:
     singular: NDArray[np.float64]
     seen: Windows
     rows: Rows
+    converged: bool
     clusters: int
     t_factor: float
 
@@ -76,20 +81,36 @@ class Fit:
         at = self.rows.kind == 1
         return self.rows.residual[at] / self.rows.per_newton
 
+    def misfit(self, *kinds: int) -> float:
+        """Root mean square of the residuals of `kinds` over what rounding leaves in one sample; 0: there are none."""
+        at = np.isin(self.rows.kind, kinds)
+        return float(np.sqrt(np.mean((self.rows.residual[at] / self.rows.sigma[at]) ** 2))) if np.any(at) else 0.0
+
+    def half_width_through(self, quantity: Callable[[NDArray[np.float64]], float]) -> float:
+        """Of the 95 % interval of a `quantity` that is computed from x (17,), by its gradient at x."""
+        steps = np.diag(1e-4 * sizes(self.unknowns))
+        slope = [(quantity(self.x + e) - quantity(self.x - e)) / (2.0 * e.sum()) for e in steps]
+        return self.half_width(np.array(slope))
+
     def one(self, index: int) -> NDArray[np.float64]:
         """The direction of parameter `index`."""
         return np.eye(COUNT)[index]
 
 
 def fit(
-    seen: Windows, belief: Belief, unknowns: tuple[Parameter, ...], resolution: float, fixed: tuple[int, ...] = ()
+    seen: Windows,
+    belief: Belief,
+    unknowns: tuple[Parameter, ...],
+    resolution: float,
+    fixed: tuple[int, ...] = (),
+    surface: bool = True,
 ) -> Fit:
     """The parameters that meet `balance.rows` best.
 
     Args:
         seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are left
             out. belief: geometry, masses, N, counts. unknowns: of `parameters`. resolution: step of the force (N).
-        fixed: indices of parameters that are known and stay at their start.
+        fixed: indices of parameters that are known and stay at their start. surface: see `rows`.
 
     Raises:
         Unreachable: joint angles that do not close.
@@ -99,36 +120,40 @@ def fit(
     settled = seen.where(in_air(seen) | on_scale(seen))
     used = settled.where(clear(x, settled, belief.N))
     change = np.inf
-    for _ in range(STEPS):
+    for number in range(STEPS):
         if len(used.t) == 0 or change < CONVERGED:
             break
-        at, A = _linearised(x, scale, used, belief, resolution)
+        at, A = _linearised(x, scale, used, belief, resolution, surface)
         step = _seen(A, fixed)[0] @ (-at.residual / at.sigma)
-        step = np.clip(step, -0.5, 0.5)
-        change = float(np.max(np.abs(step)))
-        x = x + scale * step
+        there = x + scale * np.clip(step, -0.5, 0.5)
         for index in (KAPPA, RATE):
-            x[index] = max(x[index], SMALLEST * unknowns[index].start)
-        used = settled.where(clear(x, settled, belief.N))
-    return _finished(x, scale, used, belief, unknowns, resolution, fixed)
+            there[index] = max(there[index], SMALLEST * unknowns[index].start)
+        # held back at its least, a parameter has come to rest
+        change = float(np.max(np.abs(there - x)[scale > 0.0] / scale[scale > 0.0]))
+        x = there
+        candidates = settled if number < RETURNING else used
+        used = candidates.where(clear(x, candidates, belief.N))
+    return _finished(x, scale, used, belief, unknowns, resolution, fixed, surface, change < CONVERGED)
 
 
-def _finished(x, scale, used, belief, unknowns, resolution, fixed) -> Fit:
-    at, A = _linearised(x, scale, used, belief, resolution)
+def _finished(x, scale, used, belief, unknowns, resolution, fixed, surface, converged) -> Fit:
+    at, A = _linearised(x, scale, used, belief, resolution, surface)
     inverse, unseen, singular = _seen(A, fixed)
     r = at.residual / at.sigma
-    covariance = sandwich(inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
+    covariance = sandwich(A, inverse, r, used.cluster[at.window]) * np.outer(scale, scale)
     variance = float(r @ r) / max(len(r) - COUNT, 1)
     independent = variance * inverse @ inverse.T * np.outer(scale, scale)
     clusters = len(np.unique(used.cluster))
-    return Fit(unknowns, x, covariance, independent, unseen, singular, used, at, clusters, t_factor(clusters))
+    return Fit(
+        unknowns, x, covariance, independent, unseen, singular, used, at, converged, clusters, t_factor(clusters)
+    )
 
 
-def _linearised(x, scale, used, belief, resolution) -> tuple[Rows, NDArray[np.float64]]:
+def _linearised(x, scale, used, belief, resolution, surface) -> tuple[Rows, NDArray[np.float64]]:
     """Equations at x, and d residual / d (x / scale) over their sigma (m, 17), by central differences: the equations
     are smooth away from dead zones. Kinematics are solved anew for the zeros of the joints only."""
     here = pose(belief, used.joint - x[JOINTS])
-    at = rows(x, used, belief, resolution, here)
+    at = rows(x, used, belief, resolution, here, surface)
     A = np.zeros((len(at.residual), COUNT))
     for index in np.flatnonzero(scale):
         ends = []
@@ -137,7 +162,7 @@ def _linearised(x, scale, used, belief, resolution) -> tuple[Rows, NDArray[np.fl
             near[index] += side * scale[index]
             turned = JOINTS.start <= index < JOINTS.stop
             there = pose(belief, used.joint - near[JOINTS]) if turned else here
-            ends.append(rows(near, used, belief, resolution, there).residual)
+            ends.append(rows(near, used, belief, resolution, there, surface).residual)
         A[:, index] = (ends[0] - ends[1]) / (2.0 * DIFFERENCE * at.sigma)
     return at, A
 

@@ -13,7 +13,7 @@ from twin.identification.balance import on_scale, pose, pressing_force
 from twin.identification.clustered import line
 from twin.identification.estimate import Estimate
 from twin.identification.fit import Fit
-from twin.identification.parameters import JOINT_ZERO, sizes
+from twin.identification.parameters import JOINT_ZERO
 from twin.identification.windows import Windows
 
 SLIDING = 1e-3
@@ -38,30 +38,28 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
         return None
     swept = seen.where(sliding)
     along = v[sliding, :2] / np.linalg.norm(v[sliding, :2], axis=1, keepdims=True)
-    found = _coefficient(springs.x, swept, along, belief)
+    A = _equations(swept.force, along)
+
+    def sideways(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        return pressing_force(x, swept, belief)[:, :2].ravel()
+
+    found = line(A, sideways(springs.x), np.repeat(swept.cluster, 2))
     if found is None:
         return None
-    mu, width = found
-    step = 1e-4 * sizes(springs.unknowns)
-    ends = [[_coefficient(springs.x + side * e, swept, along, belief) for side in (1.0, -1.0)] for e in np.diag(step)]
-    slope = np.array([(up[0] - low[0]) / (2.0 * h) for (up, low), h in zip(ends, step, strict=True) if up and low])
-    width = float(np.hypot(width, springs.half_width(slope)))
-    return Estimate(mu, width, "1") if width < TOLD else None
+    mu = np.linalg.pinv(A)[0]
+    through = springs.half_width_through(lambda x: float(mu @ sideways(x)))
+    width = float(np.hypot(found.half_widths[0], through))
+    return Estimate(float(found.coefficients[0]), width, "1") if width < TOLD else None
 
 
-def _coefficient(
-    x: NDArray[np.float64], swept: Windows, along: NDArray[np.float64], belief: Belief
-) -> tuple[float, float] | None:
-    """mu and the half width of its interval for springs `x`; `along` (n, 2): direction of each window's motion."""
-    F = pressing_force(x, swept, belief)[:, :2]
-    A = np.zeros((2 * len(F), 3))
-
-    A[:, 0] = (swept.force[:, None] * along).ravel()
+def _equations(force: NDArray[np.float64], along: NDArray[np.float64]) -> NDArray[np.float64]:
+    """What multiplies mu and beta in F_t (2n, 3); `along` (n, 2): direction of each window's motion."""
+    A = np.zeros((2 * len(force), 3))
+    A[:, 0] = (force[:, None] * along).ravel()
     A[0::2, 1] = A[1::2, 2] = 1.0
     # a sweep one way only cannot tell a false zero from friction, and takes the zeros as they were identified
     both = np.linalg.norm(along.mean(axis=0)) < 0.7
-    found = line(A if both else A[:, :1], F.ravel(), np.repeat(swept.cluster, 2))
-    return None if found is None else (float(found.coefficients[0]), float(found.half_widths[0]))
+    return A if both else A[:, :1]
 
 
 def _sliding(seen: Windows, v: NDArray[np.floating]) -> NDArray[np.bool_]:

@@ -4,13 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse.csgraph import connected_components
 
 from twin.controller.belief import Belief
 from twin.errors import Unreachable
 from twin.identification.balance import CONTACT, in_air, on_scale
 from twin.identification.errors import NotIdentifiable
 from twin.identification.estimate import Estimate
-from twin.identification.fit import Fit, fit
+from twin.identification.fit import TOLD, Fit, fit
 from twin.identification.friction import friction
 from twin.identification.motor_torque import spring_stiffness
 from twin.identification.one_pose import OnePose, one_pose
@@ -25,6 +26,9 @@ PLAUSIBLE = 5.0
 """k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
 LEVEL = (HEIGHT, SLOPE, SLOPE + 1)
 """What is known of a level scale whose height was measured."""
+NO_SPRING = 2.0
+"""Depths under load this many times farther from the scale's law than all else, or than rounding explains (it leaves 4
+micrometres), say less than they spoil: what was pressed is skin, or no plane."""
 LOSS_SEEN = 0.02
 """A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
 
@@ -110,9 +114,24 @@ def identified(log: Log, model: Model, height: float | None = None, motor_torque
             f"{path}: the robot never moves slowly and evenly: no {seen.length:g} s in which the motors cross "
             f"{COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
         )
+    if not np.any(in_air(seen)):
+        raise LogRefused(
+            f"{path}: scale.F_z never shows free air, its least is {np.min(seen.lowest):.2f} N; tare the scale, and "
+            "record motion off it as well"
+        )
     unknowns = parameters(belief, model.plant.z_s if height is None else height)
+    fixed = () if height is None else LEVEL
+    notes = taken.notes
     try:
-        found = fit(seen, belief, unknowns, model.resolution, () if height is None else LEVEL)
+        found = fit(seen, belief, unknowns, model.resolution, fixed)
+        springs, depth = found.misfit(0, 1), found.misfit(2)
+        if depth > NO_SPRING * max(springs, 1.0):
+            notes += (
+                f"the depths under load are {depth:.0f} times farther from those of a spring on a plane, "
+                "F = K d (1 + c d'), than rounding explains: that law was left out, and with it what it says of "
+                "height, stiffness and the joints' zeros",
+            )
+            found = fit(seen, belief, unknowns, model.resolution, fixed, surface=False)
     except Unreachable as problem:
         raise LogRefused(
             f"{path}: {problem}; are units, signs and zeros of the joint encoders those of the experiment?"
@@ -122,25 +141,33 @@ def identified(log: Log, model: Model, height: float | None = None, motor_torque
     quantities = {**split, **_quantities(found, height)}
     quantities["friction"] = Quantity("friction under the head", None, friction(found, seen, belief))
     press = one_pose(seen, belief, found.x)
-    return Identification(model, found, seen, quantities, press, _alike(found), taken.notes)
+    return Identification(model, found, seen, quantities, press, _alike(found), notes)
 
 
 def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
     """Raise if there is no k_s eta in the log that could be believed."""
     k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
     pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
-    if found.told(axis, found.unknowns[KAPPA].size) and 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE:
+    plausible = 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE
+    told = found.told(axis, found.unknowns[KAPPA].size)
+    if told and plausible and found.converged:
         return
-    if found.told(axis, k) or (pressing > 10 and not 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE):
+    doubt = (
+        "is the scale in N, are N and counts per turn those of this robot, and do motors and joints count in the same "
+        "sense?"
+    )
+    if not plausible and (found.told(axis, k) or pressing > 10):
         raise LogRefused(
             f"{log.path}: k_s eta comes out more than {PLAUSIBLE:g} times away from the believed {believed:g} N m/rad; "
-            "is the scale in N, are the angles those of the motors, and do motors and joints count in the same sense?"
+            f"{doubt}"
         )
-    known = 100.0 * min(found.half_width(axis) / believed, 9.99)
+    if not found.converged or not len(found.seen.t):
+        raise LogRefused(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
+    share = found.half_width(axis) / believed
+    left = f"{100.0 * share:.0f} % of it" if share < 1.0 else "it"
     raise NotIdentifiable(
-        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave "
-        f"{known:.0f} % of it open; press gradually, in several places, up and down, as experiments/calibration.toml "
-        "does"
+        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave {left} "
+        "open; press gradually, in several places, up and down, as experiments/calibration.toml does"
     )
 
 
@@ -150,7 +177,7 @@ def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str
     k_s, eta, meaning = None, None, "k_s eta"
     loss, width = float(found.x[LOSS]), found.half_width(found.one(LOSS))
     if motor_torque:
-        k_s = spring_stiffness(found.x, found.seen, belief, log)
+        k_s = spring_stiffness(found, belief, log)
         if k_s is not None:
             ratio = product.value / k_s.value
             eta = Estimate(
@@ -186,12 +213,11 @@ def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
 
 
 def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
-    """For each direction that is not seen, the unknowns that make it up."""
-    groups: list[tuple[str, ...]] = []
-    for direction in found.unseen.T:
-        weight = np.abs(direction)
-        # how fast a loss turns over means nothing where there is none
-        weight[RATE] = 0.0
-        members = np.flatnonzero(weight > 0.3 * np.max(weight))
-        groups.append(tuple(found.unknowns[i].meaning for i in members))
-    return tuple(dict.fromkeys(groups))
+    """The unknowns that stand in unseen directions, in groups that share one."""
+    hidden = np.abs(found.unseen @ found.unseen.T)
+    # how fast a loss turns over means nothing where there is none
+    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > TOLD), RATE)
+    _, group = connected_components(hidden[np.ix_(members, members)] > TOLD**2, directed=False)
+    return tuple(
+        tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
+    )

@@ -11,33 +11,38 @@ from twin.controller.belief import Belief
 from twin.identification.balance import wind_up, wound
 from twin.identification.clustered import line
 from twin.identification.estimate import Estimate
+from twin.identification.fit import Fit
 from twin.identification.parameters import BACKLASH
 from twin.identification.windows import Windows
 from twin.logs.errors import LogRefused
 from twin.logs.log import Log
 
 
-def spring_stiffness(x: NDArray[np.float64], seen: Windows, belief: Belief, log: Log) -> Estimate | None:
+def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
     """k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor of `log`; None if the torque does not vary.
 
     Args:
-        x: identified parameters. seen: windows used for them. belief: N.
+        springs: identified; how unsure they are goes into the interval. belief: N.
 
     Raises:
         LogRefused: a torque is missing, or in another unit.
     """
-    torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1)
-    d = wound(wind_up(x, seen, belief.N), x[BACKLASH])
-    n = len(seen.t)
-    A = np.zeros((3 * n, 7))
-    A[:, 0] = d.ravel()
-    for i in range(3):
-        A[i::3, 1 + i] = np.sign(seen.speed[:, i])
-        A[i::3, 4 + i] = 1.0
-    found = line(A, torque.ravel(), np.repeat(seen.cluster, 3))
+    seen = springs.seen
+    torque = np.stack([_mean(log, f"drive/{i}.tau_motor", seen) for i in (1, 2, 3)], axis=1).ravel()
+
+    def equations(x: NDArray[np.float64]) -> NDArray[np.float64]:
+        A = np.zeros((3 * len(seen.t), 7))
+        A[:, 0] = wound(wind_up(x, seen, belief.N), x[BACKLASH]).ravel()
+        for i in range(3):
+            A[i::3, 1 + i] = np.sign(seen.speed[:, i])
+            A[i::3, 4 + i] = 1.0
+        return A
+
+    found = line(equations(springs.x), torque, np.repeat(seen.cluster, 3))
     if found is None:
         return None
-    return Estimate(float(found.coefficients[0]), float(found.half_widths[0]), "N m/rad")
+    through = springs.half_width_through(lambda x: float(np.linalg.pinv(equations(x))[0] @ torque))
+    return Estimate(float(found.coefficients[0]), float(np.hypot(found.half_widths[0], through)), "N m/rad")
 
 
 def _mean(log: Log, name: str, seen: Windows) -> NDArray[np.float64]:

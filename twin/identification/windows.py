@@ -20,7 +20,7 @@ LENGTH = 0.1
 COUNTS = 4.0
 """Motor counts that have to be crossed in a window, on average over the joints."""
 ACCELERATION = 0.05
-"""m/s2: with 0.3 kg it leaves 0.015 N of inertia in the balance, a third of a step of the paper's scale."""
+"""m/s2: with 0.3 kg, 0.015 N of inertia, a third of a step of the paper's scale; the balance knows of nine tenths."""
 JOINTS_PER_METRE = 17.0
 """rad/m: d theta_l / d p_z at home."""
 GUARD = 0.1
@@ -35,7 +35,7 @@ class Windows(NamedTuple):
     Attributes:
         t: middle of each (n,), s.
         motor, joint: what the encoders read, zeros included (n, 3), rad.
-        speed: of the joints (n, 3), rad/s.
+        speed: of the joints (n, 3), rad/s. acceleration: of the joints (n, 3), rad/s2.
         spread: half of the range that the wind-up motor - N joint runs through (n, 3), rad.
         force: of the scale, pressing positive (n,), N.
         force_rate: its slope (n,), N/s.
@@ -48,6 +48,7 @@ class Windows(NamedTuple):
     motor: NDArray[np.float64]
     joint: NDArray[np.float64]
     speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
     spread: NDArray[np.float64]
     force: NDArray[np.float64]
     force_rate: NDArray[np.float64]
@@ -88,10 +89,10 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
     length = max(LENGTH, 10.0 * log.period, 2.0 * float(np.median(np.diff(force.t))))
     bins = np.floor((log.t - log.t[0]) / length).astype(np.int64)
     known = (log.t >= force.t[0]) & (log.t <= force.t[-1]) & ~in_gap(log.t, force.sampling.gaps)
-    known &= np.all(np.isfinite(log.count_m + log.count_l), axis=1)
+    F = np.interp(log.t, force.t, force.values)
+    known &= np.isfinite(F) & np.all(np.isfinite(log.count_m + log.count_l), axis=1)
     if not np.any(known):
         raise LogRefused(f"{log.path}: encoders and scale were never recorded at the same time")
-    F = np.interp(log.t, force.t, force.values)
     motor = log.count_m * (2.0 * np.pi / belief.motor_counts)
     joint = log.count_l * (2.0 * np.pi / belief.joint_counts)
     full, late = 0.8 * length / log.period, round(GUARD / log.period)
@@ -101,14 +102,16 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
         if b - a >= full and np.all(known[a:b])
     ]
     columns = [np.array(column) for column in zip(*rows, strict=True)] or [
-        np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 0, 0, 0, 0, 1, 1)
+        np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 1)
     ]
-    *means, travel, change = columns
-    t, motor, joint, speed, spread, force_mean, force_rate, lowest, highest = means
+    *means, travel = columns
+    t, motor, joint, speed, acceleration, spread, force_mean, force_rate, lowest, highest = means
     counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
-    calm = np.all(np.abs(change) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
+    calm = np.all(np.abs(acceleration) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
     cluster = np.floor(t / CLUSTER).astype(np.int64)
-    every = Windows(t, motor, joint, speed, spread, force_mean, force_rate, lowest, highest, cluster, length)
+    every = Windows(
+        t, motor, joint, speed, acceleration, spread, force_mean, force_rate, lowest, highest, cluster, length
+    )
     return every.where((counts >= COUNTS) & calm)
 
 
@@ -119,15 +122,15 @@ def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]
 
 
 def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
-    """One row of the columns of `Windows`, then range of the motors (3,) and acceleration of the joints (3,)."""
+    """One row of the columns of `Windows`, then range of the motors (3,)."""
     half = len(t) // 2
     # slopes of both halves by regression: an encoder's step costs them least
     first, last = (_slope(t[part], joint[part]) for part in (slice(None, half), slice(half, None)))
-    wind_up = motor - N * joint
+    acceleration = (last - first) / (t[half:].mean() - t[:half].mean())
     return (
-        float(np.mean(t)), motor.mean(axis=0), joint.mean(axis=0), _slope(t, joint), 0.5 * np.ptp(wind_up, axis=0),
-        float(np.mean(F)), float(_slope(t, F)), float(np.min(F_and_later)), float(np.max(F_and_later)),
-        np.ptp(motor, axis=0), (last - first) / (t[half:].mean() - t[:half].mean()),
+        float(np.mean(t)), motor.mean(axis=0), joint.mean(axis=0), _slope(t, joint), acceleration,
+        0.5 * np.ptp(motor - N * joint, axis=0), float(np.mean(F)), float(_slope(t, F)), float(np.min(F_and_later)),
+        float(np.max(F_and_later)), np.ptp(motor, axis=0),
     )  # fmt: skip
 
 

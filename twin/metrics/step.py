@@ -2,9 +2,9 @@
 
 Definitions, for y from its value y_0 before the step to its final value y_inf, share = (y - y_0) / (y_inf - y_0):
 delay and rise times run between first crossings of 10, 50 and 90 % of the share, between samples on a straight line
-(as in IEEE 181); settling times end where the share stays within 2 or 5 % of 1; overshoot is the largest share beyond
-1 (terms as in IEC 60050-351). The errors are against the reference, e = r - y: IAE, ISE and ITAE are the integrals of
-|e|, e^2 and t |e| from the step to the end of the samples.
+(as in IEEE 181); settling times end where the share stays within 2 or 5 % of 1, seen for at least the last tenth of
+the samples; overshoot is the largest share beyond 1 (terms as in IEC 60050-351). The errors are against the reference,
+e = r - y: IAE, ISE and ITAE are the integrals of |e|, e^2 and t |e| from the step to the end of the samples.
 
 A share needs a final value, so a response that is still on its way is refused rather than measured.
 """
@@ -28,7 +28,8 @@ class StepInfo:
 
     Attributes:
         final: y_inf. peak: the value of y farthest along the step; peak_time: when.
-        delay_time: to 50 %. rise_time: from 10 to 90 %. settling_time_2, settling_time_5: to stay within 2, 5 %.
+        delay_time: to 50 %. rise_time: from 10 to 90 %. settling_time_2, settling_time_5: to stay within 2, 5 %;
+            infinity if it was outside within the last tenth, as a response that hunts for ever is.
         overshoot: share of the step. steady_state_error: r - y_inf.
         IAE, ISE, ITAE: unit times s, unit squared times s, unit times s squared.
     """
@@ -76,6 +77,7 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
         )
     share = (y - before) / step
     farthest = int(np.argmax(share))
+    settled_2, settled_5 = (settling_time(t, share, 1.0, band) for band in (0.02, 0.05))
     e = reference - y
     return StepInfo(
         final=final,
@@ -83,8 +85,8 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
         peak_time=float(t[farthest]),
         delay_time=crossing_time(t, share, 0.5),
         rise_time=crossing_time(t, share, 0.9) - crossing_time(t, share, 0.1),
-        settling_time_2=settling_time(t, share, 1.0, 0.02),
-        settling_time_5=settling_time(t, share, 1.0, 0.05),
+        settling_time_2=settled_2 if settled_2 <= t[-tail] else np.inf,
+        settling_time_5=settled_5 if settled_5 <= t[-tail] else np.inf,
         overshoot=overshoot(share, 1.0),
         steady_state_error=reference - final,
         IAE=float(np.trapezoid(np.abs(e), t)),

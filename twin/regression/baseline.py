@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import math
 import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -21,6 +22,7 @@ FOLDER = Path("tests/baselines")
 """Where baselines are looked for, one folder per experiment."""
 _UNTOLD = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are told of one by one."""
+_ANEW = "remove it and write it anew with --update"
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,24 @@ def baseline_of(
     )
 
 
+def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None:
+    """The baseline of `experiment` with `drive`, None if there is none; drives are told apart by their file names.
+
+    Raises:
+        InputRefused: the file that should be it cannot be read, is no baseline, or one of another pair.
+    """
+    file = baseline_file(folder, experiment, drive)
+    if not file.exists():
+        return None
+    found = read_baseline(file)
+    if (found.experiment, Path(found.drive).stem) != (experiment, Path(drive).stem):
+        raise InputRefused(
+            f"{file}: the baseline of {found.experiment} with {found.drive}, expected that of {experiment} with "
+            f"{drive}; move it to where it belongs, or {_ANEW}"
+        )
+    return found
+
+
 def read_baseline(file: Path) -> Baseline:
     """The baseline in `file`.
 
@@ -117,23 +137,23 @@ def read_baseline(file: Path) -> Baseline:
     try:
         table = tomllib.loads(file.read_text(encoding="utf-8"))
         return Baseline(
-            experiment=table["experiment"],
-            drive=table["drive"],
-            fingerprint=table["fingerprint"],
+            experiment=_text(table, "experiment"),
+            drive=_text(table, "drive"),
+            fingerprint=_text(table, "fingerprint"),
             fmus=dict(table["fmus"]),
-            twin=table["twin"],
+            twin=_text(table, "twin"),
             history=tuple(Entry(**entry) for entry in table["history"]),
-            metrics={name: Kept(**kept) for name, kept in table["metrics"].items()},
-            tubes={name: _tube(tube) for name, tube in table.get("tubes", {}).items()},
+            metrics={name: _kept(name, kept) for name, kept in dict(table["metrics"]).items()},
+            tubes={name: _tube(name, tube) for name, tube in dict(table.get("tubes", {})).items()},
         )
     except OSError as problem:
         raise InputRefused(f"{file}: cannot be read: {problem.strerror}") from None
     except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise InputRefused(f"{file}: not valid TOML: {problem}") from None
+        raise InputRefused(f"{file}: not valid TOML: {problem}; mend it, or {_ANEW}") from None
     except KeyError as missing:
-        raise InputRefused(f"{file}: no baseline: missing key {missing}; write it anew with --update") from None
+        raise InputRefused(f"{file}: no baseline: missing key {missing}; {_ANEW}") from None
     except (TypeError, ValueError) as problem:
-        raise InputRefused(f"{file}: no baseline: {problem}; write it anew with --update") from None
+        raise InputRefused(f"{file}: no baseline: {problem}; {_ANEW}") from None
 
 
 def baseline_text(baseline: Baseline) -> str:
@@ -178,11 +198,27 @@ def _array(values: np.ndarray) -> str:
     return "[\n" + "".join(f"  {', '.join(texts[i : i + 10])},\n" for i in range(0, len(texts), 10)) + "]"
 
 
-def _tube(table: dict[str, Any]) -> Sampled:
+def _text(table: dict[str, Any], key: str) -> str:
+    if not isinstance(table[key], str):
+        raise TypeError(f"{key} = {table[key]!r}: expected a text")
+    return table[key]
+
+
+def _kept(name: str, table: dict[str, Any]) -> Kept:
+    kept = Kept(**table)
+    if not (math.isfinite(kept.value) and math.isfinite(kept.bound) and kept.bound >= 0.0):
+        raise ValueError(f'"{name}": expected a number and a bound >= 0')
+    return kept
+
+
+def _tube(name: str, table: dict[str, Any]) -> Sampled:
     t, values = np.array(table["t_s"], dtype=float), np.array(table["values"], dtype=float)
-    if len(t) < 2 or len(t) != len(values) or np.any(np.diff(t) <= 0.0):
-        raise ValueError("t_s and values of a tube: expected as many of each, with times that increase")
-    return Sampled(table["signal"], table["unit"], t, values, float(table["tolerance"]), float(table["dt_s"]))
+    if len(t) < 2 or t.shape != values.shape or not np.all(np.diff(t) > 0.0) or not np.all(np.isfinite(values)):
+        raise ValueError(f"tube {name}: expected as many numbers in t_s as in values, with times that increase")
+    tolerance, dt = float(table["tolerance"]), float(table["dt_s"])
+    if not (math.isfinite(tolerance) and tolerance >= 0.0 and math.isfinite(dt) and dt >= 0.0):
+        raise ValueError(f"tube {name}: expected tolerance and dt_s to be numbers >= 0")
+    return Sampled(table["signal"], table["unit"], t, values, tolerance, dt)
 
 
 def _thinned(curve: Sampled) -> Sampled:

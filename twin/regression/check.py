@@ -11,7 +11,7 @@ from twin.regression.baseline import (
     OWN,
     Baseline,
     baseline_file,
-    read_baseline,
+    known_baseline,
     stored_drives,
 )
 from twin.regression.measurement import Measured, measured
@@ -53,7 +53,7 @@ def check(experiment: Path | str, drive: str | None = None, baselines: Path | st
     file, folder = experiment_file(experiment), Path(baselines)
     drives = [drive] if drive is not None else stored_drives(folder, file.stem)
     if not drives:
-        raise InputRefused(_no_baseline(folder / file.stem, file, OWN))
+        raise InputRefused(_no_baseline(folder, file, OWN))
     found = []
     for name in drives:
         baseline = stored_baseline(folder, file, name)
@@ -72,7 +72,7 @@ def experiment_file(experiment: Path | str) -> Path:
 
 def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
     """The experiment in `file` with `drive` as every joint's, and what it comes to; exceptions as `check`."""
-    experiment = load_experiment(file, drive=None if drive == OWN else drive)
+    experiment = _loaded(file, drive)
     return experiment, measured(experiment, traced(experiment))
 
 
@@ -80,16 +80,23 @@ def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
     """The baseline of the experiment in `file` with `drive`.
 
     Raises:
-        InputRefused: there is none; it says how one is made.
+        InputRefused: there is none, and it says how one is made; or it is damaged, or of something else.
     """
-    stored = baseline_file(folder, file.stem, drive)
-    if not stored.exists():
-        raise InputRefused(_no_baseline(stored, file, drive))
-    return read_baseline(stored)
+    known = known_baseline(folder, file.stem, drive)
+    if known is None:
+        # whoever misspells experiment or drive is told of that
+        _loaded(file, drive)
+        raise InputRefused(_no_baseline(folder, file, drive))
+    return known
 
 
-def _no_baseline(stored: Path, file: Path, drive: str) -> str:
+def _loaded(file: Path, drive: str) -> Experiment:
+    return load_experiment(file, drive=None if drive == OWN else drive)
+
+
+def _no_baseline(folder: Path, file: Path, drive: str) -> str:
+    elsewhere = "" if folder == FOLDER else f" --baselines {folder}"
     return (
-        f"{stored}: no baseline of {file.stem}; accept what it comes to now: "
-        f'twin check {file} --drive {drive} --update --reason "first"'
+        f"{baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
+        f'twin check {file} --drive {drive}{elsewhere} --update --reason "first"'
     )

@@ -10,14 +10,13 @@ from twin.experiment.source import located
 from twin.regression.baseline import (
     OWN,
     Entry,
-    baseline_file,
     baseline_of,
     baseline_text,
-    read_baseline,
+    known_baseline,
     stored_drives,
 )
 from twin.regression.check import experiment_file, measured_with, stored_baseline
-from twin.regression.verdict import Row, Verdict, verdict
+from twin.regression.verdict import Verdict, verdict
 
 ALL = "all"
 """Called like a drive: every drive of fmus/."""
@@ -50,15 +49,8 @@ class Outcome:
     @classmethod
     def of(cls, note: dict[str, Any]) -> "Outcome":
         """Put together again what `checked` has taken apart."""
-        told = note["verdict"]
-        rows = told and tuple(Row(**row) for row in told["rows"])
-        return cls(
-            **note
-            | {
-                "pair": Pair(**note["pair"]),
-                "verdict": told and Verdict(told["experiment"], told["drive"], rows, tuple(told["notes"])),
-            }
-        )
+        verdict = note["verdict"] and Verdict.of(note["verdict"])
+        return cls(**note | {"pair": Pair(**note["pair"]), "verdict": verdict})
 
 
 def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> list[Pair]:
@@ -107,12 +99,11 @@ def checked(voice: Any, work: list[dict[str, str]], folder: str, date: str, reas
 
 def _outcome(pair: Pair, folder: Path, date: str, reason: str) -> Outcome:
     file = Path(pair.file)
-    stored = baseline_file(folder, file.stem, pair.drive)
     if not reason:
         before = stored_baseline(folder, file, pair.drive)
         experiment, now = measured_with(file, pair.drive)
         return Outcome(pair, verdict(experiment, pair.drive, before, now))
-    known = read_baseline(stored) if stored.exists() else None
+    known = known_baseline(folder, file.stem, pair.drive)
     experiment, now = measured_with(file, pair.drive)
     history = known.history if known else ()
     after = baseline_of(experiment, pair.drive, now, (*history, Entry(date, reason)), known)

@@ -18,6 +18,8 @@ from twin.regression.trace import Trace
 
 SETTLING_FLOOR = 0.02
 """Of settling times (s): a response leaves its band so flat that a count moves the instant by far more than a tick."""
+LAG_FLOOR = 5e-4
+"""Of lags (s), which lie between ticks: so that a drive that is late by one tick of 1 ms is noticed."""
 POINTS = 40
 """Of a tube: more would make its file unreadable, and between them a curve is still told by its metrics."""
 TUBE_TIME = 0.004
@@ -25,6 +27,9 @@ TUBE_TIME = 0.004
 TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
 """Least half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the force
 that one count of the motor encoder means (2 pi / 4096 times k_s N at 60 mm)."""
+
+STEPPED = 0.02
+"""A reference has made its step by then (s): way points take a period of the controller, that of a joint another."""
 
 Metrics = dict[str, Metric]
 Curve = NDArray[np.float64]
@@ -91,7 +96,10 @@ def metrics_of_measure(measure: measures.Measure, trace: Trace) -> Metrics:
     Raises:
         InputRefused: this run gives it no meaning.
     """
-    found = KINDS[type(measure)](measure, trace, _inside(measure, trace))
+    inside = _inside(measure, trace)
+    if np.count_nonzero(inside) < 2:
+        raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
+    found = KINDS[type(measure)](measure, trace, inside)
     # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
     return {f"{measure.name}.{name}": metric for name, metric in found.items() if np.isfinite(metric.value)}
 
@@ -110,10 +118,13 @@ def _step(measure: measures.Step, trace: Trace, inside: NDArray[np.bool_]) -> Me
     unit = _common_unit(measure, trace)
     reference, y = trace[measure.reference], trace[measure.signal][inside]
     first = int(np.argmax(inside))
-    # a step of way points takes a period of the controller, and that of a joint takes one to be told of
-    settled = reference[inside][len(y) // 100 :]
-    if np.ptp(settled) > 1e-9 * np.max(np.abs(settled)):
+    settled = reference[inside & (trace.t >= trace.t[first] + STEPPED)]
+    if len(settled) == 0:
+        raise InputRefused(f"measures for less than {STEPPED:g} s; expected the whole response")
+    if np.ptp(settled) > _still(settled):
         raise InputRefused(f"{measure.reference} still moves after the step at {measure.begin:g} s; expected one step")
+    if abs(settled[-1] - reference[max(0, first - 1)]) <= _still(settled):
+        raise InputRefused(f"{measure.reference} makes no step at {measure.begin:g} s; set begin_s to when it does")
     before = trace[measure.signal][max(0, first - 1)]
     info = step_info(trace.t[inside] - trace.t[first], y, float(before), float(settled[-1]))
     step = abs(info.final - float(before))
@@ -146,12 +157,16 @@ def _lag(measure: measures.Lag, trace: Trace, inside: NDArray[np.bool_]) -> Metr
     _common_unit(measure, trace)
     reference, y = trace[measure.reference][inside], trace[measure.signal][inside]
     for name, values in ((measure.reference, reference), (measure.signal, y)):
-        if np.ptp(values) <= 1e-9 * np.max(np.abs(values)):
+        if np.ptp(values) <= _still(values):
             raise InputRefused(f"{name} does not move, so no lag can be told; measure while it does")
-    found = lag(trace.t[inside], y, reference, measure.longest)
-    if found >= measure.longest - 1e-9:
+    t = trace.t[inside]
+    found = lag(t, y, reference, measure.longest)
+    if found >= measure.longest - (t[1] - t[0]):
         raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
-    return {"lag": Metric(found, "s", floor_of("s"), "nearer zero")}
+    late = t >= t[0] + found
+    missed = rms(y[late] - np.interp(t[late] - found, t, reference))
+    # steps of a stepper drown the speed that they come to: then there is no such number
+    return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
 
 
 def _spread(measure: measures.Spread, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
@@ -192,6 +207,11 @@ def _effort(measure: measures.Effort, trace: Trace, inside: NDArray[np.bool_]) -
         "work_delivered": Metric(delivered, "J", floor_of("J")),
         "work_returned": Metric(returned, "J", floor_of("J"), "none"),
     }
+
+
+def _still(values: Curve) -> float:
+    """What is rounding: a range of `values` that is no larger is none."""
+    return 1e-9 * float(np.max(np.abs(values)))
 
 
 def _common_unit(measure: measures.Led, trace: Trace) -> str:

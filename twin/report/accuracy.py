@@ -1,7 +1,7 @@
 """An accuracy budget from file to file: facts, rows for a page, and text."""
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -12,7 +12,6 @@ from twin.report.accuracy_text import accuracy_text
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"
-"""Beside a recording it is what a page of that run shows."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +23,15 @@ class Report:
 
 
 def accuracy_report(
-    experiment: Path, settings: Sequence[str] = (), drive: str | None = None, out: Path | None = None
+    experiment: Path,
+    settings: Sequence[str] = (),
+    drive: str | None = None,
+    out: Path | None = None,
+    say: Callable[[str], None] = lambda what: None,
 ) -> Report:
     """Make the budget of the experiment at a path, and write its facts into `out`, or results/accuracy/EXPERIMENT.
+
+    `say` is told what is being run.
 
     Raises:
         InputRefused: the experiment, a drive or the folder cannot be used.
@@ -38,7 +43,7 @@ def accuracy_report(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
         raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
-    budget = accuracy_budget(loaded)
+    budget = accuracy_budget(loaded, say)
     facts = accuracy_facts(budget)
     (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
     return Report(accuracy_text(budget, str(folder / FACTS)), facts | {"facts": str(folder / FACTS)})
@@ -62,15 +67,3 @@ def accuracy_facts(budget: Budget) -> dict[str, object]:
         "together_N": budget.together,
         "parameters_N": budget.parameters,
     }  # fmt: skip
-
-
-def accuracy_rows(facts: Mapping[str, object]) -> list[tuple[str, float, str]]:
-    """(label, rms in N, meaning) of each line of what `accuracy.json` holds, the sums last: a table as it is."""
-    lines = facts["contributions"]
-    assert isinstance(lines, list)
-    *parts, as_is = [(line["label"], float(line["rms_N"]), line["meaning"]) for line in lines]
-    sums = [
-        ("imperfections together", float(str(facts["together_N"])), "root of the sum of squares; compare as it is"),
-        ("parameters together", float(str(facts["parameters_N"])), "root of the sum of squares; not in this run"),
-    ]
-    return [*parts, *sums, as_is]

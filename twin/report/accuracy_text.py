@@ -10,24 +10,15 @@ NAME = 36
 
 def accuracy_text(budget: Budget, facts: str) -> str:
     """The whole report. facts: path of the file."""
-    total = budget.as_is
-    imperfections = [one for one in budget.contributions if one.group == "imperfection"]
-    twin = [one for one in budget.contributions if one.group == "twin"]
-    parameters = [one for one in budget.contributions if one.group == "parameter"]
-    worst = max(imperfections, key=lambda one: one.rms)
+    imperfections, twin, parameters = (budget.of(group) for group in ("imperfection", "twin", "parameter"))
     lines = [
-        f"{budget.name}: the force is estimated to {total.rms:.3f} N rms",
-        *_wrapped(
-            f"pressing {budget.force:.2f} N, {budget.start:.2f} to {budget.end:.2f} s: {abs(total.bias):.3f} N too "
-            f"{'high' if total.bias > 0.0 else 'low'} on average, {total.std:.3f} N of scatter; most of it is "
-            f"{worst.label}"
-        ),
-        *_wrapped(f"parameters that are known no better than assumed here may add {budget.parameters:.3f} N"),
+        f"{budget.name}: {headline(budget)}",
+        *(line for sentence in details(budget) for line in _wrapped(sentence)),
         "",
         f"  {'in this run, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in imperfections),
         f"  {'sum of biases, root of squares':<{NAME}}{budget.bias:>+9.4f}{'':>9}{budget.together:>9.4f}",
-        _line(total),
+        _line(budget.as_is),
         "",
         f"  {'the twin itself, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in twin),
@@ -40,6 +31,24 @@ def accuracy_text(budget: Budget, facts: str) -> str:
     for one in (*imperfections, *twin):
         lines += _wrapped(f"{one.label}: {one.meaning}", "  ")
     return "\n".join([*lines, f"  {'facts':<10} {facts}"])
+
+
+def headline(budget: Budget) -> str:
+    """The whole in half a sentence."""
+    return f"the force is estimated to {budget.as_is.rms:.3f} N rms"
+
+
+def details(budget: Budget) -> tuple[str, str]:
+    """What the error consists of, and what might be added; half a sentence each."""
+    total, worst = budget.as_is, max(budget.of("imperfection"), key=lambda one: one.rms)
+    off = f"{abs(total.bias):.3f} N too {'high' if total.bias > 0.0 else 'low'}"
+    # three digits, as they are shown
+    off = off if abs(total.bias) >= 5e-4 else "right"
+    return (
+        f"pressing {budget.force:.2f} N, {budget.start:.2f} to {budget.end:.2f} s: {off} on average, "
+        f"{total.std:.3f} N of scatter; most of it is {worst.label}",
+        f"parameters that are known no better than assumed here may add {budget.parameters:.3f} N",
+    )
 
 
 def _line(one: Contribution) -> str:

@@ -8,6 +8,8 @@ from twin.regression.verdict import Row, Verdict
 from twin.report.comparison_text import shown
 
 WIDTH = 80
+LONGEST = 33
+"""Of names beside their numbers; longer ones have a line of their own."""
 MOST = 5
 """Checks that deviate and are told in full; of the others what they come to. All are in the JSON."""
 
@@ -54,7 +56,8 @@ def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
         return "; ".join(filter(None, (f"New: {of}", missed)))
     if not wrong:
         return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
-    told = f"{len(wrong)} of {_count(len(verdicts), 'check')} deviate: {_words(wrong)}"
+    share = f"{len(wrong)} of {_count(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
+    told = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
     return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
 
 
@@ -70,7 +73,7 @@ def _first(verdict: Verdict) -> bool:
 
 
 def _table(rows: Sequence[Row]) -> Iterable[str]:
-    width = max(6, *(len(_name(row)) for row in rows))
+    width = min(LONGEST, max(6, *(len(_name(row)) for row in rows)))
     yield f"  {'':7} {'metric':{width}} {'unit':6}{'baseline':>10}{'now':>10}{'bound':>10}"
     for row in rows:
         unit, factor = shown(row.unit)
@@ -78,7 +81,11 @@ def _table(rows: Sequence[Row]) -> Iterable[str]:
             f"{'-' if value is None or value != value else format(factor * value, '.4g'):>10}"
             for value in (row.before, row.now, row.bound)
         )
-        yield f"  {row.word:7} {_name(row):{width}} {unit:6}{numbers}"
+        head = f"  {row.word:7} {_name(row):{width}}"
+        if len(_name(row)) > width:
+            yield head
+            head = " " * (width + 10)
+        yield f"{head} {unit:6}{numbers}"
 
 
 def _name(row: Row) -> str:

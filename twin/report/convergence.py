@@ -39,7 +39,7 @@ class Request:
 
 @dataclass(frozen=True)
 class Report:
-    """What comes of it. text: at most 80 columns; facts: for programs; found: whether a coupling met the tolerance."""
+    """What comes of it. text: at most 80 columns; facts: for programs; found: False: no coupling met the tolerance."""
 
     text: str
     facts: dict[str, object]
@@ -64,7 +64,9 @@ def convergence_report(request: Request, say: Callable[[str], None] = lambda wha
     facts = convergence_facts(study)
     draw_convergence(study, folder / PICTURE)
     (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
-    return Report(convergence_text(study, files), facts | files, study.choice is not None)
+    return Report(
+        convergence_text(study, files), facts | files, study.choice is not None or not study.reference.pressed
+    )
 
 
 def convergence_facts(study: Study) -> dict[str, object]:

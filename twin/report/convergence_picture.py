@@ -2,6 +2,7 @@
 
 from math import isfinite
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -9,7 +10,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from twin.convergence.signals import FORCE
+from twin.convergence.signals import FORCE, Signal
 from twin.convergence.study import Series, Study
 
 # told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by marker
@@ -21,35 +22,28 @@ def draw_convergence(study: Study, path: Path) -> None:
     figure = Figure(figsize=(11, 5.6), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
     by_tick, by_cost = figure.subplots(1, 2, sharey=True)
+    signal = study.judged
     for one, (color, marker) in zip(study.series, STYLES, strict=False):
         points = [point for point in one.points if isfinite(point.cost)]
-        error = [1e3 * point.errors[FORCE.name] for point in points]
+        error = [signal.scale * point.errors[signal.name] for point in points]
         # the last two often lie on each other
         style = {"color": color, "marker": marker, "ms": 6, "lw": 1.4, "mfc": "none", "mew": 1.5}
-        by_tick.plot([1e3 * point.tick for point in points], error, label=_label(one), **style)
+        by_tick.plot([1e3 * point.tick for point in points], error, label=_label(one, signal), **style)
         by_cost.plot([1e3 * point.cost for point in points], error, **style)
     _draw_slopes(by_tick, study)
     for axes in (by_tick, by_cost):
         axes.set_xscale("log")
         axes.set_yscale("log")
         axes.grid(alpha=0.25, which="major")
-        axes.axhline(1e3 * study.tolerance, color="#c62828", lw=1.0, ls="--")
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
-    by_tick.annotate(
-        f"tolerance, {1e3 * study.tolerance:g} mN", (0.01, 1e3 * study.tolerance), (2, 3),
-        xycoords=("axes fraction", "data"), textcoords="offset points", color="#c62828", fontsize="small",
-    )  # fmt: skip
     ticks = sorted({1e3 * point.tick for one in study.series for point in one.points})
     by_tick.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     by_tick.minorticks_off()
-    if study.choice is not None:
-        point = study.choice.point
-        chosen = {"marker": "o", "ms": 15, "mfc": "none", "mec": "#1c1c1c", "mew": 1.2, "ls": "none"}
-        by_tick.plot(1e3 * point.tick, 1e3 * point.errors[FORCE.name], label="recommended", **chosen)
-        by_cost.plot(1e3 * point.cost, 1e3 * point.errors[FORCE.name], **chosen)
+    if study.reference.pressed:
+        _draw_tolerance(by_tick, by_cost, study)
     by_tick.set_xlabel("tick (ms)")
-    by_tick.set_ylabel("largest error of F_z (mN)")
+    by_tick.set_ylabel(f"largest error of {signal.name} ({signal.unit})")
     by_cost.set_xlabel("computing per simulated second (ms)")
     by_cost.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))
@@ -59,21 +53,40 @@ def draw_convergence(study: Study, path: Path) -> None:
     figure.savefig(path, metadata={"Software": None})
 
 
-def _label(one: Series) -> str:
-    slope = one.orders[FORCE.name].slope
+def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: Study) -> None:
+    """The tolerance of the force, and the run that is recommended for it."""
+    limit = FORCE.scale * study.tolerance
+    for axes in (by_tick, by_cost):
+        axes.axhline(limit, color="#c62828", lw=1.0, ls="--")
+    by_tick.annotate(
+        f"tolerance, {limit:g} mN", (0.01, limit), (2, 3),
+        xycoords=("axes fraction", "data"), textcoords="offset points", color="#c62828", fontsize="small",
+    )  # fmt: skip
+    if study.choice is None:
+        return
+    point = study.choice.point
+    error = FORCE.scale * point.errors[FORCE.name]
+    ring: dict[str, Any] = {"marker": "o", "ms": 15, "mfc": "none", "mec": "#1c1c1c", "mew": 1.2, "ls": "none"}
+    by_tick.plot(1e3 * point.tick, error, label="recommended", **ring)
+    by_cost.plot(1e3 * point.cost, error, **ring)
+
+
+def _label(one: Series, signal: Signal) -> str:
+    slope = one.orders[signal.name].slope
     return one.coupling.name + (f": order {slope:.2f}" if slope is not None else "")
 
 
 def _draw_slopes(axes: Axes, study: Study) -> None:
     """Slopes 1 and 2 from the largest error of each kind of input on, twice as high."""
+    signal = study.judged
     for order in (1, 2):
         series = [one for one in study.series if one.coupling.expected_order == order]
         points = [point for one in series for point in one.points if isfinite(point.cost)]
         if not points:
             continue
         ticks = np.array(sorted({point.tick for point in points}))
-        top = max(point.errors[FORCE.name] for point in points if point.tick == ticks[-1])
-        line = 1e3 * 2.0 * top * (ticks / ticks[-1]) ** order
+        top = max(point.errors[signal.name] for point in points if point.tick == ticks[-1])
+        line = signal.scale * 2.0 * top * (ticks / ticks[-1]) ** order
         axes.plot(1e3 * ticks, line, color="0.6", lw=1.0, ls=":")
         axes.annotate(
             f"slope {order}", (1e3 * ticks[len(ticks) // 2], line[len(ticks) // 2]), (0, 8),

@@ -33,6 +33,9 @@ def convergence_text(study: Study, files: Mapping[str, str]) -> str:
 
 
 def _headline(study: Study) -> list[str]:
+    if not study.reference.pressed:
+        why = "  so no tolerance of the force says which tick and coupling to use"
+        return [f"{study.name}: presses on nothing", why]
     limit = f"{1e3 * study.tolerance:g} mN"
     if study.choice is None:
         return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]
@@ -56,10 +59,11 @@ def _own(study: Study) -> Point | None:
 
 def _errors_by_tick(study: Study) -> list[str]:
     ticks = sorted({point.tick for one in study.series for point in one.points}, reverse=True)
-    told = [_columns("largest error of F_z in mN at", [f"{1e3 * tick:g} ms" for tick in ticks])]
+    signal = study.judged
+    told = [_columns(f"largest error of {signal.name} in {signal.unit} at", [f"{1e3 * tick:g} ms" for tick in ticks])]
     for one in study.series:
-        by_tick = {point.tick: point.errors[FORCE.name] for point in one.points}
-        told.append(_columns(one.coupling.name, [_error(by_tick.get(tick), FORCE.scale) for tick in ticks]))
+        by_tick = {point.tick: point.errors[signal.name] for point in one.points}
+        told.append(_columns(one.coupling.name, [_error(by_tick.get(tick), signal.scale) for tick in ticks]))
     return told
 
 

@@ -69,10 +69,12 @@ def _unknown(one: Identification) -> list[str]:
     missing = [
         quantity.meaning
         for name, quantity in one.quantities.items()
-        if quantity.found is None and name not in ("k_s", "eta")
+        if quantity.found is None and name not in ("k_s", "eta", "friction")
     ]
     if missing:
         lines += _item(f"{_list(missing)}: less sure than a tenth of what they may plausibly be")
+    if one.quantities["friction"].found is None:
+        lines += _item("friction under the head: no sweep under load that is long enough")
     for told in dict.fromkeys(_list(group) for group in one.alike if len(group) > 1):
         lines += _item(f"trade against each other: {told}")
     if "height" in one.quantities:
@@ -116,8 +118,7 @@ def _paper(one: Identification) -> list[str]:
 def _residuals(one: Identification) -> list[str]:
     fit = one.fit
     air, scale = int((fit.rows.kind == 0).sum()) // 3, int((fit.rows.kind == 1).sum())
-    r = fit.rows.residual / fit.rows.sigma
-    share = float((r @ r / max(len(r), 1)) ** 0.5)
+    share = fit.misfit(0, 1, 2)
     lines = _wrapped(
         "fit",
         f"{air} windows of {fit.seen.length:g} s in free air, {scale} on the scale, in {fit.clusters} independent "

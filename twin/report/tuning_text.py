@@ -5,7 +5,6 @@ import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
-from twin.tuning.corner import Corner
 from twin.tuning.fragment import goals_sentence
 from twin.tuning.prediction import HORIZON, Answer
 from twin.tuning.search import Miss
@@ -33,13 +32,6 @@ def tuning_text(done: Tuned) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def corner_name(corner: Corner) -> str:
-    """`force on 300 N/m`, `position in air`."""
-    if not corner.point.in_contact:
-        return f"{corner.laws[0]} in air"
-    return f"{corner.laws[0]} on {corner.point.parameters.K:.4g} N/m"
-
-
 def _verdict(done: Tuned) -> Iterator[str]:
     name, corners = done.experiments[0].name, len(done.after.predictions)
     if done.met:
@@ -47,7 +39,7 @@ def _verdict(done: Tuned) -> Iterator[str]:
         where = "the one corner" if corners == 1 else f"all {corners} corners"
         yield f"{name}  GOALS MET at {where}{confirmed}"
         return
-    yield f"{name}  GOALS NOT MET; this is the best there is"
+    yield f"{name}  GOALS NOT MET; this is the best that was found"
     for miss in done.after.misses:
         yield from _wrapped("  missed    ", _miss(done, miss))
     for sentence in done.contradictions:
@@ -55,7 +47,7 @@ def _verdict(done: Tuned) -> Iterator[str]:
 
 
 def _miss(done: Tuned, miss: Miss) -> str:
-    where = f"{corner_name(miss.at.corner)} with {Path(miss.at.corner.drive).stem}"
+    where = f"{miss.at.corner.name} with {Path(miss.at.corner.drive).stem}"
     goals = done.goals
     if miss.goal == "stability":
         return f"no gains found that are stable: {where}"
@@ -80,33 +72,39 @@ def _gain(law: str, now: str, before: float) -> str:
 
 
 def _table(done: Tuned) -> Iterator[str]:
-    head = f"{'M_s':>5} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
-    yield f"{'':21}  {'before':-^27}  {'after':-^27}"
-    yield f"{'a step of':21}  {head}  {head}"
+    head = f"{'M_s':>4} {'over':>5} {'5 % in':>7} {'-3 dB':>7}"
+    yield f"{'':23}  {'before':-^26}  {'after':-^26}"
+    yield f"{'a step of':23}  {head}  {head}"
     drive = ""
     for i in worst_places(done.after.predictions):
         corner = done.after.predictions[i].corner
         if corner.drive != drive:
             drive = corner.drive
             yield Path(drive).stem
-        yield f"  {corner_name(corner):19}  {_predicted(done.before, i)}  {_predicted(done.after, i)}"
+        yield f"  {corner.name:21}  {_predicted(done.before, i)}  {_predicted(done.after, i)}"
         if i in done.after.trials:
-            yield f"  {'  simulated':19}  {_simulated(done.before, i)}  {_simulated(done.after, i)}"
+            yield f"  {'  simulated':21}  {_simulated(done.before, i)}  {_simulated(done.after, i)}"
 
 
 def _predicted(judged: Judged, i: int) -> str:
     prediction = judged.predictions[i]
     if not prediction.stable:
-        return f"{'UNSTABLE':^27}"
+        return f"{'UNSTABLE':^26}"
     found = next(iter(prediction.answers.values()))
-    return f"{prediction.sensitivity:5.2f} {_answer(found)} {found.bandwidth / (2.0 * math.pi):4.2g} Hz"
+    return f"{prediction.sensitivity:#4.3g} {_answer(found)} {_bandwidth(found.bandwidth)}"
 
 
 def _simulated(judged: Judged, i: int) -> str:
     trial = judged.trials.get(i)
     if trial is None:
-        return f"{'failed' if i in judged.trials else 'not tried':^27}"
-    return f"{'':5} {_answer(trial.answer)} {'':7}"
+        return f"{'failed' if i in judged.trials else 'not tried':^26}"
+    return f"{'':4} {_answer(trial.answer)} {_bandwidth(trial.answer.bandwidth)}"
+
+
+def _bandwidth(omega: float) -> str:
+    hertz = omega / (2.0 * math.pi)
+    digits = 2 if hertz < 1.0 else 1 if hertz < 10.0 else 0
+    return f"{'-':>7}" if math.isnan(omega) else f"{hertz:4.{digits}f} Hz"
 
 
 def _answer(found: Answer) -> str:

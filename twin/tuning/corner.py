@@ -48,6 +48,12 @@ class Corner:
     P: Complex
 
     @property
+    def name(self) -> str:
+        """`force on 300 N/m`, `position in air`."""
+        where = f"on {self.point.parameters.K:.4g} N/m" if self.point.in_contact else "in air"
+        return f"{self.laws[0]} {where}"
+
+    @property
     def laws(self) -> tuple[str, ...]:
         """Whose steps are looked at here: while the force law acts it moves z, and friction holds x and y."""
         return ("force",) if self.point.force_on else ("position",)
@@ -97,7 +103,7 @@ def _opened(experiment: Experiment, drive: str, linear: LinearPoint) -> Corner:
 
 
 def at_stiffness(corner: Corner) -> Experiment:
-    """The corner's experiment with its contact, which stands still; no fault, monitor or display."""
+    """The corner's experiment with its contact, which stands still; no fault, change, monitor or display."""
     p, contact = corner.point.parameters, corner.experiment.contact
     moved = contact.model_copy(update={"stiffness": p.K, "height": p.z_s, "breathing": None, "shift": None})
-    return replace(corner.experiment, contact=moved, faults=(), monitor=None, scale=None)
+    return replace(corner.experiment, contact=moved, faults=(), changes=(), monitor=None, scale=None)

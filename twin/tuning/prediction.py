@@ -7,6 +7,7 @@ The laws are those of `twin/controller/`, put in closed form because thousands o
 A test holds the poles against those of `twin.loop_analysis`, which calls the compiled laws.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,9 +23,12 @@ SETTLED = 0.05
 """Band around the final value (share of the step)."""
 BLOCK = 64
 """Samples; a power of two."""
-END = 0.1
-"""Share of the samples."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
+ALONE = (1.0, 1.0, 1.0, 1.0)
+"""Factors on the loops x, y, z and force that leave them as they are."""
+BETWEEN = 1.02
+"""What M_s may be larger by between two of the frequencies at which it is looked for."""
+LARGEST_FACTOR = 1000.0
 
 
 @dataclass(frozen=True)
@@ -33,13 +37,14 @@ class Answer:
 
     Attributes:
         overshoot: share of the step. settling: time from which it stays within `SETTLED` (s); infinity: not in
-            `HORIZON`. short: mean distance from the final value over the last `END` of it (share of the step).
+            `HORIZON`.
+        error: integrated absolute error over `HORIZON`, of a unit step (s).
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
 
     overshoot: float
     settling: float
-    short: float
+    error: float
     bandwidth: float
 
 
@@ -75,24 +80,27 @@ def predicted(corner: Corner, gains: LawGains) -> Prediction:
     return Prediction(corner, radius, float(np.abs(S).max()), answers)
 
 
-def closed(corner: Corner, gains: LawGains) -> tuple[Matrix, Matrix, Matrix]:
+def closed(corner: Corner, gains: LawGains, factors: Sequence[float] = ALONE) -> tuple[Matrix, Matrix, Matrix]:
     """(A, B, C) with the laws closed: p_ref (3,) and F_z_ref in, true position (3,) and pressing force out.
 
     The force law's integral is a state only where that law acts with an integral gain.
+
+    Args:
+        factors: on the loops x, y, z and force, each where it is opened in `sensitivities` (4,).
     """
-    T = corner.period
-    kp, kp_F, ki = gains
-    on = corner.point.force_on
+    T, on = corner.period, corner.point.force_on
+    K = gains.kp * np.diag(factors[:3])
+    kp_F, ki = factors[3] * gains.force_kp, factors[3] * gains.force_ki
     c_p, c_F = corner.C[:3], corner.C[3]
-    e_z = np.array([0.0, 0.0, 1.0])
+    e_z = np.array([[0.0], [0.0], [1.0]])
     # u = U_x x + U_I I + U_r (p_ref, F_z_ref)
     gain = (kp_F + ki * T) if on else 0.0
-    U_x = kp * (-c_p + gain * np.outer(e_z, c_F))
-    U_r = kp * np.hstack([np.eye(3), -gain * e_z[:, None]])
+    U_x = K @ (-c_p + gain * e_z * c_F)
+    U_r = K @ np.hstack([np.eye(3), -gain * e_z])
     A, B = corner.A + corner.B @ U_x, corner.B @ U_r
     C = corner.C[4:]
     if on and ki:
-        A = np.block([[A, -kp * corner.B @ e_z[:, None]], [-ki * T * c_F[None], np.eye(1)]])
+        A = np.block([[A, -corner.B @ K @ e_z], [-ki * T * c_F[None], np.eye(1)]])
         B = np.vstack([B, [[0.0, 0.0, 0.0, ki * T]]])
         C = np.hstack([C, np.zeros((4, 1))])
     return A, B, C
@@ -116,6 +124,21 @@ def sensitivities(corner: Corner, gains: LawGains) -> np.ndarray:
     return np.diagonal(S, axis1=1, axis2=2)
 
 
+def confirmed(corner: Corner, gains: LawGains, sensitivity: float) -> bool:
+    """Whether the eigenvalues bear out that M_s is no larger than `sensitivity`, but for what is `BETWEEN`.
+
+    A loop with M_s stays stable with any one factor from M_s / (M_s + 1) to M_s / (M_s - 1) (Astrom and Hagglund 2006,
+    Advanced PID Control, Sec. 4.6).
+    """
+    M_s = BETWEEN * sensitivity
+    for i in range(4 if corner.point.force_on else 3):
+        for factor in (M_s / (M_s + 1.0), min(M_s / (M_s - 1.0), LARGEST_FACTOR)):
+            factors = [factor if loop == i else 1.0 for loop in range(4)]
+            if np.abs(np.linalg.eigvals(closed(corner, gains, factors)[0])).max() >= 1.0:
+                return False
+    return True
+
+
 def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matrix, float]:
     """(t in s, response (n,), its final value) of the true position in axis `i`, or of the true pressing force (3), to
     a unit step of its reference at t = 0, over `HORIZON`.
@@ -124,14 +147,14 @@ def step_response(corner: Corner, gains: LawGains, i: int) -> tuple[Matrix, Matr
         gains: with which the corner is stable.
     """
     A, B, C = closed(corner, gains)
-    rest: Matrix = np.linalg.solve(np.eye(len(A)) - A, B[:, i])
+    rest = np.linalg.solve(np.eye(len(A)) - A, B[:, i]).astype(np.float64, copy=False)
     final = float(C[i] @ rest)
     # x(k) = rest - A^k rest; C A^(64 a + b) rest is the product of a few rows C A^b and columns A^(64 a) rest
     samples = round(HORIZON / corner.period)
     rows, power = _powers(C[[i]], A, BLOCK)
     columns, _ = _powers(rest[None], power.T, -(-samples // BLOCK))
     y = final - (columns @ rows.T).ravel()[:samples]
-    return np.arange(samples) * corner.period, y, final
+    return corner.period * np.arange(samples, dtype=np.float64), y, final
 
 
 def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
@@ -143,11 +166,11 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
 
 
 def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
-    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) since the step (s)."""
+    """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `HORIZON` (s)."""
     return Answer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED),
-        float(abs(1.0 - np.mean(share[-round(END * len(share)) :]))),
+        float(np.mean(np.abs(1.0 - share)) * HORIZON),
         bandwidth,
     )
 
@@ -162,7 +185,7 @@ def _worst(each: list[Answer]) -> Answer:
     return Answer(
         max(found.overshoot for found in each),
         max(found.settling for found in each),
-        max(found.short for found in each),
+        max(found.error for found in each),
         min(found.bandwidth for found in each),
     )
 

@@ -1,5 +1,6 @@
 """Gains in the co-simulation with the real drives: a step at a corner, and the experiment itself."""
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -11,10 +12,10 @@ from twin.errors import ComponentFailed
 from twin.execution.outcome import Outcome, Tally
 from twin.execution.watch import Watch
 from twin.experiment.experiment import Experiment
-from twin.experiment.schema import Reference
+from twin.experiment.reference import WayPoints
 from twin.tuning.corner import Corner, at_stiffness
 from twin.tuning.gains import LawGains, with_gains
-from twin.tuning.prediction import HORIZON, Answer, answer, final_value
+from twin.tuning.prediction import HALF_POWER, HORIZON, Answer, answer, final_value
 
 REST = 3.0
 """Time (s) before the step, in which the platform sags under the drives' droop."""
@@ -22,6 +23,10 @@ FORCE_STEP = 0.4
 """Step of the force, as a share of the force at the corner: well above what counts and backlash make of it (0.05 N)."""
 HEIGHT_STEP = 1e-3
 """Step of z (m), upwards."""
+ENDING = 0.25
+"""Share of the samples after the step in which a swing that lasts is looked for."""
+SPECTRUM = 2**18
+"""Samples to which the step is continued before its spectrum is taken: frequencies 0.01 Hz apart."""
 SLICE = 1000
 """Ticks of a whole run between two looks at it."""
 
@@ -33,7 +38,8 @@ class Trial:
     Attributes:
         corner: where. law: whose reference was stepped.
         t, share: s (n,) since the step, and what came of it (n,), 1 where the linear model ends.
-        answer: its bandwidth is not measured (NaN).
+        answer: its bandwidth is NaN if the step is not over in `HORIZON`.
+        swing: of the run with the step, in the end: peak to peak about a straight line (share of the step).
     """
 
     corner: Corner
@@ -41,6 +47,7 @@ class Trial:
     t: Matrix
     share: Matrix
     answer: Answer
+    swing: float
 
 
 def can_be_tried(corner: Corner) -> bool:
@@ -66,9 +73,30 @@ def step_trial(corner: Corner, gains: LawGains) -> Trial | None:
         return None
     i = 3 if corner.point.force_on else 2
     size = FORCE_STEP * corner.point.F_z if corner.point.force_on else HEIGHT_STEP
-    share = (moved - still) / (size * final_value(corner, gains, i))
-    t = np.arange(len(share)) * corner.experiment.cosim.tick
-    return Trial(corner, corner.laws[0], t, share, answer(t, share, np.nan))
+    end = size * final_value(corner, gains, i)
+    share = (moved - still) / end
+    tick = corner.experiment.cosim.tick
+    t = tick * np.arange(len(share), dtype=np.float64)
+    found = answer(t, share, step_bandwidth(share, tick))
+    if math.isinf(found.settling):
+        found = replace(found, bandwidth=math.nan)
+    return Trial(corner, corner.laws[0], t, share, found, lasting_swing(t, moved / end))
+
+
+def step_bandwidth(share: Matrix, tick: float) -> float:
+    """Where the frequency response, the spectrum of the impulse response, first falls below 1/sqrt(2) (rad/s).
+
+    Args:
+        share: answer to a unit step (n,), 1 at its end. tick: between its samples (s).
+    """
+    spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM))
+    return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM * tick))
+
+
+def lasting_swing(t: Matrix, y: Matrix) -> float:
+    """Peak to peak of the last `ENDING` of `y` (n,) about a straight line, which is what is left of creeping."""
+    last = slice(-round(ENDING * len(y)), None)
+    return float(np.ptp(y[last] - np.polyval(np.polyfit(t[last], y[last], 1), t[last])))
 
 
 def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
@@ -78,7 +106,7 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
     period = experiment.controller.period
     up = z + (HEIGHT_STEP if stepped and not point.force_on else 0.0)
     # the last call of the controller before REST still has the old reference
-    reference = Reference.model_construct(t=(0.0, REST - period, REST), p=(point.p_B, point.p_B, (x, y, up)))
+    reference = WayPoints((0.0, REST - period, REST), (point.p_B, point.p_B, (x, y, up)))
     low, high = (1.0 - 0.5 * FORCE_STEP) * point.F_z, (1.0 + 0.5 * FORCE_STEP) * point.F_z
     c = experiment.controller
     force = c.force.model_copy(update={"reference": low, "trigger": None, "trigger_time": 0.0})

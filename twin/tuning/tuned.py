@@ -3,21 +3,19 @@
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.loop_analysis.linear_point import Linearised
+from twin.tuning.contradiction import contradiction
 from twin.tuning.corner import Corner, corners
 from twin.tuning.gains import LawGains, gains_of
 from twin.tuning.goals import Goals
-from twin.tuning.prediction import Prediction, predicted
+from twin.tuning.prediction import Prediction, confirmed, predicted
 from twin.tuning.search import Miss, best_gains, worst_misses
 from twin.tuning.trial import Trial, Whole, can_be_tried, step_trial, whole_run
-
-DOUBT = 0.05
-"""Share of a step by which a simulated overshoot may exceed its goal, and a simulated end miss the predicted one:
-backlash and counts are not linear."""
 
 
 @dataclass(frozen=True)
@@ -60,14 +58,15 @@ class Tuned:
     def contradictions(self) -> list[str]:
         """What the co-simulation does not confirm of the gains found, one sentence each."""
         told = []
+        for prediction in self.after.predictions:
+            M_s = prediction.sensitivity
+            if prediction.stable and not confirmed(prediction.corner, self.after.gains, M_s):
+                told.append(f"{_where(prediction)}: the eigenvalues do not bear out its M_s of {M_s:.3g}")
         for i, trial in self.after.trials.items():
-            where = f"corner {i + 1}"
-            if trial is None:
-                told.append(f"{where}: the co-simulation failed")
-            elif trial.answer.overshoot > self.goals.overshoot + DOUBT:
-                told.append(f"{where}: the co-simulation overshoots by {100 * trial.answer.overshoot:.0f} %")
-            elif trial.answer.short > DOUBT + max(a.short for a in self.after.predictions[i].answers.values()):
-                told.append(f"{where}: the co-simulation ends {100 * trial.answer.short:.0f} % off")
+            prediction = self.after.predictions[i]
+            doubt = "the co-simulation failed" if trial is None else contradiction(trial, prediction, self.goals)
+            if doubt:
+                told.append(f"{_where(prediction)}: {doubt}")
         for whole in self.after.wholes:
             if whole.outcome is None:
                 told.append(f"the experiment itself fails with {whole.drive}")
@@ -125,6 +124,10 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
     tried = [i for i in worst_places(predictions) if can_be_tried(found[i])]
     judged = [_judged(experiments, found, drives, goals, gains, tried) for gains in (start, after)]
     return Tuned(list(experiments), goals, stiffness, drives, problems, *judged)
+
+
+def _where(prediction: Prediction) -> str:
+    return f"{prediction.corner.name} with {Path(prediction.corner.drive).stem}"
 
 
 def worst_places(predictions: Sequence[Prediction]) -> list[int]:
@@ -195,5 +198,7 @@ def _corner_facts(prediction: Prediction, trial: Trial | None) -> dict[str, Any]
             "law": trial.law,
             "overshoot": trial.answer.overshoot,
             "settling": trial.answer.settling if math.isfinite(trial.answer.settling) else None,
+            "bandwidth": trial.answer.bandwidth if math.isfinite(trial.answer.bandwidth) else None,
+            "swing": trial.swing,
         },
     }

@@ -1,7 +1,7 @@
 """The page: gathers what a report shows and writes it as one file."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
@@ -9,7 +9,9 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
+from twin.accuracy.budget import Budget, accuracy_budget
 from twin.errors import InputRefused
+from twin.experiment.recorded import recorded_experiment
 from twin.report.page.block import Block
 from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined
@@ -34,20 +36,27 @@ class Report:
     headline: str
 
 
-def write_report(paths: Sequence[Path], out: Path | None = None) -> Report:
+def write_report(
+    paths: Sequence[Path],
+    out: Path | None = None,
+    budget: bool = False,
+    say: Callable[[str], None] = lambda what: None,
+) -> Report:
     """Write the report on the runs meant by `paths`.
 
     Args:
         paths: at least one; see `report_runs`. out: the file; None: report.html beside the recording, of several runs
-            in results/report.
+            in results/report. budget: run each experiment again without its imperfections, one after the other, for
+            its accuracy budget; `say` is told what is being run.
 
     Raises:
         RecordingRefused: a recording is missing, empty, damaged or foreign.
-        InputRefused: a run is given twice or holds no samples, or the file cannot be written.
+        InputRefused: a run is given twice, holds no samples or has no budget, or the file cannot be written.
+        ComponentFailed: a component failed while a budget was made.
     """
     runs = report_runs(paths)
     path = out or (runs[0].recording.path.parent if len(runs) == 1 else SEVERAL) / REPORT
-    html, headline = report_page(runs)
+    html, headline = report_page(runs, [_budget(run, say) for run in runs] if budget else ())
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(html, encoding="utf-8")
@@ -56,8 +65,8 @@ def write_report(paths: Sequence[Path], out: Path | None = None) -> Report:
     return Report(path, headline)
 
 
-def report_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
-    """(HTML, first sentence). The same recordings and summaries give the same text."""
+def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tuple[str, str]:
+    """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
     judged = verdict(runs)
     blocks = [Block() for _ in runs]
     panels, factor = curves(runs, blocks)
@@ -73,7 +82,7 @@ def report_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
             for event in run.recording.events
         ],
     }
-    parts = sections(runs, picture(runs, judged))
+    parts = sections(runs, picture(runs, judged), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
     html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
@@ -90,6 +99,11 @@ def report_page(runs: Sequence[ReportRun]) -> tuple[str, str]:
         script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
     )
     return html, judged.headline
+
+
+def _budget(run: ReportRun, say: Callable[[str], None]) -> Budget:
+    experiment = recorded_experiment(run.recording.metadata, run.recording.path)
+    return accuracy_budget(experiment, lambda what: say(f"{run.label}: {what}"))
 
 
 def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:

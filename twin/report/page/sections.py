@@ -4,8 +4,10 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from twin.accuracy.budget import Budget
 from twin.paper.claim import Finding
 from twin.paper.score import tally
+from twin.report.page.accuracy import accuracy
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.measures import Measure, measures, number
 from twin.report.page.parameters import differences, flat, parameters
@@ -34,11 +36,14 @@ class Section(NamedTuple):
     html: Markup
 
 
-def sections(runs: Sequence[ReportRun], picture: Markup | None) -> list[Section]:
-    """Everything after the replay."""
+def sections(runs: Sequence[ReportRun], picture: Markup | None, budgets: Sequence[Budget] = ()) -> list[Section]:
+    """Everything after the replay; `budgets`: of each run, or none."""
     found: list[tuple[str, str, Markup]] = []
     if picture is not None:
         found.append(("figure", "Figure", picture))
+    if budgets:
+        own = dict(zip([run.label for run in runs], budgets, strict=True))
+        found.append(("accuracy", "Accuracy budget", _of_each(runs, lambda run: accuracy(own[run.label], run.label))))
     found.append(("events", "Events", _of_each(runs, events)))
     found.append(("drives", "Drives and FMUs", _of_each(runs, drives)))
     found.append(("parameters", "Parameters", _of_each(runs, _folded_parameters)))
