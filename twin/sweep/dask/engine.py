@@ -29,7 +29,7 @@ BATCH_SECONDS = 0.5
 PER_THREAD = 0.004
 """Seconds that it should take at least for each thread there is: all of them share one scheduler and one client, which
 need about 2 ms for a batch (docs/cluster.md)."""
-MOST_OF_BATCH = 64
+MOST_OF_BATCH = 256
 AHEAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
 LOOK = 1.0
@@ -81,6 +81,7 @@ class _Campaign:
 
     def __init__(self, client: "Client", job: Job, errand: Errand, parcel: Parcel, tasks: Sequence[Task]):
         self._client, self._job, self._errand, self._parcel = client, job, errand, parcel
+        self._address: str = client.scheduler_info()["address"]
         self._tasks = {task.run: task for task in tasks}
         self._under_way: dict[Future, list[Order]] = {}
         self._ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
@@ -146,10 +147,6 @@ class _Campaign:
             f"the scheduler {self._address} is gone; finished runs are kept. "
             "Start it and its workers again, then give the same command to go on"
         )
-
-    @property
-    def _address(self) -> str:
-        return self._client.scheduler.address
 
     def _batch(self, waiting: deque[Order]) -> list[Order]:
         """As many runs as a batch should take; fewer towards the end, so that all threads end together."""
