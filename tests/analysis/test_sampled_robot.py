@@ -36,7 +36,7 @@ def test_the_step_of_the_linear_plant_is_the_derivative_of_the_component_s_own(s
         # the bristle follows the platform while it sticks
         new[6:] += deviation[:2] if z < PARAMETERS.z_s else 0.0
         for _ in range(substeps):
-            integrate(PARAMETERS, new, theta_m + deviation[6:], STILL, STILL, TICK / substeps, k, stage)
+            integrate(PARAMETERS, new, theta_m + deviation[6:], STILL, STILL, STILL, TICK / substeps, k, stage)
         return new[:6]
 
     step = 1e-6

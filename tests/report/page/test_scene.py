@@ -1,9 +1,9 @@
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pytest
 
+from tests.laws.runs import PARAMETERS
 from tests.paper.fig5_recordings import pressed
 from tests.report.page.test_block import decoded
 from twin.plant.surface import SHAPES, surface_frame
@@ -36,23 +36,15 @@ def test_the_force_of_the_player_is_the_recorded_one(force_position: Recording):
     np.testing.assert_array_equal(columns[:, 18:21], force_position["estimator.F_ee_B"][::10].astype(np.float32))
 
 
-class SurfaceOnly(NamedTuple):
-    """What `surface_frame` reads of the plant's parameters."""
-
-    tilt: float
-    tilt_x: float
-    z_s: float
-    shape: float
-    radius: float
-
-
 @pytest.mark.parametrize("shape", SHAPES)
 def test_the_drawn_surface_is_where_the_depth_is_zero(shape: str):
     contact = {"height_mm": -101.0, "tilt_deg": 7.0, "tilt_x_deg": -4.0, "shape": shape}
     if shape != "plane":
         contact["radius_mm"] = 80.0
 
-    apex = SurfaceOnly(np.radians(7.0), np.radians(-4.0), -0.101, SHAPES[shape], 0.08)
+    apex = PARAMETERS._replace(
+        tilt=np.radians(7.0), tilt_x=np.radians(-4.0), z_s=-0.101, shape=SHAPES[shape], radius=0.08
+    )
     for x, y, z in 1e-3 * np.reshape(surface(contact), (-1, 3)):
         depth, *_ = surface_frame(apex, x, y, z)
         # points are told to 0.1 um
