@@ -6,6 +6,7 @@ import signal
 import tempfile
 import warnings
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
@@ -66,7 +67,9 @@ def _knock(address: str) -> None:
             comm.abort()
 
     try:
-        found = asyncio.run(asyncio.wait_for(role(), PATIENCE))
+        # in a thread of its own: in this one a notebook's event loop may be running already
+        with ThreadPoolExecutor(1) as thread:
+            found = thread.submit(asyncio.run, asyncio.wait_for(role(), PATIENCE)).result()
         if found == "Scheduler":
             return
         reason = f"a {found} does"
