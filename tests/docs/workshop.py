@@ -111,7 +111,10 @@ class Workshop:
         assert words[0] == "twin", f"{block.place}: only commands of twin can be left out: {command}"
         options = [word.partition("=")[0] for word in words if word.startswith("--")]
         name = [word for word in words[1:3] if re.fullmatch("[a-z]+", word)]
-        asked = [*(name if name[:1] == ["drive"] else name[:1]), "--help"]
+        if name == ["sweep"]:
+            # twin sweep FILE is short for this
+            name.append("run")
+        asked = [*(name if name[0] in ("drive", "sweep") else name[:1]), "--help"]
         told = self.twin(*asked)
         assert all(option in told for option in options), f"{block.place}: twin {' '.join(asked)} lacks {options}"
 
