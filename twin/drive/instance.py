@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fmpy import fmi2, fmi3
+from fmpy import fmi2
 
 from twin.drive.adapter import KINDS
 from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription, Variable
+from twin.drive.slave import FMU2Drive, FMU3Drive
 from twin.errors import ComponentFailed, InputRefused
 
 Setting = tuple[Variable, float | np.ndarray]
@@ -154,7 +155,7 @@ class Instance:
 
     def _loaded(self, name: str, folder: Path) -> Any:
         model = self.description.model
-        kind = fmi2.FMU2Slave if self.description.version == 2 else fmi3.FMU3Slave
+        kind = FMU2Drive if self.description.version == 2 else FMU3Drive
         here = os.getcwd()
         try:
             with announced(self.description.path.name, name, "the loading of its binary"):
