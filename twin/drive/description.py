@@ -26,7 +26,7 @@ FMI3_KINDS = {"Enumeration": "Int64"}
 """How types travel that have no functions of their own, in words of FMI 3.0."""
 
 SETTLED = 2_000_000_000
-"""Age (ns) from which a file's times tell it from every later state of it: the coarsest clock of a file system, FAT's."""
+"""Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
 
 
 @dataclass(frozen=True)

@@ -53,6 +53,7 @@ class Instance:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
         clock: its first element is the tick at which it is stepped.
+        folder, settings: the arguments.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -71,7 +72,7 @@ class Instance:
         self.messages: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
-        self._settings, self._inputs = settings, inputs
+        self.folder, self.settings, self._inputs = folder, settings, inputs
         self._fmu = self._loaded(name, folder)
         self._instantiate()
         self._initialise(settings, inputs)
@@ -111,7 +112,19 @@ class Instance:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
         self._called("Reset", self._fmu.reset)
-        self._initialise(self._settings, self._inputs)
+        self._initialise(self.settings, self._inputs)
+
+    def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting]) -> None:
+        """FMI's reset, then initialised with other values, with nothing to say of the time before.
+
+        Raises:
+            ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
+        """
+        self.settings, self._inputs = settings, inputs
+        self.clock = np.zeros(1, dtype=np.int64)
+        self.messages.clear()
+        self._unheard.clear()
+        self.reset()
 
     def saved_state(self) -> Any:
         """Its state, to be given to `restore`.

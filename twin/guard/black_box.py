@@ -24,7 +24,7 @@ _LONGEST = 255
 
 
 class Call(NamedTuple):
-    """A call into a component that has been announced and has not returned: the how manieth of its process, and what."""
+    """A call into a component that has been announced and has not returned; `number` counts those of its process."""
 
     number: int
     file: str
