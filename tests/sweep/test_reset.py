@@ -35,9 +35,8 @@ def test_a_drive_that_remembers_is_refused_before_anything_has_run(root: Path, t
     engine = Pretender()
     with pytest.raises(InputRefused) as refused:
         run_sweep(plan, tmp_path / "out", engine)
-    assert str(refused.value) == (
-        's: reuse = "reset": bad.fmu: a run after reset is another one; leave reuse out, and each run gets new instances'
-    )
+    said = "bad.fmu: a run after reset is another one; leave reuse out, and each run gets new instances"
+    assert str(refused.value) == f's: reuse = "reset": {said}'
     assert not engine.asked and not (tmp_path / "out").exists()
 
 
