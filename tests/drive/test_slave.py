@@ -7,6 +7,7 @@ from fmpy import fmi2, fmi3
 
 from twin.drive.archive import unpacked
 from twin.drive.description import described
+from twin.drive.instance import Instance
 from twin.drive.slave import FMU2Drive, FMU3Drive
 
 
@@ -27,3 +28,18 @@ def test_the_functions_of_a_second_slave_are_its_own_binarys_with_fmpys_signatur
             known = model._functions[name]
             assert (function.argtypes, function.restype) == (known.argtypes, known.restype), name
             assert function is getattr(mine.dll, name)
+
+
+@pytest.mark.skipif(not Path("/proc/self/maps").exists(), reason="needs Linux to see what is loaded")
+def test_static_memory_of_a_binary_ends_with_its_last_instance(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    # unpacked where no other test has it loaded from
+    fmu = described(root / "fmus" / "velocity_servo" / "velocity_servo.fmu")
+    folder = unpacked(fmu.path, fmu.sha256)
+    instances = [Instance(f"drive_{joint}", fmu, folder) for joint in (1, 2, 3)]
+    assert str(folder) in Path("/proc/self/maps").read_text()
+    for instance in instances:
+        instance.close()
+    assert str(folder) not in Path("/proc/self/maps").read_text()
