@@ -1,9 +1,11 @@
 import hashlib
+import os
 from pathlib import Path
 
 import pytest
 
 from tests.drive.archives import DESCRIPTION, altered, redescribed
+from twin.drive import description
 from twin.drive.description import described
 from twin.errors import InputRefused
 
@@ -88,3 +90,27 @@ def test_a_wrong_parameter_is_refused(servo: Path, values: dict[str, float], sai
     with pytest.raises(InputRefused, match="parameter") as refused:
         described(servo).settings(values)
     assert said in str(refused.value)
+
+
+def test_a_file_is_read_again_when_it_has_changed_and_only_then(
+    tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
+):
+    # else all that a test writes is too young to be remembered
+    monkeypatch.setattr(description, "SETTLED", -1)
+    copy = tmp_path / "copy.fmu"
+    copy.write_bytes(servo.read_bytes())
+    first = described(copy)
+    assert described(copy) is first
+    times = copy.stat().st_atime_ns, copy.stat().st_mtime_ns
+    altered(servo, tmp_path / "other.fmu", lambda n, c: (n, c + b" " if n == DESCRIPTION else c)).replace(copy)
+    # even one that pretends to be as old as the one before
+    os.utime(copy, ns=times)
+    assert described(copy).sha256 == hashlib.sha256(copy.read_bytes()).hexdigest() != first.sha256
+    copy.write_bytes(b"no FMU any more")
+    assert "not a complete FMU" in refusal(copy)
+
+
+def test_a_file_that_has_just_been_written_is_read_each_time(tmp_path: Path, servo: Path):
+    copy = tmp_path / "copy.fmu"
+    copy.write_bytes(servo.read_bytes())
+    assert described(copy) is not described(copy)

@@ -42,3 +42,8 @@ def linger(voice: Voice, farewell: str, stubborn: bool = False) -> None:
         if stubborn:
             time.sleep(1000)
         raise
+
+
+def variable(voice: Voice, name: str) -> str | None:
+    """What its environment says."""
+    return os.environ.get(name)

@@ -2,6 +2,7 @@
 
 import io
 import json
+import os
 
 import numpy as np
 
@@ -10,7 +11,7 @@ from twin.cosim.delay import delay
 from twin.cosim.simulation import NOBODY, Simulation
 from twin.cosim.system import System
 from twin.guard.account import Account
-from twin.guard.black_box import BlackBox
+from twin.guard.black_box import INPUTS_AT, Announcer, BlackBox, Call
 from twin.guard.voice import PipeVoice
 
 
@@ -38,4 +39,27 @@ def test_an_account_knows_the_component_that_the_mark_points_to():
     memory.mark[:] = 3, 0
     stepping = account.stepping(box)
     assert stepping is not None and (stepping.name, stepping.inputs) == ("only", (("x", 1, "N"),))
+    box.close()
+
+
+def test_a_call_is_known_from_before_it_is_made_until_it_has_returned():
+    box = BlackBox()
+    announcer = Announcer(box.fd)
+    assert box.call() is None and not Account().busy(box)
+    announcer.tell("acme.fmu", "drive_1", "fmi2DoStep")
+    assert box.call() == Call(1, "acme.fmu", "drive_1", "fmi2DoStep") and Account().busy(box)
+    announcer.tell("acme.fmu", "drive_1", "")
+    assert box.call() is None
+    # the same call once more is another one: it is not the first that takes so long
+    announcer.tell("acme.fmu", "drive_1", "fmi2DoStep")
+    assert box.call() == Call(2, "acme.fmu", "drive_1", "fmi2DoStep")
+    box.close()
+
+
+def test_a_call_with_endless_names_leaves_the_inputs_alone():
+    box = BlackBox()
+    Announcer(box.fd).tell(300 * "\u00fc", 300 * "\u00fc", 300 * "\u00fc")
+    call = box.call()
+    assert call is not None and call.function.startswith(100 * "\u00fc")
+    assert len(os.pread(box.fd, 2 * INPUTS_AT, 0)) == INPUTS_AT
     box.close()

@@ -71,3 +71,13 @@ def test_the_supervisor_of_a_run_loads_no_numerics(root: Path):
     code = "import sys, twin.cli.run; print({'numpy', 'numba', 'fmpy', 'mcap', 'pydantic'} & set(sys.modules))"
     done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
     assert done.stdout == "set()\n"
+
+
+def test_a_process_that_works_beside_others_starts_one_thread_for_sums_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    name = "OPENBLAS_NUM_THREADS"
+    monkeypatch.delenv(name, raising=False)
+    assert guarded(f"{JOBS}:variable", {"name": name}) == "1"
+    monkeypatch.setenv(name, "2")
+    assert guarded(f"{JOBS}:variable", {"name": name}) == "2"

@@ -5,7 +5,7 @@ import signal
 import pytest
 
 from twin.guard.account import Account
-from twin.guard.black_box import BlackBox
+from twin.guard.black_box import Announcer, BlackBox
 from twin.guard.sentence import manner, obituary
 
 
@@ -25,9 +25,10 @@ def test_the_manner_of_an_end_names_signal_or_status(status: int, said: str):
 
 def test_a_call_that_has_returned_is_not_blamed():
     box, account = BlackBox(), Account()
-    account.take({"call": ["acme.fmu", "drive_1", "fmi2Instantiate"]})
+    announcer = Announcer(box.fd)
+    announcer.tell("acme.fmu", "drive_1", "fmi2Instantiate")
     blamed = obituary(account, box, "crashed", None, "")
-    account.take({"call": ["acme.fmu", "drive_1", ""]})
+    announcer.tell("acme.fmu", "drive_1", "")
     cleared = obituary(account, box, "crashed", None, "")
     box.close()
     assert blamed.startswith(

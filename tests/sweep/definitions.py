@@ -39,5 +39,10 @@ vary = [{{ key = "{STIFFNESS}", values = {values} }}, {SHORT}]
 def job(plan: Plan, folder: Path, record: str = "none", limits: Limits = Limits(step=2.0)) -> Job:  # noqa: B008
     """What its runs have in common; recordings go to `folder`."""
     return Job(
-        experiment=plan.experiment, recordings=folder, record=record, limits=limits, claims=plan.definition.claims or ""
+        experiment=plan.experiment,
+        recordings=folder,
+        record=record,
+        limits=limits,
+        claims=plan.definition.claims or "",
+        reuse=plan.definition.reuse or "",
     )

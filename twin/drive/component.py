@@ -8,11 +8,11 @@ import numpy as np
 
 from twin.cosim.component import Component, Port
 from twin.cosim.rewind import Rewind
-from twin.drive import adapter, fmu_state, plain_adapter
+from twin.drive import adapter, fmu_state, plain_adapter, reuse
 from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.fmu_state import RESTORE, SAVE
-from twin.drive.instance import Instance, Setting
+from twin.drive.instance import Setting
 from twin.errors import InputRefused
 
 STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
@@ -61,7 +61,7 @@ class FmuComponent(Component):
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        self.instance = Instance(name, description, folder, settings, started)
+        self.instance = reuse.instance(name, description, folder, settings, started)
         raw = self.instance.read([p.variable for p in outputs])
         sizes = [p.port.size for p in outputs]
         initial = np.repeat([p.gain for p in outputs], sizes) * raw + np.repeat([p.offset for p in outputs], sizes)
@@ -133,7 +133,7 @@ class FmuComponent(Component):
             if state is not None and state[0]["state"]:
                 self.instance.forget(int(state[0]["state"]))
         finally:
-            self.instance.close()
+            reuse.let_go(self.instance)
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
         """Whether values can go as they are: Real, unscaled, only the first output shifted."""

@@ -4,6 +4,7 @@ import difflib
 import math
 import platform as machine
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -23,6 +24,9 @@ MOST_DESCRIPTION = 64 << 20
 FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
 FMI3_KINDS = {"Enumeration": "Int64"}
 """How types travel that have no functions of their own, in words of FMI 3.0."""
+
+SETTLED = 2_000_000_000
+"""Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
 
 
 @dataclass(frozen=True)
@@ -108,8 +112,12 @@ class FmuDescription:
         return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
 
 
+_known: dict[Path, tuple[tuple[int, ...], FmuDescription]] = {}
+"""What `described` has found, and the state of the file in which it did."""
+
+
 def described(file: Path) -> FmuDescription:
-    """Read and check the FMU `file`.
+    """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
 
     Raises:
         InputRefused: not a whole zip, no readable model description, not FMI 2.0 or 3.0 co-simulation, needs a tool,
@@ -117,6 +125,18 @@ def described(file: Path) -> FmuDescription:
     """
     if not file.is_file():
         raise InputRefused(f"{file}: no such FMU")
+    facts = file.stat()
+    stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
+    known, description = _known.get(file, (None, None))
+    if description is None or known != stamp:
+        description = _read(file)
+        # the next change of a file that has just been written might get the same time
+        if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > SETTLED:
+            _known[file] = stamp, description
+    return description
+
+
+def _read(file: Path) -> FmuDescription:
     names = entries(file)
     if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
         raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")

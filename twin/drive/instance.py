@@ -10,11 +10,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from fmpy import fmi2, fmi3
+from fmpy import fmi2
 
 from twin.drive.adapter import KINDS
 from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription, Variable
+from twin.drive.slave import FMU2Drive, FMU3Drive
 from twin.errors import ComponentFailed, InputRefused
 
 Setting = tuple[Variable, float | np.ndarray]
@@ -52,6 +53,7 @@ class Instance:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
         clock: its first element is the tick at which it is stepped.
+        folder, settings: the arguments.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -70,7 +72,7 @@ class Instance:
         self.messages: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
-        self._settings, self._inputs = settings, inputs
+        self.folder, self.settings, self._inputs = folder, settings, inputs
         self._fmu = self._loaded(name, folder)
         self._instantiate()
         self._initialise(settings, inputs)
@@ -110,7 +112,19 @@ class Instance:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
         self._called("Reset", self._fmu.reset)
-        self._initialise(self._settings, self._inputs)
+        self._initialise(self.settings, self._inputs)
+
+    def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting]) -> None:
+        """FMI's reset, then initialised with other values, with nothing to say of the time before.
+
+        Raises:
+            ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
+        """
+        self.settings, self._inputs = settings, inputs
+        self.clock = np.zeros(1, dtype=np.int64)
+        self.messages.clear()
+        self._unheard.clear()
+        self.reset()
 
     def saved_state(self) -> Any:
         """Its state, to be given to `restore`.
@@ -154,7 +168,7 @@ class Instance:
 
     def _loaded(self, name: str, folder: Path) -> Any:
         model = self.description.model
-        kind = fmi2.FMU2Slave if self.description.version == 2 else fmi3.FMU3Slave
+        kind = FMU2Drive if self.description.version == 2 else FMU3Drive
         here = os.getcwd()
         try:
             with announced(self.description.path.name, name, "the loading of its binary"):

@@ -38,23 +38,18 @@ class Stepped:
 @dataclass
 class Account:
     """Attributes:
-    call: (file, instance, function) of the announced call that has not returned.
     stepped: None while components are being made.
     unstepped: what to say of the time while `stepped` is None.
     helpers: component -> the process it lives in.
     """
 
-    call: tuple[str, str, str] | None = None
     stepped: Stepped | None = None
     unstepped: str = "before the first step"
     helpers: dict[str, int] = field(default_factory=dict)
 
     def take(self, report: dict[str, Any]) -> None:
-        """Learn from a report of the kinds "call", "loading", "stepping" and "helper"; others tell nothing."""
-        if "call" in report:
-            file, instance, function = report["call"]
-            self.call = (file, instance, function) if function else None
-        elif "loading" in report:
+        """Learn from a report of the kinds "loading", "stepping" and "helper"; others tell nothing."""
+        if "loading" in report:
             self.stepped = None
             self.helpers.clear()
         elif "helper" in report:
@@ -75,4 +70,4 @@ class Account:
 
     def busy(self, box: BlackBox) -> bool:
         """Whether a call into a component is running."""
-        return self.call is not None or self.stepping(box) is not None
+        return box.call() is not None or self.stepping(box) is not None

@@ -41,7 +41,7 @@ def main() -> None:
         from twin.guard.voice import PipeVoice
 
         voice = PipeVoice(reports, box)
-        listen(voice.call)
+        listen(voice.announcer.tell)
         let_watch(voice.stepping)
         arguments = json.loads(next(lines))
         threading.Thread(target=_obey, args=(lines,), daemon=True).start()

@@ -123,7 +123,7 @@ class Watch:
         limits, process = self.limits, self.process
         if process.gone:
             raise self._death(manner(process.end()))
-        doing = (process.box.mark(), self.account.call)
+        doing = (process.box.mark(), process.box.call())
         if doing != self._doing or not self.account.busy(process.box):
             self._doing, self._since = doing, time.monotonic()
         elif time.monotonic() - self._since > limits.step:

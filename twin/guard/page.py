@@ -1,7 +1,7 @@
 """One component's step across two processes: inputs and outputs in shared memory, a word that asks, one that answers.
 
-The page stands in the black box of the process that has the component: from byte 64 on four words and the status, a
-cache line for each side; then t and h, the inputs, the outputs.
+The page stands in the black box of the process that has the component, where inputs stand in that of a run: four words
+and the status, a cache line for each side; then t and h, the inputs, the outputs.
 """
 
 import mmap
@@ -11,11 +11,12 @@ import numpy as np
 from numba import carray, njit, types
 
 from twin.cosim.native import call_step, doubles_at, pointer_to, step_function
+from twin.guard.black_box import INPUTS_AT
 from twin.guard.futex import has_ended, kernel, seen, tell, timespec
 
-ASKED, HOST_ASLEEP, CLOSED = 64, 68, 72
-ANSWERED, CALLER_ASLEEP, STATUS = 128, 132, 136
-_TIME, _INPUTS = 192, 208
+ASKED, HOST_ASLEEP, CLOSED = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
+ANSWERED, CALLER_ASLEEP, STATUS = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
+_TIME, _INPUTS = INPUTS_AT + 128, INPUTS_AT + 144
 NAP = 0.02
 """How long (s) either side sleeps before it looks whether the other still lives."""
 

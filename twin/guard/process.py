@@ -16,6 +16,9 @@ from twin.guard.black_box import BlackBox
 
 KEPT = 8192
 """Bytes kept of what the process printed."""
+THREADS = {"OPENBLAS_NUM_THREADS": "1"}
+"""Environment of the process, where the user does not say otherwise. Processes that run side by side would start a
+thread per core each; and sums would depend on how many cores there are, in the last bit of long vectors."""
 _READ = 65536
 
 
@@ -44,7 +47,7 @@ class GuardedProcess:
             stdout=subprocess.PIPE,
             stderr=None if helper else subprocess.PIPE,
             pass_fds=[self.box.fd],
-            env={**os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            env={**THREADS, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
             start_new_session=not helper,
         )
         self.pid = self._process.pid

@@ -38,8 +38,8 @@ def obituary(
         culprit: the component to blame; None: the one at work.
     """
     participant = _named(account.stepped, culprit) if culprit else account.stepping(box)
-    if account.call and not culprit:
-        file, instance, function = account.call
+    if (call := box.call()) and not culprit:
+        _, file, instance, function = call
         who, where = f"{file} ({instance})", f"in {function}, {_when(account, box)}"
         participant = _named(account.stepped, instance)
     elif account.stepped and participant:

@@ -10,7 +10,7 @@ import numpy as np
 
 from twin.cosim.simulation import NOBODY, SimulationMemory
 from twin.cosim.system import System
-from twin.guard.black_box import INPUTS_AT
+from twin.guard.black_box import INPUTS_AT, Announcer
 from twin.guard.called import called_function
 
 Listen = Callable[[dict[str, Any]], None]
@@ -54,10 +54,14 @@ class PipeVoice:
 
     Args:
         pipe: where the supervisor reads. box: file descriptor of its `BlackBox`.
+
+    Attributes:
+        announcer: says which call is about to be made; there are dozens in a run, too many to wake the supervisor for.
     """
 
     def __init__(self, pipe: TextIO, box: int):
         self._pipe, self.box = pipe, box
+        self.announcer = Announcer(box)
 
     def report(self, kind: str, content: Any) -> None:
         """Send one line."""
@@ -69,10 +73,6 @@ class PipeVoice:
 
     def loading(self) -> None:
         self.report("loading", None)
-
-    def call(self, file: str, instance: str, function: str) -> None:
-        """Fits `twin.drive.announcement.listen`."""
-        self.report("call", [file, instance, function])
 
     def stepping(self, system: System, last_tick: int) -> SimulationMemory:
         """From now on `system` is stepped, in the memory returned. Fits `twin.cosim.simulation.let_watch`."""

@@ -25,7 +25,16 @@ def lifecycle_findings(plan: DrivePlan) -> list[Finding]:
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
     """
-    return [_told("reset", plan, _reset), _told("state", plan, _state)]
+    return [reset_finding(plan), _told("state", plan, _state)]
+
+
+def reset_finding(plan: DrivePlan) -> Check:
+    """Check `reset` of every FMU by itself: whether a run after it is that of a new instance, bit for bit.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised.
+    """
+    return _told("reset", plan, _reset)
 
 
 def _told(name: str, plan: DrivePlan, try_out: Callable[[Instance, list[Setting], list[Variable]], str]) -> Check:

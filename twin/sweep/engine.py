@@ -19,6 +19,7 @@ class Job:
     Attributes:
         experiment: its file. recordings: the folder in which a run's recording gets a folder of its own.
         record: of which runs, "all", "failures" or "none". claims: "fig4" or "", see `Definition`.
+        reuse: "reset" or "", likewise; the drives have been found fit for it.
         limits: of each worker process.
     """
 
@@ -27,6 +28,7 @@ class Job:
     record: str
     limits: Limits
     claims: str
+    reuse: str = ""
 
     @property
     def arguments(self) -> dict[str, str]:
@@ -35,6 +37,7 @@ class Job:
             "experiment": str(self.experiment.absolute()),
             "folder": str(self.recordings.absolute()),
             "claims": self.claims,
+            "reuse": self.reuse,
         }
 
 

@@ -127,11 +127,16 @@ def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
     return chosen.values()
 
 
-class _Foundations:
-    """What runs stand on besides their numbers: files. They are read once per drive and choice of texts.
+def texts(settings: Sequence[str]) -> tuple[str, ...]:
+    """Those of `settings` that are no numbers.
 
     A number cannot name a file, a text can: a body, an FMU. So runs that share drive and texts share their files.
     """
+    return tuple(text for text in settings if text.endswith('"'))
+
+
+class _Foundations:
+    """What runs stand on besides their numbers: files. They are read once per drive and choice of texts."""
 
     def __init__(self, source: str, experiment: Path, judged: bool):
         self._source, self._experiment, self._judged = source, experiment, judged
@@ -151,10 +156,10 @@ class _Foundations:
         return _hash(sorted(self._digests.values()))
 
     def key(self, point: Point, settings: tuple[str, ...]) -> str:
-        texts = tuple(text for text in settings if text.endswith('"'))
-        if (point.drive, texts) not in self._digests:
-            self._digests[point.drive, texts] = self._read(point.drive, texts)
-        return _hash([self._version, self._digests[point.drive, texts], point.drive, settings])[:16]
+        files = point.drive, texts(settings)
+        if files not in self._digests:
+            self._digests[files] = self._read(*files)
+        return _hash([self._version, self._digests[files], point.drive, settings])[:16]
 
     def check(self, drive: str | None, settings: tuple[str, ...]) -> None:
         """Load a run.

@@ -14,6 +14,7 @@ from twin.sweep.folder import claim
 from twin.sweep.measures import within
 from twin.sweep.plan import Plan, Task
 from twin.sweep.pool import Pool
+from twin.sweep.reset import refuse_unproved
 from twin.sweep.rows import ROWS, Row, Rows
 from twin.sweep.statistics import USUAL_METRICS, best, value
 
@@ -63,10 +64,11 @@ def run_sweep(
         limits: of each worker process. show: told the state at the beginning and after each batch of rows.
 
     Raises:
-        InputRefused: the folder is another sweep's, or cannot be written.
+        InputRefused: the folder is another sweep's, or cannot be written; or a drive must not be reset.
         DiskFailed, RecordingFailed: the disk is full.
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
+    refuse_unproved(plan, limits)
     claim(folder, plan)
     with Rows(folder / ROWS) as rows:
         finished = {row["key"] for row in rows.rows}
@@ -74,7 +76,7 @@ def run_sweep(
         tally = _Tally(len(plan.tasks), rows.rows)
         show(tally.state)
         if tasks:
-            job = Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
+            job = _job(plan, folder, record, limits)
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
             with closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
@@ -128,10 +130,15 @@ class Estimate:
 
 
 def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estimate, Row]:  # noqa: B008, it is frozen
-    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
+    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing.
+
+    Raises:
+        InputRefused: a drive must not be reset, and is to be.
+    """
+    refuse_unproved(plan, limits)
     with TemporaryDirectory() as scratch:
         began = time.monotonic()
-        job = Job(plan.experiment, Path(scratch) / RECORDINGS, record, limits, plan.definition.claims or "")
+        job = _job(plan, Path(scratch), record, limits)
         times, rows = [], []
         for batch in Pool(1).results(job, [plan.tasks[0]] * 2):
             times.append(time.monotonic() - began)
@@ -139,6 +146,11 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estim
         size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
     recorded = size if record == "all" else 0
     return Estimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
+
+
+def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:
+    chosen = plan.definition
+    return Job(plan.experiment, folder / RECORDINGS, record, limits, chosen.claims or "", chosen.reuse or "")
 
 
 def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:

@@ -11,6 +11,7 @@ import numpy as np
 
 from twin.assembly.robot import assemble
 from twin.cosim.simulation import Simulation
+from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.execution import execute
 from twin.execution.outcome import Tally
@@ -24,8 +25,8 @@ from twin.sweep.fig4 import COMPANION, findings
 from twin.sweep.measures import Finding, metrics_of
 from twin.sweep.series import RunSeries
 
-SLICE_TICKS = 4000
-"""Nobody watches between slices, so they may be long."""
+SLICE_TICKS = 1000
+"""Nobody watches between slices, so they may be long; but the rows of one are to stay in the processor's cache."""
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> Finding:
@@ -41,14 +42,10 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
         paper = {}
         if claims and not ran.trip:
             paper = _judged(ran, _measured(load_experiment(path, [*settings, COMPANION], drive), True))
-    except InputRefused as refusal:
-        return Finding("refused", str(refusal), {}, time.perf_counter() - began, 0.0)
-    except ComponentFailed as failure:
-        return Finding("failed", str(failure).splitlines()[0], {}, time.perf_counter() - began, 0.0)
     # one run in a thousand that meets a mistake of ours is a row, too
-    except Exception as mistake:
-        reason = f"{type(mistake).__name__}: {mistake}"
-        return Finding("failed", reason, {}, time.perf_counter() - began, 0.0)
+    except Exception as problem:
+        free_kept()
+        return Finding(*_told(problem), {}, time.perf_counter() - began, 0.0)
     status = "tripped" if ran.trip else "done"
     return Finding(status, ran.trip, ran.metrics, time.perf_counter() - began, ran.stepping, paper)
 
@@ -59,11 +56,23 @@ def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path)
     Raises:
         RecordingFailed: the disk is full; that is no fault of the run.
     """
-    # what it comes to is told by `trial`: the same run again
-    with contextlib.suppress(InputRefused, ComponentFailed):
+    try:
         experiment = load_experiment(path, settings, drive)
         folder.mkdir(parents=True, exist_ok=True)
         execute(experiment, folder)
+    # what it comes to is told by `trial`: the same run again
+    except (InputRefused, ComponentFailed):
+        free_kept()
+
+
+def _told(problem: Exception) -> tuple[str, str]:
+    """(status, reason) of a run that `problem` has ended."""
+    match problem:
+        case InputRefused():
+            return "refused", str(problem)
+        case ComponentFailed():
+            return "failed", str(problem).splitlines()[0]
+    return "failed", f"{type(problem).__name__}: {problem}"
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,19 @@ import json
 import shutil
 from pathlib import Path
 
+from twin.drive.reuse import keep_instances
 from twin.guard.voice import Voice
 from twin.sweep.trial import record, trial
 
 
-def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str) -> None:
-    """Run every order; what is imported, compiled or unpacked for one is there for the next, FMU instances are not.
+def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
+    """Run every order; what is imported, compiled or unpacked for one is there for the next.
 
     Notes: {"finding": facts of `Finding`} after each.
 
     Args:
         experiment: its file. folder: where recordings go, a folder per run. claims: see `trial`.
+        reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
         orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
             closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in
             a sweep that records failures never meets it.
@@ -22,6 +24,7 @@ def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str)
     Raises:
         RecordingFailed: the disk is full.
     """
+    keep_instances(reuse == "reset")
     with open(orders, encoding="utf-8") as lines:
         for line in lines:
             order = json.loads(line)

@@ -68,7 +68,7 @@ class Dask:
         with connected(self._scheduler, min(self._processes, len(tasks))) as client:
             ours = versions()
             deliver(client, parcel.contents, surveyed(client, parcel.contents))
-            errand = Errand(uuid.uuid4().hex, ours, parcel.label, job.record, job.limits, job.claims)
+            errand = Errand(uuid.uuid4().hex, ours, parcel.label, job.record, job.limits, job.claims, job.reuse)
             campaign = _Campaign(client, job, errand, parcel, tasks)
             try:
                 yield from campaign.results(orders)

@@ -30,7 +30,7 @@ class Errand:
 
     Attributes:
         sweep: tells it from all others. versions: of whoever sends it. label: of its files.
-        record, limits, claims: see `twin.sweep.engine.Job`.
+        record, limits, claims, reuse: see `twin.sweep.engine.Job`.
     """
 
     sweep: str
@@ -39,6 +39,7 @@ class Errand:
     record: str
     limits: Limits
     claims: str
+    reuse: str = ""
 
 
 @dataclass(frozen=True)
@@ -119,7 +120,12 @@ class Place:
         self._files, self._recordings = folder / "files", folder / "runs"
         depot.lay_out(errand.label.files, self._files)
         self._job = Job(
-            self._files / errand.label.experiment, self._recordings, errand.record, errand.limits, errand.claims
+            self._files / errand.label.experiment,
+            self._recordings,
+            errand.record,
+            errand.limits,
+            errand.claims,
+            errand.reuse,
         )
         self._stopping = threading.Event()
         self._lock = threading.Lock()

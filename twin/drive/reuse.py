@@ -1,0 +1,74 @@
+"""Instances that are kept for the next run and reset, in a process that has been told to; else each is made anew.
+
+Only for drives of which it is known that a run after a reset is that of a new instance, bit for bit.
+"""
+
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path
+
+from twin.drive.description import FmuDescription
+from twin.drive.instance import Instance, Setting
+from twin.errors import TwinError
+
+_Kind = tuple[str, Path, frozenset[str]]
+"""Name, folder of the unpacked FMU, names of what is set: a reset might leave alone what the next run does not set."""
+
+
+class _Shelf:
+    """What is kept, if anything is."""
+
+    def __init__(self) -> None:
+        self.open = False
+        self.instances: dict[_Kind, list[Instance]] = defaultdict(list)
+
+
+_shelf = _Shelf()
+
+
+def keep_instances(keep: bool) -> None:
+    """From now on keep instances, or no longer."""
+    _shelf.open = keep
+    free_kept()
+
+
+def free_kept() -> None:
+    """Free all that are kept: after a failure nobody knows what state they are in."""
+    kept = [instance for instances in _shelf.instances.values() for instance in instances]
+    _shelf.instances.clear()
+    for instance in kept:
+        instance.close()
+
+
+def instance(
+    name: str, description: FmuDescription, folder: Path, settings: Sequence[Setting], inputs: Sequence[Setting]
+) -> Instance:
+    """One in step mode: a kept one that has been reset, or a new one; arguments as those of `Instance`.
+
+    Raises:
+        InputRefused: it cannot be loaded, instantiated or initialised.
+        ComponentFailed: it refuses to be reset.
+    """
+    kept = _shelf.instances[_kind(name, folder, settings)]
+    if not kept:
+        return Instance(name, description, folder, settings, inputs)
+    found = kept.pop()
+    try:
+        found.begin_again(settings, inputs)
+    except TwinError:
+        found.close()
+        raise
+    return found
+
+
+def let_go(instance: Instance) -> None:
+    """Its run is over: keep it, or free it."""
+    kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings)]
+    if not _shelf.open:
+        instance.close()
+    elif instance not in kept:
+        kept.append(instance)
+
+
+def _kind(name: str, folder: Path, settings: Sequence[Setting]) -> _Kind:
+    return name, folder, frozenset(variable.name for variable, _ in settings)

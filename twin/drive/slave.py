@@ -1,0 +1,41 @@
+"""FMPy's slaves, loaded quickly: what they find out about their functions is the same for every instance."""
+
+from typing import Any, ClassVar
+
+from fmpy.fmi2 import FMU2Slave
+from fmpy.fmi3 import FMU3Slave
+
+
+class _Remembering:
+    """Gives the functions of a binary the signatures that FMPy has worked out for the first one of this process.
+
+    FMPy reads them from its own methods with `inspect`, a few milliseconds for each instance. The binary itself is
+    loaded and let go for each, as ever: what it keeps in static memory must not reach from one run into the next.
+    """
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]]
+    _functions: dict[str, Any]
+    dll: Any
+
+    def _loadFunctions(self) -> None:
+        known = type(self)._signatures
+        for name, (names, kinds, result) in known.items():
+            function = getattr(self.dll, name)
+            function.argnames, function.argtypes, function.restype = names, kinds, result
+            self._functions[name] = function
+        if not known:
+            super()._loadFunctions()  # type: ignore[misc]
+            known.update({name: (f.argnames, f.argtypes, f.restype) for name, f in self._functions.items()})
+
+
+# FMPy tells the standard by how the class is called
+class FMU2Drive(_Remembering, FMU2Slave):
+    """An FMI 2.0 slave."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+class FMU3Drive(_Remembering, FMU3Slave):
+    """An FMI 3.0 slave."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
