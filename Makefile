@@ -28,7 +28,7 @@ lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
 	$(VENV)/bin/lint-imports
 
 endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests
-	$(VENV)/bin/python -m pytest -m endurance
+	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m endurance
 
 bench: $(VENV)/.run  ## speed, as ratios measured side by side
 	$(VENV)/bin/python -m benchmarks

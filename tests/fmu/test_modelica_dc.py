@@ -185,6 +185,8 @@ def test_building_without_its_tools_names_them(
     assert "drive 'modelica_dc' is made with rumoca and ziglang: pip install .[fmus]" in capsys.readouterr().err
 
 
+# a minute of compiling C++
+@pytest.mark.endurance
 @pytest.mark.skipif(find_spec("rumoca") is None or find_spec("ziglang") is None, reason="no tools: pip install .[fmus]")
 def test_rebuilding_gives_the_same_bytes(tmp_path: Path) -> None:
     pack_modelica_drive(DRIVE, tmp_path / "scratch", tmp_path / "rebuilt.fmu")
