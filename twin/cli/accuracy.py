@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from twin.cli.completion import drive_names, experiment_files, setting_keys
+from twin.cli.completion import experiment_files
+from twin.cli.job import finished
+from twin.cli.options import IN_A_PROCESS, AsJson, DriveName, Isolated, Settings
 from twin.cli.progress import progress
 
 
@@ -15,23 +17,14 @@ def accuracy(
         Path,
         typer.Argument(metavar="EXPERIMENT", help="Experiment that presses (TOML).", autocompletion=experiment_files),
     ],
-    drive: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.", autocompletion=drive_names
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
-        ),
-    ] = None,
+    drive: DriveName = None,
+    settings: Settings = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where accuracy.json goes: results/accuracy/EXPERIMENT."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
+    isolate: Isolated = IN_A_PROCESS,
 ) -> None:
     """Budget of the force error: encoders, backlash, statics, coupling, parameters.
 
@@ -41,11 +34,26 @@ def accuracy(
 
     Example: twin accuracy experiments/fig4_force_position.toml
     """
-    from twin.report.accuracy import accuracy_report
-
     shown = progress()
+    arguments: dict[str, Any] = {
+        "experiment": str(experiment),
+        "settings": settings or [],
+        "drive": drive,
+        "out": None if out is None else str(out),
+    }
     try:
-        report = accuracy_report(experiment, settings or (), drive, out, shown.say)
+        text, facts = finished(budgeted, arguments, isolate, shown.say)
     finally:
         shown.clear()
-    print(json.dumps(report.facts) if as_json else report.text)
+    print(json.dumps(facts) if as_json else text)
+
+
+def budgeted(
+    voice: Any, experiment: str, settings: list[str], drive: str | None, out: str | None
+) -> tuple[str, dict[str, object]]:
+    """(text, facts for JSON) of the budget, and the file of `out`; a job of the guard."""
+    from twin.report.accuracy import accuracy_report
+
+    folder = None if out is None else Path(out)
+    report = accuracy_report(Path(experiment), settings, drive, folder, lambda what: voice.note(say=what))
+    return report.text, report.facts

@@ -1,33 +1,28 @@
 """`twin analyse`: the loops of an experiment, linear."""
 
 import json
-import os
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from twin.errors import ComponentFailed, InputRefused
+from twin.cli.job import finished
+from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
+from twin.errors import InputRefused
 
 FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 
 
 def analyse(
     experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML).")],
-    drive: Annotated[
-        str | None, typer.Option(metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.")
-    ] = None,
-    body: Annotated[
-        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
-    ] = None,
+    drive: DriveName = None,
+    body: BodyName = None,
+    settings: Settings = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where pictures and JSON go: results/analysis/EXPERIMENT.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
-    isolate: Annotated[bool, typer.Option(help="Run the drives in a process of their own.")] = os.name == "posix",
+    as_json: AsJson = False,
+    isolate: Isolated = IN_A_PROCESS,
 ) -> None:
     """Tell how stable the loops are: margins, gain limits, damping, pictures.
 
@@ -50,24 +45,10 @@ def analyse(
         "settings": settings or [],
         "out": str(folder),
     }
-    facts, text = _guarded(arguments) if isolate else analysed(None, **arguments)
+    facts, text = finished(analysed, arguments, isolate)
     print(json.dumps(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
     if not facts["stable"]:
         raise SystemExit(1)
-
-
-def _guarded(arguments: dict[str, Any]) -> Any:
-    """As `analysed`, in a process of its own.
-
-    Raises:
-        ComponentFailed: an FMU crashed, hung or ended that process.
-    """
-    from twin.guard.guard import JobDiedLoading, guarded
-
-    try:
-        return guarded("twin.cli.analyse:analysed", arguments)
-    except JobDiedLoading as death:
-        raise ComponentFailed(str(death)) from None
 
 
 def analysed(

@@ -9,6 +9,7 @@ import typer
 
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.faults import Isolation
+from twin.cli.options import AsJson
 from twin.errors import InputRefused
 
 BASELINES, PICTURES = Path("tests/baselines"), Path("results/check")
@@ -43,7 +44,7 @@ def check(
     isolate: Annotated[
         Isolation, typer.Option(help="Processes: their own for the runs; none, for debuggers, but this one.")
     ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Check experiments against what they came to before, drive by drive.
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
+from twin.cli.options import AsJson
 from twin.errors import InputRefused
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def compare(
         Path | None,
         typer.Option(metavar="DIR", help="Where picture and JSON go; results/compare, or results/FIGURE."),
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 

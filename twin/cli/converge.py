@@ -2,11 +2,13 @@
 
 import json
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
-from twin.cli.completion import drive_names, experiment_files, setting_keys
+from twin.cli.completion import experiment_files
+from twin.cli.job import finished
+from twin.cli.options import IN_A_PROCESS, AsJson, DriveName, Isolated, Settings
 from twin.cli.progress import progress
 
 
@@ -17,18 +19,8 @@ def converge(
             metavar="EXPERIMENT", help="Experiment with a reference (TOML).", autocompletion=experiment_files
         ),
     ],
-    drive: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.", autocompletion=drive_names
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
-        ),
-    ] = None,
+    drive: DriveName = None,
+    settings: Settings = None,
     tolerance: Annotated[
         float, typer.Option(metavar="N", min=0.0, help="Error of the pressing force that may be.")
     ] = 0.005,
@@ -41,7 +33,8 @@ def converge(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go: results/converge/EXPERIMENT.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
+    isolate: Isolated = IN_A_PROCESS,
 ) -> None:
     """Halve the step: error, order and power residual of each coupling.
 
@@ -52,16 +45,29 @@ def converge(
 
     Example: twin converge experiments/fig4_force_position.toml --duration 6
     """
-    from twin.report.convergence import Request, convergence_report
-
     shown = progress()
+    arguments: dict[str, Any] = {
+        "experiment": str(experiment),
+        "settings": settings or [],
+        "drive": drive,
+        "tolerance": tolerance,
+        "duration": duration,
+        "smooth": smooth,
+        "out": None if out is None else str(out),
+    }
     try:
-        report = convergence_report(
-            Request(experiment, settings or (), drive, tolerance, duration, smooth, out),
-            shown.say,
-        )
+        text, facts, found = finished(converged, arguments, isolate, shown.say)
     finally:
         shown.clear()
-    print(json.dumps(report.facts) if as_json else report.text)
-    if not report.found:
+    print(json.dumps(facts) if as_json else text)
+    if not found:
         raise SystemExit(1)
+
+
+def converged(voice: Any, experiment: str, out: str | None, **asked: Any) -> tuple[str, dict[str, object], bool]:
+    """(text, facts for JSON, whether a coupling is good enough), and the files of `out`; a job of the guard."""
+    from twin.report.convergence import Request, convergence_report
+
+    request = Request(Path(experiment), out=None if out is None else Path(out), **asked)
+    report = convergence_report(request, lambda what: voice.note(say=what))
+    return report.text, report.facts, report.found

@@ -6,10 +6,12 @@ from typing import Annotated
 
 import typer
 
+from twin.cli.options import AsJson
+
 
 def doctor(
     with_run: Annotated[bool, typer.Option("--run", help="Run one second of Fig. 4, too.")] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Say what this installation has and lacks, and what to do about it.
 

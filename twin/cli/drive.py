@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin.cli.completion import drive_names, experiment_files
-from twin.errors import ComponentFailed, InputRefused
+from twin.cli.job import finished
+from twin.cli.options import IN_A_PROCESS, AsJson
+from twin.errors import InputRefused
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan
@@ -27,8 +29,6 @@ Fmu = Annotated[
     ),
 ]
 Isolate = Annotated[bool, typer.Option(help="Run the FMU in a process of its own.")]
-IN_A_PROCESS = os.name == "posix"
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 
 
 @app.callback()
@@ -37,7 +37,7 @@ def drive() -> None:
 
 
 @app.command()
-def info(fmu: Fmu, as_json: Json = False) -> None:
+def info(fmu: Fmu, as_json: AsJson = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
@@ -52,7 +52,7 @@ def info(fmu: Fmu, as_json: Json = False) -> None:
 
 
 @app.command("list")
-def list_(as_json: Json = False) -> None:
+def list_(as_json: AsJson = False) -> None:
     """List the drives of fmus/ and whether they fit this robot, without loading their binaries.
 
     Exit code: 0 whether they fit or not, 2 there is no fmus/.
@@ -111,7 +111,7 @@ def check(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = IN_A_PROCESS,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
 
@@ -126,7 +126,7 @@ def check(
     all_facts = []
     for fmu in fmus:
         arguments = {"fmu": fmu, "here": str(Path.cwd()), "out": str(out)}
-        facts = _guarded("checked", arguments) if isolate else checked(None, **arguments)
+        facts = finished(checked, arguments, isolate)
         all_facts.append(facts)
         if as_json:
             print(json.dumps(facts))
@@ -148,7 +148,7 @@ def compare(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
     isolate: Isolate = IN_A_PROCESS,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
 
@@ -158,24 +158,10 @@ def compare(
     """
     _made(out)
     arguments: dict[str, Any] = {"fmus": fmus, "experiment": str(experiment), "out": str(out)}
-    facts, text = _guarded("compared", arguments) if isolate else compared(None, **arguments)
+    facts, text = finished(compared, arguments, isolate)
     print(json.dumps(facts) if as_json else f"{text}\npicture  {facts['picture']}")
     if any(drive["failure"] for drive in facts["drives"]):
         raise SystemExit(3)
-
-
-def _guarded(job: str, arguments: dict[str, Any]) -> Any:
-    """What `job` of this module returns, in a process of its own.
-
-    Raises:
-        ComponentFailed: an FMU crashed, hung or ended that process. On the bench that is a failure, not a refusal.
-    """
-    from twin.guard.guard import JobDiedLoading, guarded
-
-    try:
-        return guarded(f"twin.cli.drive:{job}", arguments)
-    except JobDiedLoading as death:
-        raise ComponentFailed(str(death)) from None
 
 
 def checked(voice: Any, fmu: str, here: str, out: str) -> dict[str, Any]:

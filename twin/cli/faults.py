@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin.cli.completion import body_names, drive_names, experiment_files, setting_keys
+from twin.cli.completion import experiment_files
+from twin.cli.options import AsJson, BodyName, DriveName, Settings
 from twin.errors import ComponentFailed, InputRefused
 
 if TYPE_CHECKING:
@@ -43,28 +44,13 @@ def faults(
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="How long each fault lasts; without it, to the end.")
     ] = None,
-    drive: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.", autocompletion=drive_names
-        ),
-    ] = None,
-    body: Annotated[
-        str | None,
-        typer.Option(
-            metavar="BODY", help="What to press on: a file of experiments/bodies/.", autocompletion=body_names
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
-        ),
-    ] = None,
+    drive: DriveName = None,
+    body: BodyName = None,
+    settings: Settings = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where rows, picture and JSON go: results/faults/EXPERIMENT.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
     isolate: Annotated[
         Isolation, typer.Option(help="Processes: one of its own for the matrix; none, for debuggers, but this one.")
     ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,

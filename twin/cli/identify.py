@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from twin.cli.options import AsJson, ColumnMap, Settings
+
 
 def identify(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A run of twin, or a CSV or MCAP file of a robot.")],
@@ -13,13 +15,8 @@ def identify(
         Path | None,
         typer.Option(metavar="FILE", help="Experiment that describes the robot; without it, that of the run."),
     ] = None,
-    maps: Annotated[
-        list[str] | None,
-        typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
-    ] = None,
+    maps: ColumnMap = None,
+    settings: Settings = None,
     height: Annotated[
         float | None,
         typer.Option(metavar="MM", help="Height of a level scale, if you measured it: for the zeros."),
@@ -30,7 +27,7 @@ def identify(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/identify/NAME/TIME.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
 

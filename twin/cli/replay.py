@@ -6,6 +6,8 @@ from typing import Annotated
 
 import typer
 
+from twin.cli.options import AsJson, ColumnMap, Settings
+
 
 def replay(
     log: Annotated[Path, typer.Argument(metavar="LOG", help="A CSV or MCAP file of a robot, or a run of twin.")],
@@ -13,13 +15,8 @@ def replay(
         Path | None,
         typer.Option(metavar="FILE", help="Experiment that describes the robot; without it, that of the run."),
     ] = None,
-    maps: Annotated[
-        list[str] | None,
-        typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
-    ] = None,
+    maps: ColumnMap = None,
+    settings: Settings = None,
     plant: Annotated[
         bool, typer.Option("--plant", help="Let the plant model run, driven by the log's motor angles.")
     ] = False,
@@ -33,7 +30,7 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/replay/NAME/TIME.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
 ) -> None:
     """Replay a robot's log: position, force, and whether the twin still matches.
 

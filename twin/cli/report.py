@@ -4,16 +4,15 @@ import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from twin.cli.job import finished
+from twin.cli.options import IN_A_PROCESS, AsJson, Isolated
 from twin.cli.progress import progress
 from twin.errors import InputRefused
 from twin.guard.remains import seen_from_here
-
-if TYPE_CHECKING:
-    from twin.report.page.page import Report
 
 Listener = Callable[[dict[str, Any]], None]
 """Takes a note of `twin.guard.runs.recorded_runs`."""
@@ -33,7 +32,8 @@ def report(
     budget: Annotated[
         bool, typer.Option("--budget", help="Run it again without its imperfections: what adds to the force error.")
     ] = False,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
+    as_json: AsJson = False,
+    isolate: Isolated = IN_A_PROCESS,
 ) -> None:
     """Write a run, or several side by side, as one HTML page to look at offline.
 
@@ -42,14 +42,27 @@ def report(
 
     Example: twin report results/fig4_force_position results/fig4_position
     """
-    from twin.report.page.page import write_report
-
     shown = progress()
+    arguments: dict[str, Any] = {
+        "runs": [str(run) for run in runs],
+        "out": None if out is None else str(out),
+        "budget": budget,
+    }
     try:
-        done = write_report(runs, out, budget, shown.say)
+        # without a budget no FMU is loaded
+        page, headline = finished(reported, arguments, budget and isolate, shown.say)
     finally:
         shown.clear()
-    _tell(done, as_json)
+    _tell(Path(page), headline, as_json)
+
+
+def reported(voice: Any, runs: list[str], out: str | None, budget: bool) -> tuple[str, str]:
+    """(page, headline); a job of the guard."""
+    from twin.report.page.page import write_report
+
+    file = None if out is None else Path(out)
+    done = write_report([Path(run) for run in runs], file, budget, lambda what: voice.note(say=what))
+    return str(done.path), done.headline
 
 
 class Reported:
@@ -84,7 +97,8 @@ class Reported:
         from twin.report.page.page import write_report
 
         try:
-            _tell(write_report(recorded), self._as_json)
+            done = write_report(recorded)
+            _tell(done.path, done.headline, self._as_json)
         except InputRefused as problem:
             if kind is None:
                 raise
@@ -92,9 +106,9 @@ class Reported:
             print(problem, file=sys.stderr)
 
 
-def _tell(done: "Report", as_json: bool) -> None:
-    page = seen_from_here(done.path)
+def _tell(path: Path, headline: str, as_json: bool) -> None:
+    page = seen_from_here(path)
     if as_json:
-        print(json.dumps({"headline": done.headline, "page": str(page)}))
+        print(json.dumps({"headline": headline, "page": str(page)}))
     else:
-        print(f"{done.headline}\n  page  {page}")
+        print(f"{headline}\n  page  {page}")

@@ -12,8 +12,9 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
-from twin.cli.completion import body_names, drive_names, experiment_files, setting_keys
+from twin.cli.completion import experiment_files
 from twin.cli.display import Display
+from twin.cli.options import BodyName, DriveName, Settings
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.guard.guard import GRACE, JobDied, guarded
@@ -46,26 +47,9 @@ def run(
         list[Path],
         typer.Argument(metavar="EXPERIMENT...", help="Experiment files (TOML).", autocompletion=experiment_files),
     ],
-    drive: Annotated[
-        str | None,
-        typer.Option(
-            metavar="FMU", help="Drive of every joint: an .fmu file, or a drive of fmus/.", autocompletion=drive_names
-        ),
-    ] = None,
-    body: Annotated[
-        str | None,
-        typer.Option(
-            metavar="BODY",
-            help="What to press on: a file of experiments/bodies/, such as back.",
-            autocompletion=body_names,
-        ),
-    ] = None,
-    settings: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys
-        ),
-    ] = None,
+    drive: DriveName = None,
+    body: BodyName = None,
+    settings: Settings = None,
     ranges: Annotated[
         list[str] | None,
         typer.Option(

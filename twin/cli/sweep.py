@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
+from twin.cli.options import AsJson
 from twin.cli.progress import progress
-from twin.cli.sweep_show import By, Json, as_facts, show
+from twin.cli.sweep_show import By, as_facts, show
 from twin.errors import InputRefused
 
 if TYPE_CHECKING:
@@ -90,7 +91,7 @@ def run(
         typer.Option(metavar="ADDRESS", help="Of a running Dask cluster; without it, one is started here."),
     ] = None,
     by: By = None,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Run the runs of a sweep that have no row yet, in several processes.
 

@@ -7,10 +7,11 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.cli.options import AsJson
+
 if TYPE_CHECKING:
     from twin.sweep.folder import Kept
 
-Json = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
 By = Annotated[
     str | None,
     typer.Option("--by", metavar="METRIC", help="Metric to rank by; without it, the force error."),
@@ -28,7 +29,7 @@ def show(
     y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="Parameter up the heat map.")] = None,
     html: Annotated[bool, typer.Option("--html", help="Write all of it as one page, sweep.html, too.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write the rows as rows.parquet, too.")] = False,
-    as_json: Json = False,
+    as_json: AsJson = False,
 ) -> None:
     """Show what a sweep came to, also while it runs: best runs, what matters, drives,
     how likely claims are.

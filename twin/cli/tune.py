@@ -2,14 +2,15 @@
 
 import json
 import math
-import os
 import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
-from twin.errors import ComponentFailed, InputRefused
+from twin.cli.job import finished
+from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
+from twin.errors import InputRefused
 
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 
@@ -30,17 +31,13 @@ def tune(
     drive: Annotated[
         list[str] | None, typer.Option(metavar="FMU", help="A drive they have to do for; may be repeated.")
     ] = None,
-    body: Annotated[
-        str | None, typer.Option(metavar="BODY", help="What to press on: a file of experiments/bodies/.")
-    ] = None,
-    settings: Annotated[
-        list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.")
-    ] = None,
+    body: BodyName = None,
+    settings: Settings = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where gains, picture, JSON go: results/tuning/EXPERIMENT.")
     ] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")] = False,
-    isolate: Annotated[bool, typer.Option(help="Run the drives in a process of their own.")] = os.name == "posix",
+    as_json: AsJson = False,
+    isolate: Isolated = IN_A_PROCESS,
 ) -> None:
     """Find the fastest gains that keep a margin and an overshoot everywhere.
 
@@ -70,24 +67,10 @@ def tune(
         "settings": settings or [],
         "out": str(folder),
     }
-    facts, text = _guarded(arguments) if isolate else tuned_loops(None, **arguments)
+    facts, text = finished(tuned_loops, arguments, isolate)
     print(json.dumps(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
     if not facts["met"]:
         raise SystemExit(1)
-
-
-def _guarded(arguments: dict[str, Any]) -> Any:
-    """As `tuned_loops`, in a process of its own.
-
-    Raises:
-        ComponentFailed: an FMU crashed, hung or ended that process.
-    """
-    from twin.guard.guard import JobDiedLoading, guarded
-
-    try:
-        return guarded("twin.cli.tune:tuned_loops", arguments)
-    except JobDiedLoading as death:
-        raise ComponentFailed(str(death)) from None
 
 
 def tuned_loops(

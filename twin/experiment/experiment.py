@@ -16,13 +16,14 @@ from twin.experiment.change import Change, checked_changes
 from twin.experiment.contact import Contact
 from twin.experiment.drive_files import joint_tables, shelved
 from twin.experiment.fault import checked_faults
+from twin.experiment.inheritance import fill_from_robot
 from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import keys, sentences, unknown
 from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.reach import geometry_of
 from twin.experiment.reference import Reference, WayPoints, way_points
-from twin.experiment.source import Source, override, read_source, replace_drive, with_numbers
+from twin.experiment.source import Source, override, read_source, replace_drive
 from twin.faults.fault import Fault
 
 
@@ -141,7 +142,7 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
     Raises:
         InputRefused: with every mistake, one sentence each.
     """
-    _fill_from_robot(source.values)
+    fill_from_robot(source.values)
     mistakes: list[str] = []
     try:
         fill_from_body(source, folder)
@@ -189,32 +190,6 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
         values=source.values,
         origins=source.origins,
     )
-
-
-def _fill_from_robot(values: dict[str, Any]) -> None:
-    """[plant] and [controller.model] are the robot's own values wherever they do not say otherwise."""
-    robot = values.get("robot")
-    if not isinstance(robot, dict):
-        return
-    plant, controller = values.setdefault("plant", {}), values.setdefault("controller", {})
-    if isinstance(plant, dict):
-        values["plant"] = _laid_over(robot, plant, "plant")
-    if isinstance(controller, dict):
-        model = controller.get("model", {})
-        if isinstance(model, dict):
-            known = keys(schema.Model)
-            believed = {k: v for k, v in robot.items() if k in known}
-            controller["model"] = _laid_over(believed, model, "controller.model")
-
-
-def _laid_over(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
-    """The robot's values under those of a table, which may name single numbers of three: `joint_zero_deg.2`."""
-    numbered = {
-        key: with_numbers(value, robot[key], f"{table}.{key}")
-        for key, value in own.items()
-        if isinstance(value, dict) and isinstance(robot.get(key), tuple)
-    }
-    return {**robot, **own, **numbered}
 
 
 def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:

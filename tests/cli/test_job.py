@@ -1,0 +1,25 @@
+from pathlib import Path
+
+import pytest
+
+from tests.cli.test_run import twin
+from tests.guard.hostile import SEGFAULT, hostile_drive
+
+EXPERIMENT = "experiments/fig4_force_position.toml"
+
+
+@pytest.fixture(scope="module")
+def crashing(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return hostile_drive(root, tmp_path_factory.mktemp("crashing"))
+
+
+@pytest.mark.parametrize("command", ["accuracy", "converge"])
+def test_a_drive_that_crashes_ends_the_command_with_a_sentence(
+    root: Path, tmp_path: Path, crashing: Path, command: str
+):
+    settings = [f"drive.joint_2.fmu='{crashing}'", f"drive.joint_2.parameters.droop={SEGFAULT}"]
+    flags = [word for setting in settings for word in ("--set", setting)]
+    done = twin(command, root / EXPERIMENT, *flags, cwd=tmp_path)
+    assert done.returncode == 3
+    assert done.stderr.startswith("hostile.fmu (drive_2) crashed (SIGSEGV, segmentation fault) in the step from t = ")
+    assert "`--no-isolate` runs it under a debugger" in done.stderr and len(done.stderr.splitlines()) == 1
