@@ -7,6 +7,7 @@ typedef struct {
     void *instance;
     int (*set_real)(void *instance, const unsigned *references, size_t count, const double *values);
     int (*do_step)(void *instance, double t, double h, int no_set_state_prior_to_t);
+    int64_t final;
     int (*get_real)(void *instance, const unsigned *references, size_t count, double *values);
     int64_t inputs;
     const unsigned *input_references;
@@ -19,7 +20,7 @@ static int step(const Drive *drive, double t, double h, const double *u, double 
 {
     if (drive->set_real(drive->instance, drive->input_references, drive->inputs, u) > 1)
         return 2;
-    if (drive->do_step(drive->instance, t, h, 1) > 1)
+    if (drive->do_step(drive->instance, t, h, (int)drive->final) > 1)
         return 2;
     return drive->get_real(drive->instance, drive->output_references, drive->outputs, y);
 }
