@@ -100,3 +100,8 @@ def test_what_is_checked_without_names_is_what_has_baselines(root: Path, tmp_pat
     assert len(pairs([Path("other.toml")], ["all", "own"], tmp_path)) == 10
     with pytest.raises(InputRefused, match="no baselines there"):
         pairs([], [], tmp_path / "step_z_air" / "nothing")
+
+
+def test_a_drive_that_no_experiment_finds_is_told_once_and_not_for_each_of_them(tmp_path: Path):
+    with pytest.raises(InputRefused, match=r"^--drive steper: no such drive; [^\n]*$"):
+        pairs([Path("one.toml"), Path("other.toml")], ["stepper", "steper"], tmp_path)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused, TwinError
+from twin.experiment.drive_files import shelved
 from twin.experiment.source import located
 from twin.regression.baseline import (
     OWN,
@@ -61,7 +62,7 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
         drives: as --drive has them; none: those with a baseline, or the experiment's own.
 
     Raises:
-        InputRefused: nothing to check.
+        InputRefused: nothing to check, or a drive that none of the experiments finds.
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
@@ -73,6 +74,9 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
         )
     shelf = [fmu.stem for fmu in sorted(located("fmus", Path.cwd()).glob("*/*.fmu"))]
     named = [name for drive in drives for name in (shelf if drive == ALL else [drive])]
+    for name in named:
+        if name != OWN and not any(Path(shelved(name, file.resolve().parent)).exists() for file in files):
+            raise InputRefused(f"--drive {name}: no such drive; expected an .fmu file, a folder of fmus/, own or all")
     return [
         Pair(str(file), drive)
         for file in dict.fromkeys(files)
