@@ -9,6 +9,7 @@ import typer
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
 from twin.errors import InputRefused
+from twin.report.destination import made_folder
 
 FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 
@@ -33,11 +34,7 @@ def analyse(
 
     Example: twin analyse experiments/fig4_force_position.toml
     """
-    folder = out or Path("results/analysis") / experiment.stem
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be made: {problem.strerror}") from None
+    folder = made_folder(out or Path("results/analysis") / experiment.stem)
     arguments: dict[str, Any] = {
         "experiment": str(experiment),
         "drive": drive,

@@ -13,6 +13,7 @@ from twin.cli.completion import drive_names, experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson
 from twin.errors import InputRefused
+from twin.report.destination import made_folder
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan
@@ -122,7 +123,7 @@ def check(
     """
     from twin.report.drive_text import check_text, measures_table
 
-    _made(out)
+    made_folder(out)
     all_facts = []
     for fmu in fmus:
         arguments = {"fmu": fmu, "here": str(Path.cwd()), "out": str(out)}
@@ -156,7 +157,7 @@ def compare(
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
-    _made(out)
+    made_folder(out)
     arguments: dict[str, Any] = {"fmus": fmus, "experiment": str(experiment), "out": str(out)}
     facts, text = finished(compared, arguments, isolate)
     print(json.dumps(facts) if as_json else f"{text}\npicture  {facts['picture']}")
@@ -187,13 +188,6 @@ def compared(voice: Any, fmus: list[str], experiment: str, out: str) -> tuple[di
     picture = Path(out) / f"{file.stem}.png"
     draw_drive_compare(done, f"Drives compared in {file.name}", picture)
     return comparison_facts(file, done) | {"picture": str(picture)}, compare_text(done)
-
-
-def _made(folder: Path) -> None:
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be made: {problem.strerror}") from None
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:

@@ -11,6 +11,7 @@ import typer
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
 from twin.errors import InputRefused
+from twin.report.destination import made_folder
 
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 
@@ -49,11 +50,7 @@ def tune(
 
     Example: twin tune experiments/fig4_force_position.toml
     """
-    folder = out or Path("results/tuning") / experiment.stem
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be made: {problem.strerror}") from None
+    folder = made_folder(out or Path("results/tuning") / experiment.stem)
     arguments: dict[str, Any] = {
         "experiment": str(experiment),
         "goals": {

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.accuracy.budget import Budget, accuracy_budget
-from twin.errors import InputRefused
 from twin.experiment.experiment import load_experiment
 from twin.report.accuracy_text import accuracy_text
+from twin.report.destination import made_folder
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"
@@ -38,11 +38,7 @@ def accuracy_report(
         ComponentFailed: a component failed.
     """
     loaded = load_experiment(experiment, settings, drive)
-    folder = out or HOME / loaded.name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
+    folder = made_folder(out or HOME / loaded.name)
     budget = accuracy_budget(loaded, say)
     facts = accuracy_facts(budget)
     (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")

@@ -9,10 +9,10 @@ from pathlib import Path
 from twin.convergence.order import Order
 from twin.convergence.signals import SIGNALS
 from twin.convergence.study import Series, Study, convergence
-from twin.errors import InputRefused
 from twin.experiment.experiment import load_experiment
 from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text
+from twin.report.destination import made_folder
 
 HOME = Path("results") / "converge"
 PICTURE, FACTS = "convergence.png", "convergence.json"
@@ -54,11 +54,7 @@ def convergence_report(request: Request, say: Callable[[str], None] = lambda wha
         ComponentFailed: a component failed in the experiment as it is.
     """
     experiment = load_experiment(request.experiment, request.settings, request.drive)
-    folder = request.out or HOME / experiment.name
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
+    folder = made_folder(request.out or HOME / experiment.name)
     study = convergence(experiment, request.tolerance, request.duration, request.smooth, say)
     files = {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)}
     facts = convergence_facts(study)
