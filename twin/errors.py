@@ -1,5 +1,10 @@
 """Typed errors. Each carries the exit code of the process that ends with it."""
 
+import re
+
+LONGEST_WORD = 200
+"""Characters of a word that are shown whole; a value of 100 kB helps nobody who reads the sentence."""
+
 
 class TwinError(Exception):
     """Base of every error this product raises on purpose; its text is one clear sentence for the user."""
@@ -11,6 +16,12 @@ class InputRefused(TwinError):
     """A configuration, FMU or file was refused before anything ran: where, got, expected, remedy."""
 
     exit_code = 2
+
+
+class NotWritten(TwinError):
+    """A file could not be written: read-only folder, full disk. What was there before is still there."""
+
+    exit_code = 3
 
 
 class ComponentFailed(TwinError):
@@ -39,3 +50,9 @@ class Unreachable(InputRefused, ValueError):
         self.leg = leg
         self.pose = pose
         self.excess = excess
+
+
+def plain(text: str) -> str:
+    """`text` fit for a terminal: control characters written out, words of more than `LONGEST_WORD` cut short."""
+    visible = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
+    return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", visible)

@@ -9,7 +9,7 @@ import typer
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
 from twin.errors import InputRefused
-from twin.report.destination import made_folder
+from twin.files import made_folder
 
 FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 

@@ -25,7 +25,7 @@ from twin.cli import (
     sweep,
     tune,
 )
-from twin.errors import InputRefused, TwinError
+from twin.errors import InputRefused, TwinError, plain
 
 INTERRUPTED = 130
 
@@ -78,12 +78,12 @@ def main() -> None:
             print("interrupted", file=sys.stderr)
         sys.exit(code)
     except TwinError as error:
-        print(error, file=sys.stderr)
+        print(plain(str(error)), file=sys.stderr)
         sys.exit(error.exit_code)
     except typer.TyperException as mistake:
         told = _sentence(mistake)
         if told:
-            print(told, file=sys.stderr)
+            print(plain(told), file=sys.stderr)
         sys.exit(InputRefused.exit_code)
 
 

@@ -13,7 +13,7 @@ from twin.cli.completion import drive_names, experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson
 from twin.errors import InputRefused
-from twin.report.destination import made_folder
+from twin.files import made_folder
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan

@@ -11,7 +11,7 @@ import typer
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
 from twin.errors import InputRefused
-from twin.report.destination import made_folder
+from twin.files import made_folder
 
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 

@@ -1,12 +1,10 @@
 """What can go wrong with a recording, each with the exit code of the process that ends with it."""
 
-from twin.errors import InputRefused, TwinError
+from twin.errors import InputRefused, NotWritten
 
 
-class RecordingFailed(TwinError):
+class RecordingFailed(NotWritten):
     """A recording could not be written: disk full, no permission; what was written stays readable."""
-
-    exit_code = 3
 
 
 class RecordingRefused(InputRefused):

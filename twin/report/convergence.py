@@ -12,7 +12,7 @@ from twin.convergence.study import Series, Study, convergence
 from twin.experiment.experiment import load_experiment
 from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text
-from twin.report.destination import made_folder
+from twin.files import made_folder
 
 HOME = Path("results") / "converge"
 PICTURE, FACTS = "convergence.png", "convergence.json"

@@ -1,0 +1,103 @@
+"""Files: what is read is regular, bounded and what it should be; what is written is there whole or not at all."""
+
+import os
+import tempfile
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from twin.errors import InputRefused, NotWritten, plain
+from twin.files import LIMIT, json_of, made_folder, read_bytes, read_text, read_toml, toml_of, write_text, written
+
+
+def refusal(path: Path) -> str:
+    with pytest.raises(InputRefused) as refused:
+        read_toml(path)
+    assert len(str(refused.value).splitlines()) == 1
+    return str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"\xef\xbb\xbfa = 1", "byte order mark"),
+        ("a = 1".encode("utf-16"), "UTF-16"),
+        (b"\x89PNG\r\n\x1a\n", "PNG picture"),
+        (b"\x89MCAP0\r\n", "MCAP recording"),
+        (b"PK\x03\x04", "ZIP archive"),
+        (b"a = '\xff'", "not text in UTF-8: byte 5 is 0xff"),
+        (b"a = " + b"[" * 9000, "nested too deeply"),
+        (b"a = " + b"9" * 5000, "not valid TOML"),
+    ],
+)
+def test_a_file_of_another_kind_is_told_for_what_it_is(tmp_path: Path, content: bytes, told: str) -> None:
+    (tmp_path / "x.toml").write_bytes(content)
+    assert told in refusal(tmp_path / "x.toml")
+
+
+def test_pipes_devices_folders_and_giants_are_refused_at_once(tmp_path: Path) -> None:
+    os.mkfifo(tmp_path / "pipe")
+    assert "pipe" in refusal(tmp_path / "pipe")
+    assert "device" in refusal(Path("/dev/zero"))
+    assert "a folder" in refusal(tmp_path)
+    assert "no such file" in refusal(tmp_path / "nothing")
+    assert "no name of a file" in refusal(Path("a\0b"))
+    assert "cannot be read" in refusal(tmp_path / ("n" * 300))
+    (tmp_path / "loop").symlink_to(tmp_path / "loop")
+    assert "cannot be read" in refusal(tmp_path / "loop")
+    with (tmp_path / "giant").open("wb") as giant:
+        giant.truncate(LIMIT + 1)
+    assert "more than 10 MB" in refusal(tmp_path / "giant")
+    assert len(read_bytes(tmp_path / "giant", LIMIT + 1)) == LIMIT + 1
+
+
+@given(st.text())
+def test_what_is_written_is_what_is_read(text: str) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "text"
+        write_text(path, "x" + text)
+        assert read_text(path) == "x" + text
+        assert [file.name for file in Path(folder).iterdir()] == ["text"]
+
+
+def test_a_write_that_fails_leaves_what_was_there(tmp_path: Path) -> None:
+    path = tmp_path / "page.html"
+    write_text(path, "good")
+    with pytest.raises(NotWritten, match="No space"), written(path) as beside:
+        beside.write_text("half")
+        raise OSError(28, "No space left on device")
+    assert path.read_text() == "good"
+    assert [file.name for file in tmp_path.iterdir()] == ["page.html"]
+    with pytest.raises(NotWritten, match="cannot be written"):
+        write_text(tmp_path / "nowhere" / "x", "")
+
+
+def test_what_is_written_is_as_readable_as_any_other_file(tmp_path: Path) -> None:
+    (tmp_path / "plain").write_text("")
+    write_text(tmp_path / "ours", "")
+    assert (tmp_path / "ours").stat().st_mode == (tmp_path / "plain").stat().st_mode
+
+
+def test_a_folder_that_cannot_be_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "file").write_text("")
+    for folder in (tmp_path / "file", tmp_path / "a\0b", tmp_path / ("n" * 300)):
+        with pytest.raises(InputRefused):
+            made_folder(folder)
+    assert made_folder(tmp_path / "a" / "b").is_dir()
+
+
+@given(st.text(max_size=300))
+def test_any_text_is_a_table_or_a_refusal(text: str) -> None:
+    for parse in (toml_of, json_of):
+        try:
+            parse(text, "here")
+        except InputRefused as refused:
+            assert str(refused).startswith("here: not valid")
+
+
+def test_a_sentence_for_the_terminal_has_no_control_characters_and_no_endless_words() -> None:
+    assert plain("a\x1b[31mb\0c\nd") == "a\\x1b[31mb\\x00c\nd"
+    assert len(plain("x" * 100_000)) < 100
+    assert plain("ordinary: µ, °, 'quoted'") == "ordinary: µ, °, 'quoted'"

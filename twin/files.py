@@ -1,0 +1,204 @@
+"""Files as every command reads and writes them: regular ones of bounded size in, whole ones or none out."""
+
+import contextlib
+import json
+import os
+import stat
+import tempfile
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused, NotWritten
+
+LIMIT = 10 * 2**20
+"""Bytes of the largest text file that is read: an experiment has some kilobytes."""
+
+KINDS = (
+    (b"\x89PNG", "a PNG picture"),
+    (b"\x89MCAP0", "an MCAP recording"),
+    (b"PK\x03\x04", "a ZIP archive, as FMUs are"),
+    (b"\x1f\x8b", "a gzip archive"),
+    (b"\xff\xfe", "text in UTF-16"),
+    (b"\xfe\xff", "text in UTF-16"),
+    (b"%PDF", "a PDF document"),
+)
+"""What a file begins with, and what it is then."""
+
+BOM = b"\xef\xbb\xbf"
+
+
+def read_bytes(path: Path, limit: int = LIMIT) -> bytes:
+    """The content of the regular file at `path`.
+
+    Args:
+        path: of the file.
+        limit: bytes it may have.
+
+    Raises:
+        InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
+    """
+    try:
+        # a pipe that nobody writes to would otherwise be waited for here
+        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
+            mode = os.fstat(file.fileno()).st_mode
+            if stat.S_ISDIR(mode):
+                raise IsADirectoryError
+            if not stat.S_ISREG(mode):
+                raise InputRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
+            content = file.read(limit + 1)
+    except FileNotFoundError:
+        raise InputRefused(f"{path}: no such file") from None
+    except IsADirectoryError:
+        raise InputRefused(f"{path}: a folder; expected a file") from None
+    except OSError as problem:
+        raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
+    # a NUL in the name
+    except ValueError as problem:
+        raise InputRefused(f"{path}: no name of a file: {problem}") from None
+    if len(content) > limit:
+        raise InputRefused(f"{path}: more than {limit / 2**20:g} MB; expected a smaller file")
+    return content
+
+
+def read_text(path: Path, limit: int = LIMIT) -> str:
+    """The UTF-8 text in the regular file at `path`.
+
+    Raises:
+        InputRefused: as `read_bytes`; or no text in UTF-8: the sentence says what it is.
+    """
+    content = read_bytes(path, limit)
+    for beginning, kind in KINDS:
+        if content.startswith(beginning):
+            raise InputRefused(f"{path}: {kind}; expected text in UTF-8")
+    if content.startswith(BOM):
+        raise InputRefused(f"{path}: begins with a byte order mark; save it as UTF-8 without one ('without BOM')")
+    try:
+        return content.decode("utf-8")
+    except UnicodeDecodeError as problem:
+        raise InputRefused(
+            f"{path}: not text in UTF-8: byte {problem.start} is {content[problem.start]:#04x}"
+        ) from None
+
+
+def read_toml(path: Path) -> dict[str, Any]:
+    """The tables in the TOML file at `path`.
+
+    Raises:
+        InputRefused: as `read_text`, or not TOML.
+    """
+    return toml_of(read_text(path), str(path))
+
+
+def toml_of(text: str, where: str) -> dict[str, Any]:
+    """The tables that `text` writes.
+
+    Raises:
+        InputRefused: not TOML; the sentence begins with `where`.
+    """
+    try:
+        return tomllib.loads(text)
+    except RecursionError:
+        raise InputRefused(f"{where}: not valid TOML: nested too deeply") from None
+    # not only TOMLDecodeError: a number of 5,000 digits is a plain ValueError
+    except ValueError as problem:
+        raise InputRefused(f"{where}: not valid TOML: {problem}") from None
+
+
+def read_json(path: Path, limit: int = LIMIT) -> Any:
+    """What the JSON file at `path` says.
+
+    Raises:
+        InputRefused: as `read_text`, or not JSON.
+    """
+    return json_of(read_text(path, limit), str(path))
+
+
+def json_of(text: str | bytes, where: str) -> Any:
+    """What the JSON in `text` says.
+
+    Raises:
+        InputRefused: not JSON; the sentence begins with `where`.
+    """
+    try:
+        return json.loads(text)
+    except RecursionError:
+        raise InputRefused(f"{where}: not valid JSON: nested too deeply") from None
+    except ValueError as problem:
+        raise InputRefused(f"{where}: not valid JSON: {problem}") from None
+
+
+def made_folder(folder: Path) -> Path:
+    """`folder`, which is there from now on.
+
+    Raises:
+        InputRefused: it cannot be created.
+    """
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
+    except ValueError as problem:
+        raise InputRefused(f"{folder}: no name of a folder: {problem}") from None
+    return folder
+
+
+@contextlib.contextmanager
+def written(path: Path) -> Iterator[Path]:
+    """A file beside `path` to write to, which takes the place of `path` when the block is done, and not before.
+
+    Raises:
+        NotWritten: the folder or the disk refuses; a file that was at `path` is what it was.
+    """
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.stem}.", suffix=path.suffix, dir=path.parent)
+        os.close(handle)
+    except (OSError, ValueError) as problem:
+        raise NotWritten(f"{path}: cannot be written: {getattr(problem, 'strerror', problem)}") from None
+    beside = Path(name)
+    try:
+        yield beside
+        # mkstemp makes it the owner's alone; what a command writes is as readable as any other file
+        beside.chmod(0o666 & ~_umask())
+        beside.replace(path)
+    except OSError as problem:
+        raise NotWritten(f"{path}: cannot be written: {problem.strerror}") from None
+    finally:
+        with contextlib.suppress(OSError):
+            beside.unlink()
+
+
+def write_bytes(path: Path, content: bytes) -> None:
+    """Make `content` that of the file at `path`.
+
+    Raises:
+        NotWritten: as `written`.
+    """
+    with written(path) as beside:
+        beside.write_bytes(content)
+
+
+def write_text(path: Path, text: str) -> None:
+    """Make `text`, in UTF-8, the content of the file at `path`.
+
+    Raises:
+        NotWritten: as `written`.
+    """
+    write_bytes(path, text.encode("utf-8"))
+
+
+def write_json(path: Path, facts: Any) -> None:
+    """Make `facts` the content of the JSON file at `path`.
+
+    Raises:
+        NotWritten: as `written`.
+    """
+    write_text(path, json.dumps(facts, indent=2) + "\n")
+
+
+def _umask() -> int:
+    # there is no way to read it without setting it
+    mask = os.umask(0o022)
+    os.umask(mask)
+    return mask
