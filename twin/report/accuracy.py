@@ -7,8 +7,8 @@ from pathlib import Path
 
 from twin.accuracy.budget import Budget, accuracy_budget
 from twin.experiment.experiment import load_experiment
-from twin.report.accuracy_text import accuracy_text
 from twin.files import made_folder
+from twin.report.accuracy_text import accuracy_text
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"
