@@ -9,7 +9,7 @@ TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).to
 FIG4   := experiments/fig4_force_position.toml experiments/fig4_position.toml
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test lint bench docs picture endurance fmus clean
+.PHONY: help run tasks test lint bench docs picture endurance mutants fmus clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -29,6 +29,9 @@ lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
 
 endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests
 	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m endurance
+
+mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
+	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)
 
 bench: $(VENV)/.run  ## speed, as ratios measured side by side
 	$(VENV)/bin/python -m benchmarks
