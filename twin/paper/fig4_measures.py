@@ -140,6 +140,12 @@ def force_error(run: Fig4Run) -> float:
     return mean_error(run.F_z[run.at(*SWEEP)], run.F_z_ref)
 
 
+def force_error_ratio(runs: Fig4Runs) -> float:
+    """How many times farther from its reference the force is under position control alone."""
+    with_force = force_error(runs.force_position)
+    return force_error(runs.position) / with_force if with_force > 0.0 else math.inf
+
+
 def force_gap(runs: Fig4Runs) -> float:
     """By how much position control presses less (N)."""
     fp, p = runs.force_position, runs.position

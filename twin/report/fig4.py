@@ -32,7 +32,8 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
     # ideal runs have no force in x, by symmetry
-    c.set_title("imperfect runs: scale tilted, encoders off zero" if runs.imperfect else runs.without_x, loc="right")
+    text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
+    c.set_title(text, loc="right", fontsize="medium")
     for axes in (c, d):
         axes.set_xlabel("time (s)")
     figure.savefig(path, metadata={"Software": None})
