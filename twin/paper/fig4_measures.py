@@ -48,6 +48,13 @@ def in_x(measure: Measure) -> Measure:
     return measured
 
 
+def _over(a: float, b: float) -> float:
+    """The ratio of two sizes; infinity over nothing, nan if there is neither."""
+    if b == 0.0:
+        return math.inf if a > 0.0 else math.nan
+    return a / b
+
+
 # the way over the scale
 
 
@@ -142,8 +149,7 @@ def force_error(run: Fig4Run) -> float:
 
 def force_error_ratio(runs: Fig4Runs) -> float:
     """How many times farther from its reference the force is under position control alone."""
-    with_force = force_error(runs.force_position)
-    return force_error(runs.position) / with_force if with_force > 0.0 else math.inf
+    return _over(force_error(runs.position), force_error(runs.force_position))
 
 
 def force_gap(runs: Fig4Runs) -> float:
@@ -172,12 +178,12 @@ def friction(run: Fig4Run, axis: int) -> float:
 
 def friction_share(axis: int) -> Measure:
     """Friction of position control alone over that with force control."""
-    return lambda runs: friction(runs.position, axis) / friction(runs.force_position, axis)
+    return lambda runs: _over(friction(runs.position, axis), friction(runs.force_position, axis))
 
 
 def x_share(runs: Fig4Runs) -> float:
     """Force along x over that along y, in the run where that is more."""
-    return max(friction(run, 0) / friction(run, 1) for run in (runs.force_position, runs.position))
+    return max(_over(friction(run, 0), friction(run, 1)) for run in (runs.force_position, runs.position))
 
 
 # the scale

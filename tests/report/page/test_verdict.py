@@ -25,7 +25,8 @@ def test_imperfect_runs_beside_them_say_what_there_is_to_say_of_x(
 
 def test_imperfect_runs_alone_are_scored_as_they_are(imperfect: tuple[Recording, Recording]):
     judged = verdict([ReportRun(str(n), one) for n, one in enumerate(imperfect)])
-    assert judged.headline == "30 of 30 claims hold"
+    # the tilt shifts the end by 0.1 mm, which the reference has to make up for
+    assert judged.headline == "1 of 30 claims fails: z reference comes back"
 
 
 def test_force_control_alone_is_judged_on_the_true_force(force_position: Recording):
