@@ -70,7 +70,7 @@ def test_fig5_takes_any_number_of_runs_and_says_the_verdict_first(tmp_path: Path
     tapped(runs[1])
     done = twin("compare", "--paper", "fig5", *runs, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0].endswith("15 of 15 claims hold")
+    assert done.stdout.splitlines()[0].endswith("16 of 16 claims hold")
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
     facts = json.loads((tmp_path / "results/fig5/fig5.json").read_text())
     assert [task["kind"] for task in facts["tasks"]] == ["press", "tap"]

@@ -76,7 +76,7 @@ def test_a_number_without_a_source_is_found(tmp_path: Path):
 
 # words that only somebody who has the picture could write
 SEEN = re.compile(
-    r"Fig\. 4 ?[A-D]('s| shows|\)| reference)|size of Fig|line's width|20 s axis|30 mm axis|force curves show|"
+    r"Fig\. 4 ?[A-D]('s| shows| reference)|size of Fig|line's width|20 s axis|30 mm axis|force curves show|"
     r"like the paper's|published experiment|fit Fig\. 4|tuned to Fig\. 4 [A-D]|as in Fig\. 4 [A-D]"
 )
 
