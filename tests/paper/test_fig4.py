@@ -12,7 +12,7 @@ from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused
 from twin.execution import execute
 from twin.experiment.experiment import load_experiment
-from twin.metrics.response import settling_time
+from twin.metrics.response import first_time, settling_time
 from twin.metrics.tracking import rms
 from twin.paper.claim import judged
 from twin.paper.fig4 import CLAIMS
@@ -79,6 +79,36 @@ def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):
 )
 def test_a_sabotaged_run_fails_the_claims_it_should(root: Path, tmp_path: Path, override: str, expected: set[str]):
     assert expected <= set(sabotaged(root, tmp_path, override).failed)
+
+
+def test_without_gravity_compensation_neither_reading_of_the_trigger_gives_the_papers_run(root: Path, tmp_path: Path):
+    """Numbers of docs/paper_errata.md, to their last digit."""
+
+    def final(*settings: str) -> tuple[float, float, float]:
+        path, asked = (
+            root / "experiments/fig4_force_position.toml",
+            ["controller.gravity_compensation=false", *settings],
+        )
+        folder = tmp_path / str(len(list(tmp_path.iterdir())))
+        folder.mkdir()
+        recording = read(execute(load_experiment(path, asked), folder).recording)
+        run = fig4_runs(recording, recording).force_position
+        signed = first_time(run.t, run.F_z > 0.6)
+        return run.trigger_time, signed, float(run.true_F_z[run.truly_at(*FINAL)].mean())
+
+    by_size, _, pressed = final()
+    assert (by_size, pressed) == (pytest.approx(0.004, abs=1e-9), pytest.approx(7.15, abs=0.01))
+    # the law as a signed one: position control until the signed force gets there
+    _, signed, _ = final("controller.mode=position")
+    assert signed == pytest.approx(6.27, abs=0.005)
+    _, _, pressed = final(f"controller.force.trigger_time_s={signed}", "controller.force.trigger_N=1000")
+    assert pressed == pytest.approx(6.98, abs=0.01)
+
+
+def test_with_gravity_compensation_both_readings_of_the_trigger_are_one(runs: Fig4Runs):
+    run = runs.force_position
+    assert run.trigger_time == first_time(run.t, run.F_z > 0.6)
+    assert run.F_z[run.t < run.trigger_time].min() == pytest.approx(-0.22, abs=0.005)
 
 
 def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
