@@ -6,7 +6,7 @@ JOBS   ?= 2
 VENV   := .venv
 TWIN   := $(VENV)/bin/twin
 TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).toml)
-FIG4   := experiments/fig4_force_position.toml experiments/fig4_position.toml
+FIG4   := $(foreach run,force_position position imperfect imperfect_position,experiments/fig4_$(run).toml)
 
 .DEFAULT_GOAL := help
 .PHONY: help run tasks test lint bench docs picture endurance mutants fmus clean
@@ -16,7 +16,7 @@ help:  ## this list
 
 run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it against the paper
 	$(TWIN) run $(FIG4)
-	$(TWIN) compare --paper fig4 results/fig4_force_position results/fig4_position
+	$(TWIN) compare --paper fig4
 
 test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
 	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "not endurance"

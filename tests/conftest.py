@@ -37,6 +37,12 @@ def position(tmp_path_factory: pytest.TempPathFactory) -> Recording:
     return _ran("fig4_position", tmp_path_factory)
 
 
+@pytest.fixture(scope="session")
+def imperfect(tmp_path_factory: pytest.TempPathFactory) -> tuple[Recording, Recording]:
+    """Both again, on a tilted scale and with encoders off zero."""
+    return _ran("fig4_imperfect", tmp_path_factory), _ran("fig4_imperfect_position", tmp_path_factory)
+
+
 def _ran(name: str, tmp_path_factory: pytest.TempPathFactory) -> Recording:
     experiment = load_experiment(ROOT / "experiments" / f"{name}.toml")
     return read(execute(experiment, tmp_path_factory.mktemp(name)).recording)

@@ -1,6 +1,7 @@
 import json
 from pathlib import Path
 
+import pytest
 from PIL import Image
 
 from tests.cli.test_run import twin
@@ -9,15 +10,17 @@ from twin.recording.recording import Recording
 
 
 def test_the_scorecard_has_every_claim_and_the_picture_is_drawn(
-    force_position: Recording, position: Recording, tmp_path: Path
+    force_position: Recording, position: Recording, imperfect: tuple[Recording, Recording], tmp_path: Path
 ):
-    done = twin("compare", "--paper", "fig4", force_position.path, position.path, cwd=tmp_path)
+    four = [recording.path for recording in (force_position, position, *imperfect)]
+    done = twin("compare", "--paper", "fig4", *four, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert "claims hold" in done.stdout.splitlines()[0]
+    assert done.stdout.splitlines()[0].endswith("26 of 26 claims hold")
+    assert "n/a  imperfect" not in done.stdout and "Imperfect: scale tilted" in done.stdout
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
     facts = json.loads((tmp_path / "results/fig4/fig4.json").read_text())
     assert facts["failed"] == []
-    assert {claim["verdict"] for claim in facts["claims"]} == {"holds", "trivial", "not reproducible"}
+    assert {claim["verdict"] for claim in facts["claims"]} == {"holds", "not reproducible"}
     assert all(claim["quote"] and claim["text"] for claim in facts["claims"])
     assert facts["tuned"] and facts["out_of_scope"]
     with Image.open(tmp_path / "results/fig4/fig4.png") as picture:
@@ -30,9 +33,12 @@ def test_a_claim_that_fails_is_exit_code_1_and_named(position: Recording, tmp_pa
     assert "trigger_time" in json.loads(done.stdout)["failed"]
 
 
-def test_runs_are_found_by_folder(force_position: Recording, position: Recording, tmp_path: Path):
+def test_two_runs_are_scored_but_for_the_forces_in_x(force_position: Recording, position: Recording, tmp_path: Path):
     done = twin("compare", "--paper", "fig4", force_position.path.parent, position.path.parent, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
+    assert done.stdout.splitlines()[0].endswith("24 of 24 claims hold")
+    assert done.stdout.count("needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml") == 2
+    assert "Imperfect: scale tilted" not in done.stdout
 
 
 def test_what_is_no_recording_and_no_figure_is_refused(position: Recording, tmp_path: Path):
@@ -42,10 +48,18 @@ def test_what_is_no_recording_and_no_figure_is_refused(position: Recording, tmp_
     assert "expected one of fig4" in done.stderr
 
 
-def test_fig4_needs_two_runs(position: Recording, tmp_path: Path):
-    done = twin("compare", "--paper", "fig4", position.path, cwd=tmp_path)
+@pytest.mark.parametrize("count", [1, 3, 5])
+def test_fig4_needs_two_runs_or_four(position: Recording, tmp_path: Path, count: int):
+    done = twin("compare", "--paper", "fig4", *[position.path] * count, cwd=tmp_path)
     assert done.returncode == 2
-    assert "got 1 runs, expected two: the run with force control" in done.stderr
+    assert f"got {count} run" in done.stderr and "expected two: the run with force control" in done.stderr
+
+
+def test_fig4_without_runs_takes_the_latest_or_says_how_to_make_them(tmp_path: Path):
+    done = twin("compare", "--paper", "fig4", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "twin run experiments/fig4_force_position.toml" in done.stderr
+    assert "experiments/fig4_imperfect_position.toml" in done.stderr
 
 
 def test_fig5_takes_any_number_of_runs_and_says_the_verdict_first(tmp_path: Path):
@@ -56,7 +70,7 @@ def test_fig5_takes_any_number_of_runs_and_says_the_verdict_first(tmp_path: Path
     tapped(runs[1])
     done = twin("compare", "--paper", "fig5", *runs, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    assert done.stdout.splitlines()[0].endswith("15 of 15 claims hold")
+    assert done.stdout.splitlines()[0].endswith("16 of 16 claims hold")
     assert max(len(line) for line in done.stdout.splitlines()) <= 80
     facts = json.loads((tmp_path / "results/fig5/fig5.json").read_text())
     assert [task["kind"] for task in facts["tasks"]] == ["press", "tap"]

@@ -18,7 +18,7 @@ def test_the_verdict_is_printed_first_then_where_the_page_is(force_position: Rec
 
 def test_several_runs_share_a_page(force_position: Recording, position: Recording, tmp_path: Path):
     done = twin("report", force_position.path, position.path, "--json", cwd=tmp_path)
-    assert json.loads(done.stdout) == {"headline": "19 of 19 claims hold", "page": "results/report/report.html"}
+    assert json.loads(done.stdout) == {"headline": "28 of 28 claims hold", "page": "results/report/report.html"}
     assert (tmp_path / "results/report/report.html").exists()
 
 

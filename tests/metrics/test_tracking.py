@@ -3,7 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.metrics.tracking import bump, lag, mean_error, path_error, rms
+from twin.metrics.tracking import lag, level_changes, mean_error, path_error, rms
 
 t = np.linspace(12.5, 15.2, 1351)
 
@@ -17,12 +17,20 @@ def test_mean_error_counts_both_sides():
     assert mean_error(np.array([1.0, -1.0]), 0.0) == 1.0
 
 
-def test_a_bump_on_a_cubic_is_found_where_it_is():
-    trend = 4.9 + 0.02 * (t - 14) + 0.01 * (t - 14) ** 3
-    time, size = bump(t, trend + 0.05 * np.exp(-(((t - 13.7) / 0.01) ** 2)))
-    assert time == pytest.approx(13.7, abs=0.002)
-    # the fit takes up a little of so short a bump
-    assert size == pytest.approx(0.05, rel=0.05)
+def test_a_step_is_where_the_level_changes_most_and_as_large():
+    times, changes = level_changes(t, 4.9 + 0.05 * (t > 13.7), 0.2)
+    largest = int(np.argmax(np.abs(changes)))
+    # the first sample after it
+    assert times[largest] == pytest.approx(13.702, abs=1e-9)
+    # rounding of sums of thousands
+    assert changes[largest] == pytest.approx(0.05, abs=1e-9)
+    assert np.abs(changes[np.abs(times - 13.7) > 0.21]).max() < 1e-9
+
+
+def test_a_line_changes_its_level_by_its_slope_everywhere():
+    times, changes = level_changes(t, 3.0 * t, 0.2)
+    assert changes == pytest.approx(np.full(len(times), 0.6), abs=1e-9)
+    assert (times[0], times[-1]) == pytest.approx((t[0] + 0.2, t[-1] - 0.2), abs=0.003)
 
 
 def test_the_lag_of_a_delayed_signal_is_its_delay():

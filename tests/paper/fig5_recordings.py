@@ -138,13 +138,15 @@ def tapped(
     period: float = 0.5,
     speed: float = 0.1,
     rest: float = 0.0,
+    above: float = 0.01,
+    aside: float = 0.0,
     trip: float = np.inf,
 ) -> Recording:
     """A tap of 50 ms for each of `peaks` (N).
 
     Args:
         period: of the third tap after the second (s), 0.5 of all others. speed: at the touch (m/s).
-        rest: force that is left after a tap (N).
+        rest: force that is left after a tap (N). above: height from which a tap goes down (m). aside: x (m).
     """
     phases, F_z, z = [], [], []
     for number, peak in enumerate(peaks):
@@ -152,8 +154,8 @@ def tapped(
         t = TICK * np.arange(round(time / TICK))
         touch = (t >= 0.1) & (t < 0.15)
         F_z.append(np.where(touch, peak * np.sin(np.pi * (t - 0.0995) / 0.05), np.where(t < 0.1, 0.0, rest)))
-        z.append(SURFACE + np.where(t < 0.12, speed * (0.1 - t), 0.01))
+        z.append(SURFACE + np.where(t < 0.12, np.minimum(speed * (0.1 - t), above), above))
         phases += [(PhaseKind.TAP, 0.12), (PhaseKind.RISE, 0.1), (PhaseKind.WAIT, time - 0.22)]
     F_all = np.concatenate(F_z)
-    p_B = np.column_stack([np.zeros((len(F_all), 2)), np.concatenate(z)])
+    p_B = np.column_stack([np.full_like(F_all, aside), np.zeros_like(F_all), np.concatenate(z)])
     return written(folder, "tap", phases, F_all, p_B, trip)

@@ -234,7 +234,7 @@ def test_eq_25_holds_about_the_joint_axis_only():
 def test_eq_27_is_the_force_on_the_environment_so_pressing_is_minus_its_z():
     theta_l = joint_angles(GEOMETRY, HOME)
     _, _, F_z_printed = end_effector_force(GEOMETRY, theta_l, (0.125, 0.125, 0.125))
-    # the torques that lower the platform press; Fig. 4 B draws the press as +5 N
+    # the torques that lower the platform press; the text's reference for a press is +5 N
     assert position(GEOMETRY, theta_l + 1e-3)[2] < HOME[2]
     assert -F_z_printed == pytest.approx(5.0, abs=0.01)  # 0.125 N m is itself rounded
 
@@ -243,7 +243,7 @@ def test_eq_27_is_the_force_on_the_environment_so_pressing_is_minus_its_z():
 
 
 @pytest.mark.parametrize(("p_B", "F_z"), [(HOME, -2.20), (START, -2.35)])
-def test_in_free_air_eq_27_reports_the_robots_weight_and_would_trigger_the_force_loop(p_B, F_z):
+def test_in_free_air_eq_27_reports_the_robots_weight_and_would_trigger_a_force_loop_that_takes_its_size(p_B, F_z):
     theta_l = joint_angles(GEOMETRY, p_B)
     weight = environment_force(GEOMETRY, MASSES, theta_l, p_B, (0.0, 0.0, 0.0))
     tau_l = joint_torques(GEOMETRY, p_B, -np.array(weight))  # the springs hold the robot still

@@ -34,6 +34,8 @@ FLAWS: dict[str, list[tuple[str, dict[str, Any]]]] = {
         ("stays", {"aside": 0.6e-3}),
     ],
     "tap": [
+        ("pre_tap", {"above": 1.9e-3}),
+        ("pre_tap", {"aside": 0.51e-3}),
         ("slowness", {"speed": 0.07}),
         ("peak_mean", {"peaks": (3.7, 3.7, 3.7, 3.7)}),
         ("peak_variation", {"peaks": (2.7, 3.3, 2.7, 3.3)}),
@@ -128,6 +130,12 @@ def test_taps_have_the_peaks_they_were_given(tmp_path: Path):
     # squares of the deviations from 3.05 N have the mean 0.0475; the sampling scales all peaks alike
     assert found["peak_variation"].value == pytest.approx(100.0 * 0.0475**0.5 / 3.05, rel=1e-9)
     assert found["slowness"].value == pytest.approx(0.0, abs=0.1)
+
+
+def test_a_tap_begins_as_far_above_its_touch_as_it_was_lifted(tmp_path: Path):
+    # 2.1 mm of 8 mm, and half a millimetre aside is still above; 1e-9: rounding of millimetres
+    found = findings(tapped(tmp_path, above=2.1e-3, aside=0.49e-3))["pre_tap"]
+    assert (found.verdict, found.value) == ("holds", pytest.approx(26.25, abs=1e-6))
 
 
 def test_the_distance_from_a_slanted_line_is_taken_at_right_angles(tmp_path: Path):

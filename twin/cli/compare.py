@@ -1,7 +1,7 @@
 """`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
 
@@ -13,6 +13,7 @@ from twin.errors import InputRefused
 if TYPE_CHECKING:
     from twin.recording.recording import Recording
 
+FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
 
 
@@ -32,8 +33,8 @@ def compare(
         typer.Argument(
             metavar="A B",
             help="A recording (its folder, its .mcap file, results/EXPERIMENT), another MCAP file or a CSV file. With "
-            "--paper: fig4: the run with force control, then the one without; fig5: any runs of tasks, or none for "
-            "the latest of results/pressing, tapping, rolling and pushing.",
+            "--paper: fig4: the run with force control, then the one without, then the same two of the imperfect robot "
+            "for the forces in x; fig5: any runs of tasks; none: the latest of the figure's experiments in results/.",
         ),
     ] = None,
     paper: Annotated[
@@ -116,9 +117,11 @@ def _tube(
 
 
 def _fig4(paths: list[Path]) -> Verdict:
-    if len(paths) != 2:
+    paths = paths or _latest("fig4", FIG4_EXPERIMENTS)
+    if len(paths) not in (2, 4):
         raise InputRefused(
-            f"--paper fig4: got {len(paths)} runs, expected two: the run with force control, then the one without"
+            f"--paper fig4: got {len(paths)} run{'s' * (len(paths) != 1)}, expected two: the run with force control, "
+            f"then the one without; or four: {', '.join(FIG4_EXPERIMENTS)}"
         )
     from twin.paper.fig4_runs import fig4_runs
     from twin.paper.score import fig4_score
@@ -137,16 +140,16 @@ def _fig5(paths: list[Path]) -> Verdict:
     from twin.report.fig5 import draw_fig5
     from twin.report.scorecard import fig5_text
 
-    score = fig5_score(_recordings(paths or _latest_of_each_task()))
+    score = fig5_score(_recordings(paths or _latest("fig5", FIG5_EXPERIMENTS)))
     return Verdict(fig5_text(score), score.facts(), score.failed, [], lambda path: draw_fig5(score, path))
 
 
-def _latest_of_each_task() -> list[Path]:
-    paths = [Path("results") / name for name in FIG5_EXPERIMENTS]
+def _latest(figure: str, experiments: Sequence[str]) -> list[Path]:
+    paths = [Path("results") / name for name in experiments]
     missing = [path.name for path in paths if not path.exists()]
     if missing:
         files = " ".join(f"experiments/{name}.toml" for name in missing)
-        raise InputRefused(f"--paper fig5: no run of {', '.join(missing)} in results/; first: twin run {files}")
+        raise InputRefused(f"--paper {figure}: no run of {', '.join(missing)} in results/; first: twin run {files}")
     return paths
 
 

@@ -16,12 +16,17 @@ def mean_error(y: Curve, reference: Curve | float) -> float:
     return float(np.mean(np.abs(y - reference)))
 
 
-def bump(t: Curve, y: Curve) -> tuple[float, float]:
-    """(time, size) of the largest deviation of y from a cubic fitted to it: a fluctuation on a slow trend."""
-    middle = 0.5 * (t[0] + t[-1])
-    rest = y - np.polyval(np.polyfit(t - middle, y, 3), t - middle)
-    worst = int(np.argmax(np.abs(rest)))
-    return float(t[worst]), float(abs(rest[worst]))
+def level_changes(t: Curve, y: Curve, span: float) -> tuple[Curve, Curve]:
+    """(times, changes): the mean of y over `span` (s) after a time less its mean over `span` before it.
+
+    Args:
+        t, y: evenly spaced samples, for longer than twice the span (n,).
+    """
+    steps = round(span / (t[1] - t[0]))
+    sums = np.concatenate([[0.0], np.cumsum(y)])
+    means = (sums[steps:] - sums[:-steps]) / steps
+    changes = means[steps:] - means[:-steps]
+    return t[steps : steps + len(changes)], changes
 
 
 def lag(t: Curve, y: Curve, reference: Curve, longest: float) -> float:

@@ -15,7 +15,8 @@ class Claim:
     Attributes:
         key: short name. text: one line for the scorecard. figure: where it stands. quote: the paper's words, or why
             we ask it if the paper does not.
-        measure: runs -> the number judged; infinity where it never happens. None: nothing can be measured.
+        measure: runs -> the number judged; infinity or nan where it never happens, and nan always fails. None: nothing
+            can be measured.
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
         source: where the bounds come from.
         trivial: runs -> why this run says nothing about the claim, or "".
@@ -56,7 +57,7 @@ class Finding:
     @property
     def measured(self) -> str:
         """`5.606 s`, or `never`."""
-        if self.claim.measure is None:
+        if self.claim.measure is None or (self.verdict == "trivial" and not math.isfinite(self.value)):
             return ""
         if not math.isfinite(self.value):
             return "never"

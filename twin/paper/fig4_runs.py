@@ -12,10 +12,16 @@ from twin.recording.recording import Recording
 
 SWEEP = (10.7, 18.7)
 """From 2 s after the sweep along y has begun, when the lag of the position loop (1/kp) has died out, to its end (s)."""
+BEFORE = (8.0, 8.6)
+"""Before the sweep, at rest (s)."""
 FINAL = (19.0, 19.9)
 """After the sweep, at rest (s)."""
 WHOLE = 19.9
 """What a recording has to cover (s)."""
+WAY = 0.020
+"""Least way along -y (m) that counts as a sweep: half of the paper's 40 mm."""
+SYMMETRIC = 1e-3
+"""Force in x (N) below which a run is symmetrical."""
 
 
 class Series(Protocol):
@@ -66,9 +72,23 @@ class Fig4Run:
         return float(self.recording["controller.F_z_ref"][0])
 
     @cached_property
+    def scale_F_z(self) -> Curve:
+        """The electronic scale's reading (N), on `t_scale`."""
+        return self.recording["scale.F_z"]
+
+    @cached_property
+    def t_scale(self) -> Curve:
+        return self.recording.time("scale")
+
+    @cached_property
+    def p_B(self) -> Curve:
+        """Position as the controller estimates it (n, 3), m: what the paper's encoders give."""
+        return self.recording["estimator.p_B"]
+
+    @cached_property
     def z(self) -> Curve:
-        """z as the controller estimates it (m): what the paper's encoders give."""
-        return self.recording["estimator.p_B"][:, 2]
+        """z as the controller estimates it (m)."""
+        return self.p_B[:, 2]
 
     @cached_property
     def z_ref(self) -> Curve:
@@ -91,6 +111,12 @@ class Fig4Run:
         """When the force loop was triggered (s); infinity: never."""
         return first_time(self.t, self.recording["controller.triggered"])
 
+    @cached_property
+    def sweeps(self) -> bool:
+        """Whether the platform moves along -y while it should."""
+        y = self.p_B[self.at(*SWEEP), 1]
+        return bool(y[0] - y[-1] >= WAY)
+
     def at(self, start: float, end: float) -> np.ndarray:
         """Mask of the controller's samples in a window."""
         return within(self.t, start, end)
@@ -102,32 +128,56 @@ class Fig4Run:
 
 @dataclass(frozen=True)
 class Fig4Runs:
-    """The force-position run and the position-only run."""
+    """The force-position run and the position-only run.
+
+    Attributes:
+        imperfect: the same two of a robot and a scale that are not symmetrical, for the forces in x; None: there are
+            none, and nothing is said of these.
+    """
 
     force_position: Fig4Run
     position: Fig4Run
+    imperfect: "tuple[Fig4Run, Fig4Run] | None" = None
+
+    @property
+    def without_x(self) -> str:
+        """Why these runs say nothing about forces in x, or ""."""
+        if self.imperfect is None:
+            return "needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml as well"
+        if all(np.max(np.abs(run.true_F_ee_B[:, 0])) < SYMMETRIC for run in self.imperfect):
+            return "the true F_x is 0 by symmetry"
+        return ""
 
     @property
     def tuned(self) -> dict[str, str]:
-        """Parameters whose source says that they were tuned to meet the figure: key -> source."""
+        """Parameters whose source says that they were tuned to meet the text: key -> source."""
         origins = self.force_position.recording.metadata.get("origins", {})
         return {key: text for key, text in origins.items() if text.startswith("tuned")}
 
 
-def fig4_runs(force_position: Recording, position: Recording) -> Fig4Runs:
-    """The two recordings of Fig. 4.
+def fig4_runs(force_position: Recording, position: Recording, *imperfect: Recording) -> Fig4Runs:
+    """The recordings of Fig. 4.
+
+    Args:
+        imperfect: the same two of fig4_imperfect.toml and fig4_imperfect_position.toml, or none.
 
     Raises:
         InputRefused: one is too short, or they stand in the wrong order.
     """
+    pairs = [(force_position, position), *([(imperfect[0], imperfect[1])] if imperfect else [])]
+    ideal, *others = [_checked_pair(*pair) for pair in pairs]
+    return Fig4Runs(*ideal, *others)
+
+
+def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4Run, Fig4Run]:
     for recording in (force_position, position):
         end = recording.time("controller")[-1] if len(recording.time("controller")) else 0.0
         if end < WHOLE:
             note = f" ({recording.note})" if recording.note else ""
             raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
-    runs = Fig4Runs(Fig4Run(force_position), Fig4Run(position))
-    if np.isinf(runs.force_position.trigger_time) and np.isfinite(runs.position.trigger_time):
+    pair = Fig4Run(force_position), Fig4Run(position)
+    if np.isinf(pair[0].trigger_time) and np.isfinite(pair[1].trigger_time):
         raise InputRefused(
             f"{force_position.path} has no force control and {position.path} has: give the force-position run first"
         )
-    return runs
+    return pair

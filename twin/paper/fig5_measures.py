@@ -21,6 +21,8 @@ SPAN = 0.2
 """Time over which a rate of the force is taken (s): what a person feels as one rise."""
 BAND = 0.05
 """Share of the reference within which a force counts as reached."""
+ASIDE = 0.5e-3
+"""Distance (m) from a point within which something is above it."""
 ROUNDING = 1e-9
 """Deviation (m) below which nothing but rounding moved the robot sideways."""
 
@@ -75,6 +77,19 @@ def slowness(run: TaskRun) -> float:
     """By how much the taps are slower than asked for when they touch, as a share."""
     assert isinstance(run.task, Tap)
     return 1.0 + float(np.mean(run.v_z[run.touches])) / run.task.speed if len(run.touches) else math.inf
+
+
+def height_before(run: TaskRun) -> float:
+    """Least height from which a tap goes down to where it touches, over the lift asked for; 0 beside the point."""
+    assert isinstance(run.task, Tap)
+    heights = []
+    for tap in run.taps:
+        hits = np.flatnonzero(run.F_z[tap] > 0.0)
+        if len(hits):
+            start, touch = run.p_B[tap.start], run.p_B[tap.start + hits[0]]
+            above = math.dist(start[:2], run.task.point) <= ASIDE
+            heights.append(float(start[2] - touch[2]) / run.task.lift if above else 0.0)
+    return min(heights, default=-math.inf)
 
 
 def mean_peak(run: TaskRun) -> float:

@@ -1,4 +1,4 @@
-"""Claims judged together, and those of Fig. 4 on its two runs."""
+"""Claims judged together, and those of Fig. 4 on its runs."""
 
 import math
 from collections.abc import Iterable
@@ -37,17 +37,19 @@ def bound_used(finding: Finding) -> float:
 
 @dataclass(frozen=True)
 class Score:
-    """What two runs say to Fig. 4.
+    """What runs say to Fig. 4.
 
     Attributes:
         claims: of the paper, judged on estimates. quality: ours, judged on the truth.
-        tuned: parameters that were tuned to meet the figure, key -> source.
+        tuned: parameters that were tuned to meet the text, key -> source.
+        without_x: why nothing is said of forces in x, or "".
         out_of_scope: what the paper reports and no model here can.
     """
 
     claims: tuple[Finding, ...]
     quality: tuple[Finding, ...]
     tuned: dict[str, str]
+    without_x: str = ""
     out_of_scope: tuple[str, ...] = OUT_OF_SCOPE
 
     @property
@@ -73,4 +75,5 @@ def fig4_score(runs: Fig4Runs) -> Score:
         claims=tuple(judged(claim, runs) for claim in CLAIMS),
         quality=tuple(judged(claim, runs) for claim in QUALITY),
         tuned=runs.tuned,
+        without_x=runs.without_x,
     )

@@ -1,4 +1,4 @@
-"""Fig. 4 A-D as one picture, laid out and coloured like the paper's."""
+"""Fig. 4 A-D as one picture: panels and colours as the caption of the paper names them."""
 
 from pathlib import Path
 
@@ -6,10 +6,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.paper.fig4_runs import Fig4Runs
+from twin.paper.fig4_runs import Fig4Run, Fig4Runs
 
 PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE = "#2f6db5", "#eab308", "#e2661a", "#8c8c8c"
-"""Blue, yellow, orange and grey, as in the paper; the order of lightness also tells them apart in print."""
+"""Blue, yellow, orange and grey, as its caption says; the order of lightness also tells them apart in print."""
 TRUTH = "#1c1c1c"
 
 
@@ -20,8 +20,8 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
     (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
     _draw_z(a, runs)
     _draw_force(b, runs)
-    for axes, axis, letter in ((c, 0, "x"), (d, 1, "y")):
-        _draw_friction(axes, runs, axis, letter)
+    _draw_friction(c, runs.imperfect, 0, "x")
+    _draw_friction(d, (runs.force_position, runs.position), 1, "y")
     limits = [min(c.get_ylim()[0], d.get_ylim()[0]), max(c.get_ylim()[1], d.get_ylim()[1])]
     c.set_ylim(*limits)
     d.set_ylim(*limits)
@@ -31,6 +31,9 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
         axes.set_xlim(0, 20)
         for side in ("top", "right"):
             axes.spines[side].set_visible(False)
+    # ideal runs have no force in x, by symmetry
+    text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
+    c.set_title(text, loc="right", fontsize="medium")
     for axes in (c, d):
         axes.set_xlabel("time (s)")
     figure.savefig(path, metadata={"Software": None})
@@ -57,9 +60,9 @@ def _draw_force(axes: Axes, runs: Fig4Runs) -> None:
     axes.legend(frameon=False, loc="lower right")
 
 
-def _draw_friction(axes: Axes, runs: Fig4Runs, axis: int, letter: str) -> None:
+def _draw_friction(axes: Axes, pair: tuple[Fig4Run, Fig4Run] | None, axis: int, letter: str) -> None:
     axes.axhline(0.0, color=PRE_DEFINE, lw=1.0, label="Pre-define")
-    for run, color, label in ((runs.force_position, FP_BASED, "F&P-based"), (runs.position, P_BASED, "P-based")):
+    for run, color, label in zip(pair or (), (FP_BASED, P_BASED), ("F&P-based", "P-based"), strict=False):
         axes.plot(run.t, run.F_ee_B[:, axis], color=color, lw=0.9, label=label)
     axes.set_ylabel(f"F_{letter} (N)")
     axes.legend(frameon=False, loc="lower left")

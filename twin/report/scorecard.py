@@ -19,8 +19,10 @@ def fig4_text(score: Score) -> str:
     held, judged = tally(score.claims)
     lines = [_two("Fig. 4: hybrid force and position control", f"{held} of {judged} claims hold")]
     lines += _lines(score.claims)
+    if not score.without_x:
+        lines += ["  Imperfect: scale tilted, encoders off zero. All other rows: the ideal runs."]
     lines += ["", "Judged on the true contact force, force-position run", *_lines(score.quality)]
-    lines += ["", "Tuned to meet the figure: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
+    lines += ["", "Tuned to meet the text: " + ", ".join(sorted(key.rpartition(".")[2] for key in score.tuned))]
     lines += [f"Out of scope: {text}" for text in score.out_of_scope]
     return _text(lines)
 

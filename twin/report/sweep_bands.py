@@ -28,7 +28,7 @@ MARGIN = 0.1
 
 
 def draw_bands(bands: Bands, kept: Kept, path: Path) -> None:
-    """Write the picture to `path` (PNG): Fig. 4 A to D as the paper has them, and below them what is true.
+    """Write the picture to `path` (PNG): panels A to D of Fig. 4, and below them what is true.
 
     Raises:
         OSError: it cannot be written.

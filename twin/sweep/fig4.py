@@ -1,5 +1,6 @@
 """What one run of a sweep says to the paper's Fig. 4, together with its companion that has no force control."""
 
+from dataclasses import replace
 from typing import Any
 
 from twin.errors import InputRefused
@@ -33,7 +34,8 @@ def refuse_unfit(experiment: Experiment) -> None:
 def findings(runs: Fig4Runs) -> dict[str, Any]:
     """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.sweep.curves`: height and forces of
     both runs as estimated and, from `true_`, as they are (m, N)."""
-    score = fig4_score(runs)
+    # the plant drawn is the imperfect one
+    score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
     judged = [as_facts(finding) for finding in (*score.claims, *score.quality)]
     return {
         "claims": {

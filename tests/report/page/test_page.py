@@ -75,7 +75,7 @@ def test_what_a_drive_says_of_its_own_has_a_panel(root: Path, tmp_path: Path):
 
 def test_several_runs_are_laid_over_each_other_with_what_differs(force_position: Recording, position: Recording):
     page = report_page([ReportRun("with", force_position), ReportRun("without", position)])[0]
-    assert "19 of 19 claims hold" in page
+    assert "28 of 28 claims hold" in page
     assert '<th scope="row">controller.mode</th><td></td><td>force_position</td><td>position</td>' in page
     for panel in data_of(page)["panels"]:
         assert all(len(row["curves"]) == 2 for row in panel["rows"])

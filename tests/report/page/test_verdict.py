@@ -9,8 +9,24 @@ from twin.report.page.verdict import verdict
 def test_both_runs_of_fig4_are_scored_in_any_order(force_position: Recording, position: Recording):
     runs = [ReportRun("p", position), ReportRun("fp", force_position)]
     judged = verdict(runs)
-    assert judged.good is True and judged.headline == "19 of 19 claims hold"
+    assert judged.good is True and judged.headline == "28 of 28 claims hold"
     assert judged.fig4 is not None and judged.fig4.position.recording is position
+
+
+def test_imperfect_runs_beside_them_say_what_there_is_to_say_of_x(
+    force_position: Recording, position: Recording, imperfect: tuple[Recording, Recording]
+):
+    four = [ReportRun(str(n), one) for n, one in enumerate((*imperfect, position, force_position))]
+    judged = verdict(four)
+    assert judged.good is True and judged.headline == "30 of 30 claims hold"
+    assert judged.fig4 is not None and judged.fig4.position.recording is position
+    assert judged.fig4.imperfect is not None and judged.fig4.imperfect[0].recording is imperfect[0]
+
+
+def test_imperfect_runs_alone_are_scored_as_they_are(imperfect: tuple[Recording, Recording]):
+    judged = verdict([ReportRun(str(n), one) for n, one in enumerate(imperfect)])
+    # the tilt shifts the end by 0.1 mm, which the reference has to make up for
+    assert judged.headline == "1 of 30 claims fails: z reference comes back"
 
 
 def test_force_control_alone_is_judged_on_the_true_force(force_position: Recording):

@@ -1,4 +1,4 @@
-"""One run laid out and coloured like the paper's Fig. 4: height, pressing force, and the force along x and y."""
+"""One run in the panels and colours that the caption of Fig. 4 names: height, pressing force, F_x and F_y."""
 
 from pathlib import Path
 

@@ -10,11 +10,14 @@ from twin.paper.fig4 import QUALITY
 from twin.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs, fig4_runs
 from twin.paper.fig5_score import Fig5Score, fig5_score
 from twin.paper.score import failed, fig4_score, tally
+from twin.recording.recording import Recording
 from twin.report.page.measures import outcome
 from twin.report.page.run import ReportRun
 
 FIG4 = "fig4"
 """How the names of experiments begin that follow the paper's Fig. 4."""
+IMPERFECT = "fig4_imperfect"
+"""How those begin of a robot and a scale that are not symmetrical."""
 ON_TRUTH = "Judged on the true contact force, force-position run"
 
 
@@ -47,7 +50,7 @@ class Verdict:
 
 def verdict(runs: Sequence[ReportRun]) -> Verdict:
     """Judge `runs`: Fig. 4 if there is one with force control and one without, Fig. 5 every run of tasks."""
-    pair, why_not = _fig4_pair(runs)
+    pair, why_not = _fig4_runs(runs)
     with_tasks = [run.recording for run in runs if run.values.get("task") and run.has("controller.task")]
     fig5 = fig5_score(with_tasks) if with_tasks else None
     groups: list[Group] = []
@@ -92,23 +95,32 @@ def _numbered(count: int) -> str:
     return "The run is" if count == 1 else f"All {count} runs are"
 
 
-def _fig4_pair(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
-    """The two runs of Fig. 4, and what is to be said if there is only one of them, or if they do not reach its end."""
-    with_force, without = ([run for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position"))
-    if not with_force and not without:
+def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
+    """The runs of Fig. 4, and what is to be said if one of the two is missing, or if they do not reach its end."""
+    asked = [run for run in runs if _is_fig4(run, "force_position") or _is_fig4(run, "position")]
+    ideal, imperfect = ([run for run in asked if run.name.startswith(IMPERFECT) == is_so] for is_so in (False, True))
+    if not asked:
         return None, []
-    if len(with_force) != 1 or len(without) != 1:
+    # without the ideal ones, the imperfect runs are all there is
+    pair, pair_in_x = _pair(ideal or imperfect), _pair(imperfect)
+    if not pair:
         return None, ["Fig. 4 is scored on two runs, one with force control and one without: report those two together"]
     try:
-        return fig4_runs(with_force[0].recording, without[0].recording), []
+        return fig4_runs(*pair, *pair_in_x), []
     except InputRefused as problem:
         return None, [str(problem)]
+
+
+def _pair(runs: Sequence[ReportRun]) -> list[Recording]:
+    """The one with force control and the one without; empty if there is not exactly one of each."""
+    modes = [[run.recording for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position")]
+    return [one for mode in modes for one in mode] if [len(mode) for mode in modes] == [1, 1] else []
 
 
 def _is_fig4(run: ReportRun, mode: str) -> bool:
     """Whether `run` follows the paper's Fig. 4 in a mode of the controller."""
     asked = run.name.startswith(FIG4) and run.values.get("controller", {}).get("mode") == mode
-    return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B")
+    return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
 
 
 def _alarms(run: ReportRun, several: bool) -> list[str]:
