@@ -39,7 +39,8 @@ def check(
     baselines: Annotated[
         Path | None,
         typer.Option(
-            metavar="DIR", help="Where baselines are: tests/baselines; if there is none here, those that come with twin."
+            metavar="DIR",
+            help="Where baselines are: tests/baselines here, else those that come with twin.",
         ),
     ] = None,
     out: Annotated[

@@ -67,7 +67,11 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
-        files = [located(f"experiments/{stored.name}.toml", Path.cwd()) for stored in sorted(folder.glob("*")) if stored.is_dir()]
+        files = [
+            located(f"experiments/{stored.name}.toml", Path.cwd())
+            for stored in sorted(folder.glob("*"))
+            if stored.is_dir()
+        ]
     if not files:
         raise InputRefused(
             f"{folder}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
