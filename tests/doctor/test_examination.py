@@ -6,7 +6,7 @@ import pytest
 from twin.doctor import surroundings
 from twin.doctor.examination import examination_text, examined, verdict
 from twin.doctor.finding import Finding
-from twin.doctor.native import is_warm
+from twin.doctor.native import compiled_pieces
 from twin.doctor.packages import installed_table, package_findings
 from twin.doctor.surroundings import compiled_finding, disk_finding, drives_finding, home_finding, smoke_finding
 
@@ -103,11 +103,11 @@ def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp
 
 def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert not is_warm()
+    assert compiled_pieces() == 0
     assert "the first run compiles" in compiled_finding().text
     (tmp_path / "plant").mkdir()
-    (tmp_path / "plant" / "dynamics.nbi").write_bytes(bytes(3_000_000))
-    assert is_warm()
+    (tmp_path / "plant" / "dynamics.nbc").write_bytes(bytes(3_000_000))
+    assert compiled_pieces() == 1
     assert compiled_finding().text.startswith("3 MB kept in ")
 
 

@@ -8,18 +8,8 @@ import pytest
 
 POISON = 'open({marker!r}, "a").write(__name__ + "\\n")\nraise ImportError("imported from the current folder")\n'
 MODULES = [
-    "asyncio.py",
-    "dask.py",
-    "encodings.py",
-    "hashlib.py",
-    "json.py",
-    "multiprocessing.py",
-    "numba.py",
-    "numpy.py",
-    "random.py",
-    "socket.py",
-    "statistics.py",
-    "twin/__init__.py",
+    *("asyncio.py", "dask.py", "encodings.py", "hashlib.py", "json.py", "multiprocessing.py", "numba.py", "numpy.py"),
+    *("random.py", "socket.py", "statistics.py", "twin/__init__.py"),
 ]
 SWEEP = """
 experiment = "fig4_position.toml"

@@ -12,19 +12,19 @@ from tests.installed.environments import Environment, built, installed
 CARRIED = ("experiments", "fmus", "tests/baselines")
 BUILDING = ("build.py", "builder", "fmi2", "fmi3", "__pycache__")
 """Of fmus/: what makes the drives, which a wheel has no use for."""
-REPOSITORY = [
-    "CITATION.cff",
-    "CONTRIBUTING.md",
-    "LICENSE",
-    "Makefile",
-    "constraints.txt",
-    "docs/index.md",
-    "fmus/build.py",
-    "benchmarks/__main__.py",
-    "fmus/velocity_servo/model.c",
-    "experiments/robots/massage_robot.toml",
-    "tests/baselines/step_z_air/stepper.toml",
-]
+REPOSITORY = (
+    *(
+        "CITATION.cff",
+        "CONTRIBUTING.md",
+        "LICENSE",
+        "Makefile",
+        "constraints.txt",
+        "set_up.py",
+        "benchmarks/__main__.py",
+    ),
+    *("docs/index.md", "fmus/build.py", "fmus/velocity_servo/model.c", "experiments/robots/massage_robot.toml"),
+    *("benchmarks/__main__.py", "tests/baselines/step_z_air/stepper.toml"),
+)
 NAMES = """
 import json
 import tarfile

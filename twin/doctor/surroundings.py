@@ -10,7 +10,7 @@ from pathlib import Path
 
 from twin import __version__
 from twin.doctor.finding import Finding
-from twin.doctor.native import cache_folder, is_warm
+from twin.doctor.native import cache_folder, compiled_pieces
 from twin.errors import InputRefused
 from twin.guard.interpreter import environment, module_command
 from twin.places import HOME, PACKAGE, is_clone
@@ -52,7 +52,7 @@ def compiled_finding() -> Finding:
     folder = cache_folder()
     if not os.access(folder, os.W_OK):
         return Finding("compiled", "lacks", f"{folder} cannot be written: every run compiles anew; set NUMBA_CACHE_DIR")
-    if not is_warm():
+    if not compiled_pieces():
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, up to a minute; kept in {folder}")
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {folder}")
