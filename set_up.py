@@ -7,10 +7,13 @@ import threading
 import time
 from collections import deque
 from pathlib import Path
+from subprocess import PIPE, STDOUT
 
 EXPECTED = {"": (50, 200), "test,docs": (105, 370)}
 """Extras -> about how many packages that is, and how many MB to download. Of others nothing is foretold."""
-FETCHED = re.compile(r"(?:Downloading|Using cached|Processing) (\S+?\.(?:whl|tar\.gz))(?: \(([\d.]+) ([kM])B\))?")
+FETCHED = re.compile(
+    r"(?:Downloading|Using cached|Processing) (\S+\.(?:whl|tar\.gz))(?=\s|$)(?: \(([\d.]+) ([kM])B\))?"
+)
 BAR = 24
 PERIOD = 0.2
 """Seconds between two looks of the line."""
@@ -44,7 +47,8 @@ class Progress:
         share = 1.0 if unpacking else min(self.packages / packages, 0.99) if packages else 0.0
         bar = f"[{'#' * int(share * BAR):{BAR}}] " if packages else ""
         of = "" if unpacking or not packages else f" of about {packages}"
-        return f"  {bar}{self.packages}{of} packages, {seconds:.0f} s: {self.current}"[:79]
+        size = f", {self.megabytes:.0f} MB" if self.megabytes else ""
+        return f"  {bar}{self.packages}{of} packages{size}, {seconds:.0f} s: {self.current}"[:79]
 
 
 def main() -> int:
@@ -55,7 +59,7 @@ def main() -> int:
     print(f"Setting up, once: downloading packages{size} and installing them in {sys.prefix}", flush=True)
     wanted = f".[{extras}]" if extras else "."
     command = [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar", "off"]
-    pip = subprocess.Popen([*command, "-c", "constraints.txt", "-e", wanted], stdout=subprocess.PIPE, text=True)
+    pip = subprocess.Popen([*command, "-c", "constraints.txt", "-e", wanted], stdout=PIPE, stderr=STDOUT, text=True)
     progress, began = Progress(), time.monotonic()
     reader = threading.Thread(target=lambda: [progress.take(line.rstrip()) for line in pip.stdout or ()])
     reader.start()

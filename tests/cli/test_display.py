@@ -61,6 +61,10 @@ def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Hear
     monkeypatch.setattr(compiling, "PERIOD", 0.001)
     with Display(as_json=False) as shown:
         assert all_counted.wait(60.0)
+        # the first step may have to wait for the last piece
+        before = len(heard.told)
+        shown.show(0, 10)
+        assert 0.0 not in heard.told[before:]
         shown.show(1, 10)
         # the line belongs to the run from now on
         before = len(heard.told)

@@ -59,7 +59,9 @@ class Display:
         self._progress.clear()
 
     def show(self, done: int, total: int) -> None:
-        """Move the bar."""
+        """Move the bar; before the first step more may have to be compiled."""
+        if not done:
+            return
         self._watch.end()
         self._progress.move(done / total)
 
