@@ -91,7 +91,7 @@ def test_a_folder_stands_for_the_latest_run_in_it(finished: Path, tmp_path: Path
         (tmp_path / run).mkdir()
     shutil.copy(finished, tmp_path / run / "run.mcap")
     assert read(tmp_path / run).path == read(str(tmp_path)).path == tmp_path / run / "run.mcap"
-    with pytest.raises(RecordingRefused, match="no recording; expected an .mcap file, a run's folder"):
+    with pytest.raises(RecordingRefused, match=r"no recording; expected an \.mcap file, a run's folder"):
         read(tmp_path / "2026-01-01_120000")
 
 
