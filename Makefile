@@ -9,7 +9,7 @@ TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).to
 FIG4   := $(foreach run,force_position position imperfect imperfect_position,experiments/fig4_$(run).toml)
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test lint bench docs picture endurance mutants fmus clean
+.PHONY: help run tasks test lint bench docs picture endurance mutants fmus shell clean
 
 help:  ## this list
 	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -56,12 +56,15 @@ $(VENV)/bin/python:
 	$(PYTHON) -m venv $(VENV)
 
 $(VENV)/.run: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e .
+	@$(VENV)/bin/python set_up.py
 	@touch $@
 
 $(VENV)/.test-%: $(VENV)/bin/python pyproject.toml constraints.txt
-	$(VENV)/bin/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e ".[$*]"
+	@$(VENV)/bin/python set_up.py "$*"
 	@touch $@ $(VENV)/.run
+
+shell: $(VENV)/.run  ## set up, then a shell in which `twin` is found; exit leaves it
+	@. $(VENV)/bin/activate && exec "$${SHELL:-sh}"
 
 clean:  ## remove the environment and all results
 	rm -rf $(VENV) site results/*/

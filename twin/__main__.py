@@ -1,3 +1,10 @@
+import os
+import sys
+
+# -m puts the current folder first; commands do not import what happens to lie there
+if not sys.flags.safe_path and sys.path[0] == os.getcwd():
+    del sys.path[0]
+
 from twin.cli import main
 
 main()

@@ -1,10 +1,13 @@
 import re
+import threading
+import time
 from pathlib import Path
 
 import pytest
 
 from tests.report.test_run_text import RUN
-from twin.cli import display
+from twin.cli import compiling, display
+from twin.cli.compiling import PIECES
 from twin.cli.display import Display
 from twin.cli.progress import Silent, Speed, clock
 
@@ -18,6 +21,9 @@ class Heard(Silent):
     def say(self, what: str) -> None:
         self.told.append(what)
 
+    def compile(self, done: int, about: int, seconds: float) -> None:
+        self.told.append((done, about))
+
     def begin(self, name: str, duration: float) -> None:
         self.told.append((name, duration))
 
@@ -29,14 +35,52 @@ class Heard(Silent):
 def heard(monkeypatch: pytest.MonkeyPatch) -> Heard:
     heard = Heard()
     monkeypatch.setattr(display, "progress", lambda: heard)
+    monkeypatch.setattr(compiling, "compiled_pieces", lambda: PIECES)
     return heard
 
 
-@pytest.mark.parametrize(("warm", "said"), [(True, "loading"), (False, "compiling for the first time, up to a minute")])
-def test_the_first_run_of_all_says_that_it_compiles(heard: Heard, monkeypatch, warm: bool, said: str):
-    monkeypatch.setattr(display, "is_warm", lambda: warm)
-    with Display(as_json=False):
-        assert heard.told == [said]
+@pytest.mark.parametrize(
+    ("counts", "told"),
+    [
+        ([0, 0, 30, 95], [(0, PIECES), (0, PIECES), (30, PIECES), (95, PIECES)]),
+        # compiled in part, by whoever was interrupted: how many are lacking nobody knows
+        ([60, 60, 61, 70], [(1, 0), (10, 0)]),
+        ([95, 95, 95, 95], []),
+    ],
+)
+def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Heard, monkeypatch, counts, told):
+    left, all_counted = iter(counts), threading.Event()
+
+    def counted() -> int:
+        found = next(left, None)
+        if found is None:
+            all_counted.set()
+        return counts[-1] if found is None else found
+
+    monkeypatch.setattr(compiling, "compiled_pieces", counted)
+    monkeypatch.setattr(compiling, "PERIOD", 0.001)
+    with Display(as_json=False) as shown:
+        assert all_counted.wait(60.0)
+        # the first step may have to wait for the last piece
+        before = len(heard.told)
+        shown.show(0, 10)
+        assert 0.0 not in heard.told[before:]
+        shown.show(1, 10)
+        # the line belongs to the run from now on
+        before = len(heard.told)
+        shown.show(2, 10)
+        assert heard.told[before:] == [0.2]
+    said = [entry for entry in heard.told if isinstance(entry, tuple)]
+    assert list(dict.fromkeys(said)) == list(dict.fromkeys(told))
+
+
+def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys):
+    monkeypatch.setattr(compiling, "compiled_pieces", lambda: 0)
+    monkeypatch.setattr(compiling, "PERIOD", 0.001)
+    with Display(as_json=True):
+        time.sleep(0.02)
+    told = capsys.readouterr()
+    assert told.out == "" and told.err == "compiling, once: the first run takes about a minute longer\n"
 
 
 def test_runs_follow_one_another_and_the_next_step_names_all_of_them(heard: Heard, tmp_path: Path, monkeypatch, capsys):

@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.test_run import FIG4
+from twin.cli.compiling import PIECES
 
 pty = pytest.importorskip("pty", reason="Windows has no pseudo-terminals")
 
@@ -49,6 +50,16 @@ def test_a_terminal_shows_how_far_the_run_is_and_then_only_the_summary(root: Pat
     # the line is erased before the summary
     assert "\x1b[2K" in text.rpartition("fig4_force_position  60 s at ")[0]
     assert "\x1b" not in text.rpartition("fig4_force_position  60 s at ")[2].partition("next")[0]
+
+
+@pytest.mark.endurance
+def test_the_first_run_of_all_counts_what_it_compiles(root: Path, tmp_path: Path):
+    text = seen(root, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
+    assert f"compiling, once: 0 of about {PIECES} pieces" in text
+    counted = [int(count) for count in re.findall(rf"compiling, once: (\d+) of about {PIECES}", text)]
+    assert counted == sorted(counted) and len(set(counted)) > 10
+    # "about": within a fifth
+    assert abs(len(list((tmp_path / "compiled").rglob("*.nbc"))) - PIECES) < 0.2 * PIECES
 
 
 def test_without_colour_there_is_no_escape_code_and_no_line_is_too_long(root: Path, tmp_path: Path):

@@ -51,12 +51,12 @@ class Workshop:
             "COLUMNS": "80",
         }
 
-    def twin(self, *arguments: str) -> str:
-        """What a command of twin prints; it has to succeed."""
+    def twin(self, *arguments: str, expected: int = 0) -> str:
+        """What a command of twin prints; it has to end with the exit code `expected`."""
         command = [str(self._programs / "twin"), *arguments]
-        return subprocess.run(
-            command, cwd=self.folder, env=self._environment, stdout=subprocess.PIPE, text=True, check=True
-        ).stdout
+        done = subprocess.run(command, cwd=self.folder, env=self._environment, capture_output=True, text=True)
+        assert done.returncode == expected, f"{shlex.join(command)}: {done.returncode}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
 
     def run(self, block: Block, namespace: dict[str, Any]) -> None:
         """Run `block`; Python blocks of a page share `namespace`.

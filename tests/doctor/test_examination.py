@@ -6,9 +6,9 @@ import pytest
 from twin.doctor import surroundings
 from twin.doctor.examination import examination_text, examined, verdict
 from twin.doctor.finding import Finding
-from twin.doctor.native import is_warm
-from twin.doctor.packages import package_findings, project_table
-from twin.doctor.surroundings import compiled_finding, disk_finding, drives_finding, smoke_finding
+from twin.doctor.native import compiled_pieces
+from twin.doctor.packages import installed_table, package_findings
+from twin.doctor.surroundings import compiled_finding, disk_finding, drives_finding, home_finding, smoke_finding
 
 PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}
 
@@ -53,8 +53,40 @@ def test_an_extra_that_users_need_is_missed_and_one_for_developers_is_noted():
     assert found[2].text.startswith("twin run --live needs: pip install -e '.[live]'")
 
 
-def test_a_folder_without_a_project_has_no_table(tmp_path: Path):
-    assert project_table(tmp_path) is None
+METADATA = """Metadata-Version: 2.4
+Name: acme
+Version: 1.0
+Requires-Python: >=3.11
+Requires-Dist: numpy>=2.0
+Requires-Dist: old; python_version < "3"
+Provides-Extra: live
+Requires-Dist: there-is-no-such-package>=3; extra == "live"
+Provides-Extra: test
+Requires-Dist: nor-this-one; extra == "test"
+"""
+
+
+def test_without_a_clone_the_installed_package_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "acme-1.0.dist-info").mkdir()
+    (tmp_path / "acme-1.0.dist-info" / "METADATA").write_text(METADATA)
+    monkeypatch.syspath_prepend(tmp_path)
+    table = installed_table("acme")
+    assert table == PROJECT | {
+        "optional-dependencies": {"live": ["there-is-no-such-package>=3"], "test": ["nor-this-one"]}
+    }
+    # extras for developing are of no use there, and pip is told of what is missing by its name
+    found = package_findings(table, clone=False)
+    assert states(found) == {"python": "ok", "packages": "ok", "live": "lacks"}
+    assert found[2].text.startswith("twin run --live needs: pip install 'there-is-no-such-package>=3' (")
+    wrong = package_findings(PROJECT | {"dependencies": ["numpy>=99"]}, clone=False)[1]
+    assert wrong.text.endswith(": pip install 'numpy>=99'")
+
+
+def test_an_installation_that_lost_its_experiments_is_not_ready(tmp_path: Path, root: Path):
+    assert home_finding() == Finding("repository", "ok", str(root))
+    (tmp_path / "fmus").mkdir()
+    found = home_finding(tmp_path)
+    assert found.state == "bad" and "experiments, tests/baselines missing; install it again" in found.text
 
 
 def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp_path: Path, root: Path):
@@ -71,11 +103,11 @@ def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp
 
 def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert not is_warm()
+    assert compiled_pieces() == 0
     assert "the first run compiles" in compiled_finding().text
     (tmp_path / "plant").mkdir()
-    (tmp_path / "plant" / "dynamics.nbi").write_bytes(bytes(3_000_000))
-    assert is_warm()
+    (tmp_path / "plant" / "dynamics.nbc").write_bytes(bytes(3_000_000))
+    assert compiled_pieces() == 1
     assert compiled_finding().text.startswith("3 MB kept in ")
 
 

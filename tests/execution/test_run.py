@@ -123,7 +123,7 @@ def test_a_delay_of_the_computation_delays_the_motors_by_as_much(root: Path, tmp
 
 def test_the_summary_tells_cost_and_drives(root: Path, tmp_path: Path):
     experiment = load_experiment(root / "experiments/fig4_position.toml", SHORT)
-    run = execute(experiment, tmp_path, timed=True)
+    run = execute(experiment, str(tmp_path), timed=True)
     summary = json.loads((tmp_path / SUMMARY).read_text())
     assert summary["real_time_factor"] == run.real_time_factor > 1
     assert summary["microseconds"].keys() >= {"plant", "drive_1", "estimator"}

@@ -3,7 +3,6 @@ from pathlib import Path
 import pytest
 
 from twin.errors import InputRefused
-from twin.experiment import started
 from twin.experiment.started import start_experiment
 
 
@@ -24,9 +23,3 @@ def test_what_cannot_be_started_is_refused_and_nothing_is_written(
         start_experiment(Path(file), start)
     assert str(refusal.value).startswith(said)
     assert not list(tmp_path.iterdir())
-
-
-def test_without_the_repository_the_installation_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(started, "CHECKOUT", tmp_path)
-    with pytest.raises(InputRefused, match="install from the repository"):
-        start_experiment(tmp_path / "a.toml", "tapping")

@@ -1,3 +1,4 @@
+import shutil
 import struct
 from pathlib import Path
 
@@ -83,6 +84,15 @@ def test_an_abandoned_recording_reads_to_its_last_row_and_says_that_it_is_unfini
     assert recording.note == (
         "unfinished recording: read up to 1.499 s, its last complete chunk; 0 bytes after that are incomplete"
     )
+
+
+def test_a_folder_stands_for_the_latest_run_in_it(finished: Path, tmp_path: Path) -> None:
+    for run in ("2026-01-01_120000", "2026-01-02_120000"):
+        (tmp_path / run).mkdir()
+    shutil.copy(finished, tmp_path / run / "run.mcap")
+    assert read(tmp_path / run).path == read(str(tmp_path)).path == tmp_path / run / "run.mcap"
+    with pytest.raises(RecordingRefused, match=r"no recording; expected an \.mcap file, a run's folder"):
+        read(tmp_path / "2026-01-01_120000")
 
 
 def test_a_misspelt_series_is_refused_with_the_nearest_name(finished: Path) -> None:

@@ -62,7 +62,7 @@ def test_what_deviates_is_a_sentence_each(root: Path, tmp_path: Path):
     mine, folder = step_file(root, tmp_path / "mine.toml"), tmp_path / "kept"
     outcomes(folder, mine, reason="first")
     step_file(root, mine, STIFFER)
-    told = [str(deviation) for deviation in check(mine, drive=DRIVE, baselines=folder)]
+    told = [str(deviation) for deviation in check(str(mine), drive=DRIVE, baselines=str(folder))]
     assert any(text.startswith(f"mine, {DRIVE}: z.rise_time is better: 1.") for text in told)
     assert any(f"mine, {DRIVE}: z.tube is outside: " in text and " m at " in text for text in told)
 

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 
 import typer
 
+from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
 from twin.errors import InputRefused
@@ -15,7 +16,10 @@ FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 
 
 def analyse(
-    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML).")],
+    experiment: Annotated[
+        Path,
+        typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML) or name.", autocompletion=experiment_files),
+    ],
     drive: DriveName = None,
     body: BodyName = None,
     settings: Settings = None,

@@ -12,7 +12,7 @@ from twin.cli.faults import Isolation
 from twin.cli.options import AsJson
 from twin.errors import InputRefused
 
-BASELINES, PICTURES = Path("tests/baselines"), Path("results/check")
+PICTURES = Path("results/check")
 
 
 def check(
@@ -20,7 +20,7 @@ def check(
         list[Path] | None,
         typer.Argument(
             metavar="[EXPERIMENT]...",
-            help="Experiments that say what to measure; none: all that have baselines.",
+            help="Experiments that say what to measure, files or names; none: all that have baselines.",
             autocompletion=experiment_files,
         ),
     ] = None,
@@ -36,7 +36,13 @@ def check(
     ] = None,
     update: Annotated[bool, typer.Option("--update", help="Accept what is now as the baseline.")] = False,
     reason: Annotated[str, typer.Option(metavar="TEXT", help="Why; kept in the baseline.")] = "",
-    baselines: Annotated[Path, typer.Option(metavar="DIR", help="Where baselines are.")] = BASELINES,
+    baselines: Annotated[
+        Path | None,
+        typer.Option(
+            metavar="DIR",
+            help="Where baselines are: tests/baselines here, else those that come with twin.",
+        ),
+    ] = None,
     out: Annotated[
         Path, typer.Option(metavar="DIR", help="Where pictures of curves outside their tubes go.")
     ] = PICTURES,
@@ -58,14 +64,15 @@ def check(
     Example: twin check experiments/step_z_air.toml --drive velocity_servo
     """
     from twin.cli.check_jobs import finished
-    from twin.regression.baseline import baseline_file, write_baseline
+    from twin.regression.baseline import FOLDER, baseline_file, baselines_here, write_baseline
     from twin.regression.job import pairs
     from twin.report.check_text import check_text
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
-    wanted = pairs(experiments or [], drives or [], baselines)
-    done = finished(wanted, baselines, reason, jobs if isolate == Isolation.RUN else 0)
+    folder = baselines or (FOLDER if update else baselines_here())
+    wanted = pairs(experiments or [], drives or [], folder)
+    done = finished(wanted, folder, reason, jobs if isolate == Isolation.RUN else 0)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
@@ -74,9 +81,9 @@ def check(
     places = []
     moved = [outcome for outcome in done if outcome.text]
     for outcome in moved:
-        write_baseline(baseline_file(baselines, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
+        write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
     if update and verdicts:
-        places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {baselines}")
+        places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {folder}")
     if any(verdict.outside for verdict in verdicts):
         from twin.report.check_picture import check_pictures
 

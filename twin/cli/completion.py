@@ -8,16 +8,16 @@ from twin.errors import InputRefused
 
 
 def experiment_files(incomplete: str) -> list[str]:
-    """Experiments of this folder and of experiments/."""
+    """Experiments of this folder and of experiments/; by name, those that come with twin."""
     files = [*Path().glob("*.toml"), *Path("experiments").glob("*.toml")]
-    return _starting_with(incomplete, map(str, files))
+    return _starting_with(incomplete, map(str, files)) or experiment_names(incomplete)
 
 
 def experiment_names(incomplete: str) -> list[str]:
-    """Experiments of the repository, without folder and suffix."""
-    from twin.experiment.source import CHECKOUT
+    """Experiments that come with twin, without folder and suffix."""
+    from twin.experiment.named import known_experiments
 
-    return _starting_with(incomplete, (file.stem for file in CHECKOUT.glob("experiments/*.toml")))
+    return _starting_with(incomplete, known_experiments())
 
 
 def drive_names(incomplete: str) -> list[str]:

@@ -5,8 +5,8 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from twin.cli.compiling import CompileWatch
 from twin.cli.progress import progress
-from twin.doctor.native import is_warm
 from twin.guard.remains import seen_from_here
 from twin.recording.folder import LATEST
 from twin.report.run_text import run_facts, run_text
@@ -24,10 +24,12 @@ class Display:
         self._name = ""
         self._as_json = as_json
         self._progress = progress()
+        self._watch = CompileWatch(self._progress)
         self._done: list[Path] = []
 
     def __enter__(self) -> "Display":
-        self._progress.say("loading" if is_warm() else "compiling for the first time, up to a minute")
+        self._progress.say("loading")
+        self._watch.start()
         return self
 
     def __exit__(self, *failure: object) -> None:
@@ -40,11 +42,11 @@ class Display:
         if "run" in note:
             facts = {"experiment": self._name, **note["run"]}
             facts["recording"] = seen_from_here(Path(facts["recording"]))
-            self._progress.clear()
+            self.clear()
             print(json.dumps(run_facts(facts)) if self._as_json else run_text(facts), flush=True)
             self._done.append(_shortest(facts["recording"].parent))
         elif "serving" in note:
-            self._progress.clear()
+            self.clear()
             # not on standard output, which --json keeps for the result
             print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
         else:
@@ -53,10 +55,14 @@ class Display:
 
     def clear(self) -> None:
         """Leave the terminal to whoever has something to say."""
+        self._watch.end()
         self._progress.clear()
 
     def show(self, done: int, total: int) -> None:
-        """Move the bar."""
+        """Move the bar; before the first step more may have to be compiled."""
+        if not done:
+            return
+        self._watch.end()
         self._progress.move(done / total)
 
 

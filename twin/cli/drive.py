@@ -179,11 +179,12 @@ def checked(voice: Any, fmu: str, here: str, out: str) -> dict[str, Any]:
 
 def compared(voice: Any, fmus: list[str], experiment: str, out: str) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of drives in the same experiment, and the picture; a job of the guard."""
+    from twin.experiment.named import experiment_file
     from twin.qualification.comparison import comparison_facts, trials
     from twin.report.drive_compare import draw_drive_compare
     from twin.report.drive_text import compare_text
 
-    file = Path(experiment)
+    file = experiment_file(experiment)
     done = trials(file, fmus)
     picture = Path(out) / f"{file.stem}.png"
     draw_drive_compare(done, f"Drives compared in {file.name}", picture)

@@ -16,6 +16,9 @@ class Progress(Protocol):
     def say(self, what: str) -> None:
         """From now on `what` is going on, nobody knows for how long."""
 
+    def compile(self, done: int, about: int, seconds: float) -> None:
+        """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
+
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""
 
@@ -42,6 +45,12 @@ def clock(share: float, duration: float) -> str:
     return f"{share * duration:{len(total)}.1f} / {total} s"
 
 
+def compiling(done: int, about: int, seconds: float) -> str:
+    """`compiling, once: 12 of about 90 pieces, 9 s`."""
+    of = f" of about {about}" if about else ""
+    return f"compiling, once: {done}{of} pieces, {seconds:.0f} s"
+
+
 class Speed:
     """Simulated time per wall time since the first step."""
 
@@ -58,9 +67,13 @@ class Speed:
 
 
 class Silent:
-    """No terminal, or one that cannot go back on its line."""
+    """No terminal, or one that cannot go back on its line: only a long wait is told, in a line of its own."""
 
     def say(self, what: str) -> None: ...
+
+    def compile(self, done: int, about: int, seconds: float) -> None:
+        if about and not done and not seconds:
+            print("compiling, once: the first run takes about a minute longer", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None: ...
 
@@ -77,6 +90,9 @@ class PlainLine:
 
     def say(self, what: str) -> None:
         self._write(f"{self._name}  {what}".strip())
+
+    def compile(self, done: int, about: int, seconds: float) -> None:
+        self.say(compiling(done, about, seconds))
 
     def begin(self, name: str, duration: float) -> None:
         self._name, self._duration, self._speed = name, duration, Speed()
@@ -126,19 +142,27 @@ class Bar:
         )
         self._task = self._line.add_task("", total=None, clock="", speed="")
         self._duration, self._speed = 0.0, Speed()
+        self._moving = False
+
+    def compile(self, done: int, about: int, seconds: float) -> None:
+        # never full: more than foretold may be needed
+        share = {"total": float(about), "completed": min(done, 0.98 * about)} if about else {}
+        self._line.update(self._task, clock=compiling(done, about, seconds), **share)
+        self._line.start()
 
     def say(self, what: str) -> None:
         self._line.update(self._task, clock=what)
         self._line.start()
 
     def begin(self, name: str, duration: float) -> None:
-        self._duration, self._speed = duration, Speed()
+        self._duration, self._speed, self._moving = duration, Speed(), False
         self._line.reset(self._task, total=None, description=name, clock="loading", speed="")
         self._line.start()
 
     def move(self, share: float) -> None:
-        if self._line.tasks[0].total is None:
+        if not self._moving:
             self._line.reset(self._task, total=1.0)
+            self._moving = True
         simulated = share * self._duration
         self._line.update(
             self._task, completed=share, clock=clock(share, self._duration), speed=self._speed.text(simulated)

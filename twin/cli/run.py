@@ -45,7 +45,9 @@ class Isolation(StrEnum):
 def run(
     experiments: Annotated[
         list[Path],
-        typer.Argument(metavar="EXPERIMENT...", help="Experiment files (TOML).", autocompletion=experiment_files),
+        typer.Argument(
+            metavar="EXPERIMENT...", help="Experiment files (TOML), or names.", autocompletion=experiment_files
+        ),
     ],
     drive: DriveName = None,
     body: BodyName = None,
@@ -156,10 +158,12 @@ def _sweep(
     as_json: bool,
 ) -> None:
     from twin.cli.sweep import How, carry_out, check_start, cores
+    from twin.experiment.named import experiment_file
     from twin.sweep.definition import short_definition
     from twin.sweep.folder import HOME
     from twin.sweep.plan import plan_of
 
+    experiment = experiment_file(experiment)
     definition = short_definition(experiment, ranges, drive)
     place = f"--sweep {' '.join(ranges)}"
     check_start(place, definition, sure=False)

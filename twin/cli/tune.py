@@ -8,6 +8,7 @@ from typing import Annotated, Any
 
 import typer
 
+from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
 from twin.errors import InputRefused
@@ -17,7 +18,10 @@ FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 
 
 def tune(
-    experiment: Annotated[Path, typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML).")],
+    experiment: Annotated[
+        Path,
+        typer.Argument(metavar="EXPERIMENT", help="Experiment file (TOML) or name.", autocompletion=experiment_files),
+    ],
     margin: Annotated[float, typer.Option("--margin", metavar="M_S", help="Largest |1/(1+L)| of any loop.")] = 1.6,
     overshoot: Annotated[
         float, typer.Option("--overshoot-percent", metavar="PERCENT", help="Largest overshoot of a step.")
@@ -82,13 +86,14 @@ def tuned_loops(
 ) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of the gains found, and the files of `out`; a job of the guard."""
     from twin.experiment.experiment import load_experiment
+    from twin.experiment.named import experiment_file
     from twin.report.tuning import draw_tuning
     from twin.report.tuning_text import tuning_text
     from twin.tuning.fragment import fragment
     from twin.tuning.goals import Goals, stiffness_range
     from twin.tuning.tuned import tuned
 
-    file, folder = Path(experiment), Path(out)
+    file, folder = experiment_file(experiment), Path(out)
     asked, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)
     # of several drives the file's own stays
     one = [] if len(drives) > 1 else [("--drive", drives[0])]

@@ -11,24 +11,21 @@ from twin.doctor.surroundings import (
     compiled_finding,
     disk_finding,
     drives_finding,
+    home_finding,
     isolation_finding,
     smoke_finding,
 )
-from twin.experiment.source import CHECKOUT
+from twin.places import HOME, is_clone
 
 WIDTH = 80
 
 
 def examined(here: Path, with_run: bool) -> list[Finding]:
     """What this installation has and lacks, for who works in the folder `here`; `with_run`: run something, too."""
-    project = project_table(CHECKOUT)
-    if project is None or not (CHECKOUT / "experiments").is_dir():
-        return [
-            Finding("repository", "bad", f"{CHECKOUT} has no experiments; install with pip install -e . in a clone")
-        ]
-    findings = [Finding("repository", "ok", str(CHECKOUT)), *package_findings(project)]
-    findings += [compiled_finding(), drives_finding(here), isolation_finding(), disk_finding(here), browser_finding()]
-    return [*findings, smoke_finding(CHECKOUT)] if with_run else findings
+    findings = [home_finding(), *package_findings(project_table(), is_clone())]
+    findings += [compiled_finding(), drives_finding(here), isolation_finding(), disk_finding(here)]
+    findings += [browser_finding()] if is_clone() else []
+    return [*findings, smoke_finding(HOME)] if with_run else findings
 
 
 def verdict(findings: Sequence[Finding]) -> str:

@@ -9,6 +9,9 @@ def cache_folder() -> Path:
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
 
-def is_warm() -> bool:
-    """Whether anything has been compiled before. What a run needs beyond it is still compiled when it is needed."""
-    return next(cache_folder().rglob("*.nbi"), None) is not None
+def compiled_pieces() -> int:
+    """How many pieces of machine code are kept: of each compiled function one for every kind of arguments.
+
+    What a run needs beyond them is compiled when it is needed.
+    """
+    return sum(1 for _ in cache_folder().rglob("*.nbc"))

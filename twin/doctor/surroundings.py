@@ -4,20 +4,31 @@ import json
 import os
 import shutil
 import subprocess
-import sys
 import tempfile
 import time
 from pathlib import Path
 
+from twin import __version__
 from twin.doctor.finding import Finding
-from twin.doctor.native import cache_folder, is_warm
+from twin.doctor.native import cache_folder, compiled_pieces
 from twin.errors import InputRefused
+from twin.guard.interpreter import environment, module_command
+from twin.places import HOME, PACKAGE, is_clone
 from twin.qualification.shelf import shelved_drives
 
 DEFAULT_DRIVE = "velocity_servo"
 LITTLE, TOO_LITTLE = 1e9, 1e8
 """Free bytes: a recording of 20 s takes some 6 MB."""
 SMOKE = "fig4_force_position.toml"
+
+
+def home_finding(home: Path = HOME) -> Finding:
+    """Where twin is, and whether its experiments and drives are with it."""
+    topic, text = ("repository", str(home)) if is_clone() else ("installed", f"twin {__version__} in {PACKAGE}")
+    missing = [name for name in ("experiments", "fmus", "tests/baselines") if not (home / name).is_dir()]
+    if missing:
+        return Finding(topic, "bad", f"{text}: {', '.join(missing)} missing; install it again")
+    return Finding(topic, "ok", text)
 
 
 def drives_finding(here: Path) -> Finding:
@@ -28,7 +39,7 @@ def drives_finding(here: Path) -> Finding:
         return Finding("drives", "bad", str(refusal))
     wrong = [drive for drive in drives if drive.problem]
     if not drives:
-        return Finding("drives", "lacks", "fmus/ is empty; the default drive is taken from the repository")
+        return Finding("drives", "lacks", "fmus/ is empty; the default drive is the one that comes with twin")
     if not wrong:
         return Finding("drives", "ok", f"all {len(drives)} of fmus/ fit, with binaries for this machine")
     text = f"{len(wrong)} of {len(drives)} do not fit: " + "; ".join(f"{d.name}: {d.problem}" for d in wrong)
@@ -41,7 +52,7 @@ def compiled_finding() -> Finding:
     folder = cache_folder()
     if not os.access(folder, os.W_OK):
         return Finding("compiled", "lacks", f"{folder} cannot be written: every run compiles anew; set NUMBA_CACHE_DIR")
-    if not is_warm():
+    if not compiled_pieces():
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, up to a minute; kept in {folder}")
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {folder}")
@@ -74,12 +85,12 @@ def browser_finding() -> Finding:
     return Finding("chromium", "ok", found) if found else Finding("chromium", "note", "the page's tests need it")
 
 
-def smoke_finding(checkout: Path) -> Finding:
+def smoke_finding(home: Path) -> Finding:
     """One second of Fig. 4, really run, as `twin run` does."""
     with tempfile.TemporaryDirectory() as folder:
-        command = [sys.executable, "-m", "twin", "run", str(checkout / "experiments" / SMOKE), "--json"]
+        command = module_command("twin", "run", str(home / "experiments" / SMOKE), "--json", "--set", "duration_s=1")
         began = time.monotonic()
-        done = subprocess.run([*command, "--set", "duration_s=1"], cwd=folder, capture_output=True, text=True)
+        done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True)
         taken = time.monotonic() - began
     if done.returncode:
         return Finding("run", "bad", done.stderr.strip() or f"twin run ended with exit code {done.returncode}")

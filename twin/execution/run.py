@@ -67,7 +67,7 @@ class Run:
 
 def execute(
     experiment: Experiment,
-    folder: Path,
+    folder: str | Path,
     progress: Progress = lambda done, total: None,
     substitutes: Mapping[str, Component] | None = None,
     timed: bool = False,
@@ -92,6 +92,7 @@ def execute(
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
         RecordingFailed: the disk is full; likewise.
     """
+    folder = Path(folder)
     with assemble(experiment, substitutes, drive_maker) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, pace, viewer)

@@ -20,6 +20,7 @@ from twin.experiment.inheritance import fill_from_robot
 from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import keys, sentences, unknown
 from twin.experiment.monitor import Monitor
+from twin.experiment.named import experiment_file
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.reach import geometry_of
 from twin.experiment.reference import Reference, WayPoints, way_points
@@ -109,12 +110,12 @@ class Experiment:
 
 
 def load_experiment(
-    path: Path, overrides: Iterable[str] = (), drive: str | None = None, body: str | None = None
+    path: str | Path, overrides: Iterable[str] = (), drive: str | None = None, body: str | None = None
 ) -> Experiment:
     """Read, merge and check the experiment at `path`.
 
     Args:
-        path: a TOML file.
+        path: a TOML file, or the name of an experiment, see `experiment_file`.
         overrides: "table.key=value" texts laid over it; of an array of tables "task.1.force_N=4".
         drive: an FMU or a drive of fmus/ that replaces the drive of every joint and its parameters.
         body: a file of bodies/ that replaces all of [contact] but its height.
@@ -122,6 +123,7 @@ def load_experiment(
     Raises:
         InputRefused: with every mistake, one sentence each.
     """
+    path = experiment_file(path)
     folder = path.resolve().parent
     source = read_source(path)
     if drive is not None:

@@ -8,9 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-
-CHECKOUT = Path(__file__).parents[2]
-"""The repository this package lies in: its experiments, robots, bodies and drives are found from any folder."""
+from twin.places import HOME
 
 SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
@@ -157,14 +155,14 @@ def _forget(source: Source, table: str, keep: tuple[str, ...] = ()) -> None:
 
 
 def located(name: str, start: Path) -> Path:
-    """The file `name` as seen from folder `start`: absolute, in `start` or its parents, here, or in `CHECKOUT`.
+    """The file `name` as seen from folder `start`: absolute, in `start` or its parents, here, or in `HOME`.
 
     What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
     """
     wanted = Path(name).expanduser()
     if wanted.is_absolute():
         return wanted
-    for folder in (start, *start.parents, Path.cwd(), CHECKOUT, CHECKOUT / "experiments"):
+    for folder in (start, *start.parents, Path.cwd(), HOME, HOME / "experiments"):
         if (folder / wanted).exists():
             return folder / wanted
     return start / wanted

@@ -1,16 +1,15 @@
 """A new experiment file and its schema, written."""
 
-import difflib
 from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.experiment.json_schema import SCHEMA_FILE, schema_text
-from twin.experiment.source import CHECKOUT
+from twin.experiment.named import did_you_mean, known_experiments
 from twin.experiment.template import commented_experiment
 
 
 def start_experiment(file: Path, start: str) -> list[Path]:
-    """Write an experiment to `file` that does what the repository's experiment `start` does.
+    """Write an experiment to `file` that does what the experiment `start` of those that come with twin does.
 
     Returns:
         The files that were written: `file`, and beside it the JSON Schema if none was there.
@@ -18,15 +17,9 @@ def start_experiment(file: Path, start: str) -> list[Path]:
     Raises:
         InputRefused: `file` exists or cannot be written, or there is no experiment `start`.
     """
-    known = {path.stem: path for path in sorted(CHECKOUT.glob("experiments/*.toml"))}
-    if not known:
-        raise InputRefused(
-            f"{CHECKOUT}: no experiments/ there to start from; install from the repository: pip install -e ."
-        )
+    known = known_experiments()
     if start not in known:
-        close = difflib.get_close_matches(start, known, 1)
-        hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
-        raise InputRefused(f"--from {start}: no such experiment; {hint}")
+        raise InputRefused(f"--from {start}: no such experiment; {did_you_mean(start)}")
     if file.suffix != ".toml":
         raise InputRefused(f"{file}: expected a name that ends with .toml")
     schema = file.parent / SCHEMA_FILE

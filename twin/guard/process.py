@@ -6,13 +6,12 @@ import os
 import selectors
 import signal
 import subprocess
-import sys
 import time
 from pathlib import Path
 from typing import Any
 
-import twin
 from twin.guard.black_box import BlackBox
+from twin.guard.interpreter import environment, module_command
 
 KEPT = 8192
 """Bytes kept of what the process printed."""
@@ -38,16 +37,13 @@ class GuardedProcess:
     def __init__(self, job: str, helper: bool = False):
         self.box = BlackBox()
         self.gone = False
-        home = str(Path(twin.__file__).parents[1])
-        paths = [home, *filter(None, [os.environ.get("PYTHONPATH")])]
         self._process = subprocess.Popen(
-            # -P: the folder where a user happens to be is no place to import from
-            [sys.executable, "-P", "-m", "twin.guard.child", str(self.box.fd), str(os.getpid())],
+            module_command("twin.guard.child", str(self.box.fd), str(os.getpid())),
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=None if helper else subprocess.PIPE,
             pass_fds=[self.box.fd],
-            env={**THREADS, **os.environ, "PYTHONPATH": os.pathsep.join(paths)},
+            env={**THREADS, **environment()},
             start_new_session=not helper,
         )
         self.pid = self._process.pid

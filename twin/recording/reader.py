@@ -9,6 +9,7 @@ from mcap.exceptions import McapError
 from mcap.writer import MCAP0_MAGIC
 
 from twin.recording.errors import RecordingDamaged, RecordingRefused
+from twin.recording.folder import recording_in
 from twin.recording.output import PARTIAL
 from twin.recording.recording import Recording, Stream
 from twin.recording.scan import Damage, Scan
@@ -21,7 +22,7 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
     An unfinished file is read up to its last complete chunk; `complete` and `note` of the result say so.
 
     Args:
-        path: `NAME.mcap` or `NAME.mcap.partial`.
+        path: `NAME.mcap` or `NAME.mcap.partial`, a run's folder, or results/<experiment>: its latest run.
         salvage: return what precedes damage instead of raising.
 
     Raises:
@@ -29,6 +30,8 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
         RecordingDamaged: bytes have changed since they were written (unless salvage).
     """
     path = Path(path)
+    if path.is_dir():
+        path = recording_in(path)
     try:
         with path.open("rb") as file:
             return _read(path, file, salvage)

@@ -14,12 +14,13 @@ import numpy as np
 from twin import __version__
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.places import HOME
 from twin.regression.measurement import POINTS, Measured, Sampled
 
 OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
 FOLDER = Path("tests/baselines")
-"""Where baselines are looked for, one folder per experiment."""
+"""Where baselines are written to and looked for, one folder per experiment."""
 _UNTOLD = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are told of one by one."""
 _ANEW = "remove it and write it anew with --update"
@@ -65,6 +66,11 @@ class Baseline:
     history: tuple[Entry, ...]
     metrics: dict[str, Kept]
     tubes: dict[str, Sampled]
+
+
+def baselines_here() -> Path:
+    """`FOLDER` in the current folder; where there is none, those that come with twin."""
+    return FOLDER if FOLDER.is_dir() else HOME / FOLDER
 
 
 def baseline_file(folder: Path, experiment: str, drive: str) -> Path:

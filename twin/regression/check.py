@@ -5,12 +5,14 @@ from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment, load_experiment
-from twin.experiment.source import located
+from twin.experiment.named import experiment_file
+from twin.places import HOME
 from twin.regression.baseline import (
     FOLDER,
     OWN,
     Baseline,
     baseline_file,
+    baselines_here,
     known_baseline,
     stored_drives,
 )
@@ -35,13 +37,14 @@ class Deviation:
         return f"{told}: {row.now:.6g} {row.unit}{at}, was {row.before:.6g} within {row.bound:g}"
 
 
-def check(experiment: Path | str, drive: str | None = None, baselines: Path | str = FOLDER) -> list[Deviation]:
+def check(experiment: str | Path, drive: str | None = None, baselines: str | Path | None = None) -> list[Deviation]:
     """Run an experiment and hold it against what is stored; nothing is written.
 
     Args:
-        experiment: its file, or the name of one in experiments/.
+        experiment: its file or name, see `experiment_file`.
         drive: a drive of fmus/ or an FMU; "own": the experiment's; None: every drive that has a baseline.
-        baselines: folder that `twin check --update` has written to.
+        baselines: folder that `twin check --update` has written to; None: tests/baselines here, or those that come
+            with twin.
 
     Returns:
         What deviates; empty if all is as it was.
@@ -50,7 +53,7 @@ def check(experiment: Path | str, drive: str | None = None, baselines: Path | st
         InputRefused: no baseline, or it cannot be compared, or a measure that this run gives no meaning.
         ComponentFailed, SafetyTrip: the run did not come to its end.
     """
-    file, folder = experiment_file(experiment), Path(baselines)
+    file, folder = experiment_file(experiment), baselines_here() if baselines is None else Path(baselines)
     drives = [drive] if drive is not None else stored_drives(folder, file.stem)
     if not drives:
         raise InputRefused(_no_baseline(folder, file, OWN))
@@ -60,14 +63,6 @@ def check(experiment: Path | str, drive: str | None = None, baselines: Path | st
         loaded, now = measured_with(file, name)
         found += [Deviation(loaded.name, name, row) for row in verdict(loaded, name, baseline, now).deviations]
     return found
-
-
-def experiment_file(experiment: Path | str) -> Path:
-    """The file meant by a path, or by the name of an experiment in experiments/."""
-    path = Path(experiment)
-    if path.suffix == ".toml" or path.exists():
-        return path
-    return located(f"experiments/{experiment}.toml", Path.cwd())
 
 
 def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
@@ -95,6 +90,8 @@ def _loaded(file: Path, drive: str) -> Experiment:
 
 
 def _no_baseline(folder: Path, file: Path, drive: str) -> str:
+    # what comes with twin is not written to
+    folder = FOLDER if folder == HOME / FOLDER else folder
     elsewhere = "" if folder == FOLDER else f" --baselines {folder}"
     return (
         f"{baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "

@@ -7,6 +7,7 @@ from typing import Any
 
 from twin.errors import InputRefused, TwinError
 from twin.experiment.drive_files import shelved
+from twin.experiment.named import experiment_file
 from twin.experiment.source import located
 from twin.regression.baseline import (
     OWN,
@@ -16,7 +17,7 @@ from twin.regression.baseline import (
     known_baseline,
     stored_drives,
 )
-from twin.regression.check import experiment_file, measured_with, stored_baseline
+from twin.regression.check import measured_with, stored_baseline
 from twin.regression.verdict import Verdict, verdict
 
 ALL = "all"
@@ -66,7 +67,7 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
-        files = [experiment_file(stored.name) for stored in sorted(folder.glob("*")) if stored.is_dir()]
+        files = [_stored_experiment(stored.name) for stored in sorted(folder.glob("*")) if stored.is_dir()]
     if not files:
         raise InputRefused(
             f"{folder}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
@@ -83,6 +84,11 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
         # without a baseline the one that is missing is told of
         for drive in dict.fromkeys(named or stored_drives(folder, file.stem) or [OWN])
     ]
+
+
+def _stored_experiment(name: str) -> Path:
+    """The experiment of a baseline; one that has gone is told of when its turn comes, and costs the others nothing."""
+    return located(f"experiments/{name}.toml", Path.cwd())
 
 
 def checked(voice: Any, work: list[dict[str, str]], folder: str, date: str, reason: str) -> None:

@@ -1,0 +1,81 @@
+"""What `make` runs to install twin and what it needs: pip, with one line for what it is doing instead of a page."""
+
+import re
+import subprocess
+import sys
+import threading
+import time
+from collections import deque
+from pathlib import Path
+from subprocess import PIPE, STDOUT
+
+EXPECTED = {"": (50, 200), "test,docs": (105, 370)}
+"""Extras -> about how many packages that is, and how many MB to download. Of others nothing is foretold."""
+FETCHED = re.compile(
+    r"(?:Downloading|Using cached|Processing) (\S+\.(?:whl|tar\.gz))(?=\s|$)(?: \(([\d.]+) ([kM])B\))?"
+)
+BAR = 24
+PERIOD = 0.2
+"""Seconds between two looks of the line."""
+
+
+class Progress:
+    """What pip has said so far.
+
+    Attributes:
+        packages, megabytes: fetched. current: what it is busy with.
+    """
+
+    def __init__(self) -> None:
+        self.packages, self.megabytes, self.current = 0, 0.0, "asking for packages"
+        self.last: deque[str] = deque(maxlen=20)
+
+    def take(self, line: str) -> None:
+        """A line of pip's output."""
+        self.last.append(line)
+        fetched = FETCHED.match(line.strip())
+        if fetched:
+            self.packages += 1
+            self.megabytes += float(fetched[2] or 0) * (1e-3 if fetched[3] == "k" else 1.0)
+            self.current = Path(fetched[1]).name.partition("-")[0]
+        elif line.startswith("Installing collected packages"):
+            self.current = "unpacking"
+
+    def text(self, packages: int, seconds: float) -> str:
+        """One line of less than 80 columns; `packages`: about how many there will be, 0 if nobody knows."""
+        unpacking = self.current == "unpacking"
+        share = 1.0 if unpacking else min(self.packages / packages, 0.99) if packages else 0.0
+        bar = f"[{'#' * int(share * BAR):{BAR}}] " if packages else ""
+        of = "" if unpacking or not packages else f" of about {packages}"
+        size = f", {self.megabytes:.0f} MB" if self.megabytes else ""
+        return f"  {bar}{self.packages}{of} packages{size}, {seconds:.0f} s: {self.current}"[:79]
+
+
+def main() -> int:
+    """Install the repository with the extras of the command line; the exit code is pip's."""
+    extras = sys.argv[1] if len(sys.argv) > 1 else ""
+    packages, megabytes = EXPECTED.get(extras, (0, 0))
+    size = f" (about {megabytes} MB if none is here yet)" if megabytes else ""
+    print(f"Setting up, once: downloading packages{size} and installing them in {sys.prefix}", flush=True)
+    wanted = f".[{extras}]" if extras else "."
+    command = [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar", "off"]
+    pip = subprocess.Popen([*command, "-c", "constraints.txt", "-e", wanted], stdout=PIPE, stderr=STDOUT, text=True)
+    progress, began = Progress(), time.monotonic()
+    reader = threading.Thread(target=lambda: [progress.take(line.rstrip()) for line in pip.stdout or ()])
+    reader.start()
+    while pip.poll() is None:
+        if sys.stdout.isatty():
+            print(f"\r{progress.text(packages, time.monotonic() - began):79}", end="", flush=True)
+        time.sleep(PERIOD)
+    reader.join()
+    if sys.stdout.isatty():
+        print(f"\r{'':79}\r", end="", flush=True)
+    if pip.returncode:
+        print("\n".join(progress.last), file=sys.stderr)
+    else:
+        print(f"Set up: {progress.packages} packages fetched, {time.monotonic() - began:.0f} s")
+    return pip.returncode
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,108 @@
+"""twin installed from its wheel, away from any clone: everything is there, and works from an empty folder."""
+
+import json
+import tarfile
+import zipfile
+from pathlib import Path
+
+import pytest
+
+from tests.installed.environments import Environment, built, installed
+
+CARRIED = ("experiments", "fmus", "tests/baselines")
+BUILDING = ("build.py", "builder", "fmi2", "fmi3", "__pycache__")
+"""Of fmus/: what makes the drives, which a wheel has no use for."""
+REPOSITORY = (
+    *(
+        "CITATION.cff",
+        "CONTRIBUTING.md",
+        "LICENSE",
+        "Makefile",
+        "constraints.txt",
+        "set_up.py",
+        "benchmarks/__main__.py",
+    ),
+    *("docs/index.md", "fmus/build.py", "fmus/velocity_servo/model.c", "experiments/robots/massage_robot.toml"),
+    *("benchmarks/__main__.py", "tests/baselines/step_z_air/stepper.toml"),
+)
+NAMES = """
+import json
+import tarfile
+from twin.experiment.experiment import load_experiment
+from twin.places import HOME
+from twin.regression.baseline import baselines_here
+from twin.regression.job import pairs
+
+loaded = load_experiment("fig4_force_position", ["duration_s=1"], drive="pmsm_foc", body="back")
+stored = pairs([], [], baselines_here())
+print(json.dumps([str(HOME), [drive.fmu for drive in loaded.drives], loaded.values["contact"]["body"],
+                  all(pair.file.startswith(str(HOME)) for pair in stored), len(stored)]))
+"""
+
+pytestmark = pytest.mark.skipif("sys.platform == 'win32'", reason="programs of an environment lie elsewhere there")
+
+
+@pytest.fixture(scope="module")
+def wheel(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return built(root, "build_wheel", tmp_path_factory.mktemp("wheel"))
+
+
+@pytest.fixture(scope="module")
+def away(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Environment:
+    return installed(wheel, tmp_path_factory.mktemp("away") / "environment")
+
+
+def test_the_wheel_carries_every_experiment_drive_and_baseline(root: Path, wheel: Path):
+    inside = set(zipfile.ZipFile(wheel).namelist())
+    files = {path.relative_to(root) for name in CARRIED for path in (root / name).rglob("*") if path.is_file()}
+    wanted = {f"twin/carried/{file.as_posix()}" for file in files if not set(file.parts) & {*BUILDING, ".build"}}
+    assert len(wanted) > 200
+    assert {name for name in inside if name.startswith("twin/carried/")} == wanted
+    assert {"twin/report/page/assets/page.css", "twin-0.1.0.dist-info/licenses/LICENSE"} <= inside
+
+
+def test_the_source_distribution_carries_the_repository(root: Path, tmp_path: Path):
+    with tarfile.open(built(root, "build_sdist", tmp_path)) as archive:
+        inside = {name.partition("/")[2] for name in archive.getnames()}
+    assert inside >= set(REPOSITORY)
+    assert {name for name in inside if name.startswith((".venv", "site/", "results/"))} == {"results/README.md"}
+
+
+def test_in_an_empty_folder_an_experiment_is_written_and_drives_are_listed(away: Environment, tmp_path: Path):
+    assert "next: twin run my.toml" in away.run("twin", "init", "my.toml", cwd=tmp_path)
+    listed = away.run("twin", "drive", "list", cwd=tmp_path)
+    assert listed.count(" yes ") == 9
+    # read with everything it names, and refused for its length alone
+    refused = away.run("twin", "run", "my.toml", "--body", "back", "--set", "duration_s=0", cwd=tmp_path, code=2)
+    assert refused.startswith("my.toml: ") and "duration_s" in refused and "\n" not in refused.strip()
+
+
+def test_the_doctor_knows_that_there_is_no_clone(away: Environment, tmp_path: Path):
+    facts = json.loads(away.run("twin", "doctor", "--json", cwd=tmp_path))
+    assert facts["verdict"].startswith("ready")
+    told = {finding["topic"]: finding["text"] for finding in facts["findings"]}
+    assert str(away.folder) in told["installed"]
+    # extras for developing are nobody's there
+    assert "live" in told and not {"repository", "test", "docs", "fmus", "chromium"} & told.keys()
+
+
+def test_names_lead_to_what_the_package_carries(away: Environment, tmp_path: Path):
+    home, drives, body, of_home, baselines = json.loads(away.run("python", "-c", NAMES, cwd=tmp_path))
+    assert Path(home).is_relative_to(away.folder) and home.endswith("twin/carried")
+    assert drives == [f"{home}/fmus/pmsm_foc/pmsm_foc.fmu"] * 3
+    assert body == "back" and of_home and baselines > 100
+    said = away.run("twin", "run", "fig4_forc_position", cwd=tmp_path, code=2)
+    assert said == "fig4_forc_position: no such experiment; did you mean 'fig4_force_position'?\n"
+
+
+@pytest.mark.endurance
+def test_in_an_empty_folder_everything_runs(away: Environment, tmp_path: Path):
+    away.run("twin", "init", "my.toml", cwd=tmp_path)
+    # the package is another one, so all is compiled anew
+    assert "compiling" in away.run("twin", "run", "my.toml", cwd=tmp_path)
+    away.run("twin", "run", "fig4_force_position", "--drive", "pmsm_foc", cwd=tmp_path)
+    assert (tmp_path / "results/fig4_force_position/latest/run.mcap").is_file()
+    # the numbers are those of the repository
+    checked = away.run("twin", "check", "step_z_air", "--drive", "velocity_servo", cwd=tmp_path)
+    assert checked.startswith("All as it was: 1 experiment, 1 drive")
+    assert "ok     run" in away.run("twin", "doctor", "--run", cwd=tmp_path)

@@ -1,0 +1,44 @@
+"""Experiments that come with twin, and the file that is meant by a name or a path."""
+
+import difflib
+from pathlib import Path
+
+from twin.errors import InputRefused
+from twin.experiment.source import located
+from twin.places import HOME
+
+
+def known_experiments(home: Path = HOME) -> dict[str, Path]:
+    """The files of the experiments that come with twin, by name."""
+    return {path.stem: path for path in sorted(home.glob("experiments/*.toml"))}
+
+
+def experiment_file(experiment: str | Path) -> Path:
+    """The file of an experiment.
+
+    Args:
+        experiment: a path as seen from the current folder, or from the repository if it is not there; or a name:
+            NAME.toml here, in experiments/ here or above, or of those that come with twin.
+
+    Raises:
+        InputRefused: nothing has that name. Else a path that leads nowhere is returned, for whoever reads it to refuse.
+    """
+    path = Path(experiment)
+    if path.is_file():
+        return path
+    if path.suffix == ".toml" or len(path.parts) > 1:
+        return HOME / path if (HOME / path).is_file() else path
+    candidates = (Path(f"{path}.toml"), located(f"experiments/{path}.toml", Path.cwd()))
+    for candidate in candidates:
+        if candidate.is_file():
+            return candidate
+    if path.is_dir():
+        return path
+    raise InputRefused(f"{path}: no such experiment; {did_you_mean(path.name)}")
+
+
+def did_you_mean(name: str) -> str:
+    """What follows a name that no experiment has: the closest one, or all."""
+    known = known_experiments()
+    close = difflib.get_close_matches(name, known, 1)
+    return f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
