@@ -4,11 +4,11 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
+from twin.doctor.caches import compiled_finding, unpacked_finding
 from twin.doctor.finding import Finding, is_ready, lacking
 from twin.doctor.packages import package_findings, project_table
 from twin.doctor.surroundings import (
     browser_finding,
-    compiled_finding,
     disk_finding,
     drives_finding,
     isolation_finding,
@@ -27,7 +27,8 @@ def examined(here: Path, with_run: bool) -> list[Finding]:
             Finding("repository", "bad", f"{CHECKOUT} has no experiments; install with pip install -e . in a clone")
         ]
     findings = [Finding("repository", "ok", str(CHECKOUT)), *package_findings(project)]
-    findings += [compiled_finding(), drives_finding(here), isolation_finding(), disk_finding(here), browser_finding()]
+    findings += [compiled_finding(), drives_finding(here), unpacked_finding(), isolation_finding()]
+    findings += [disk_finding(here), browser_finding()]
     return [*findings, smoke_finding(CHECKOUT)] if with_run else findings
 
 

@@ -4,11 +4,11 @@ import os
 from pathlib import Path
 
 
-def cache_folder() -> Path:
+def compiled_folder() -> Path:
     """Where numba keeps what it has compiled of this source."""
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
 
 def is_warm() -> bool:
     """Whether anything has been compiled before. What a run needs beyond it is still compiled when it is needed."""
-    return next(cache_folder().rglob("*.nbi"), None) is not None
+    return next(compiled_folder().rglob("*.nbi"), None) is not None
