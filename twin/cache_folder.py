@@ -126,17 +126,17 @@ def hold(folder: Path) -> bool:
 
 def evict(home: Path, kept: int) -> None:
     """Leave in `home` the `kept` folders that were used last, and those that a process holds."""
-    ages: list[tuple[float, Path]] = []
+    used: list[tuple[float, Path]] = []
     for entry in home.iterdir():
         # another process may be evicting
         with contextlib.suppress(OSError):
-            ages.append((time.time() - entry.stat().st_mtime, entry))
-    folders = [entry for _, entry in sorted(ages) if _NAME.fullmatch(entry.name)]
+            used.append((entry.stat().st_mtime, entry))
+    folders = [entry for _, entry in sorted(used, reverse=True) if _NAME.fullmatch(entry.name)]
     for old in folders[kept:]:
         with contextlib.suppress(OSError), _alone(old):
             remove(old)
-    for age, entry in ages:
-        if entry.name.startswith(".") and age > _FORGOTTEN:
+    for last, entry in used:
+        if entry.name.startswith(".") and time.time() - last > _FORGOTTEN:
             shutil.rmtree(entry, ignore_errors=True)
 
 

@@ -68,7 +68,7 @@ def refusal() -> str:
 
 def is_own(folder: Path) -> bool:
     """Whether `folder` is one of those that `use_cache` chooses, and not the user's own choice."""
-    if folder.parent == _beside(Path(__file__).parent):
+    if folder.parent == compiled_home(Path(__file__).parent):
         return True
     try:
         return folder.parent == cache_base() / NAME
@@ -76,7 +76,8 @@ def is_own(folder: Path) -> bool:
         return False
 
 
-def _beside(package: Path) -> Path:
+def compiled_home(package: Path) -> Path:
+    """Beside `package`: where the folders of all its sources are if that is the user's alone."""
     return package / "__pycache__" / NAME
 
 
@@ -87,7 +88,7 @@ def _home(package: Path) -> Path:
         InputRefused: neither is the user's alone.
     """
     try:
-        return private_folder(_beside(package))
+        return private_folder(compiled_home(package))
     except InputRefused:
         return cache_folder(NAME)
 

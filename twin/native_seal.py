@@ -109,6 +109,8 @@ def _change(caching: Any, folder: Path) -> None:
 
         @contextlib.contextmanager
         def _open_for_write(self, filepath: str) -> Iterator[Any]:
+            # a folder in its place would stay there for ever
+            _is_fit(filepath, inside)
             with super()._open_for_write(filepath) as file:
                 if not filepath.startswith(inside):
                     yield file

@@ -29,7 +29,8 @@ class Sampled:
         if len(u) != width(self.component.inputs):
             raise ValueError(f"{self.component.name}: {len(u)} inputs; expected {width(self.component.inputs)}")
         status = self._step(self.component.self_address, t, h, u.ctypes.data, self._y.ctypes.data)
-        if status != 0:
+        # 1 is a warning
+        if status not in (0, 1):
             raise ComponentFailed(f"{self.component.name} {self.component.explain(status)}")
         return self._y.copy()
 
