@@ -18,7 +18,7 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.assembly.drives import DrivePlan, drive, planned
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.archive import unpacked
+from twin.drive.unpacked import unpacked
 from twin.execution import SLICE_TICKS
 from twin.experiment.drive_files import lone_drive
 

@@ -1,6 +1,7 @@
 """Compiled code of an older source is never used again."""
 
 import os
+import random
 import re
 import shutil
 import subprocess
@@ -9,10 +10,25 @@ from pathlib import Path
 
 import pytest
 
-from twin.native_cache import COMPILES, KEPT, source_digest
+from tests.damage import damage
+from twin import native_cache
+from twin.native_cache import COMPILES, KEPT, is_own, source_digest
+from twin.native_seal import damaged_files
 
+POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
 SOURCE = Path(__file__).parents[1] / "twin"
 WHERE = "import os, twin; print(os.environ['NUMBA_CACHE_DIR'])"
+KERNEL = """from numba import njit
+
+@njit(cache=True)
+def twice(x):
+    return 2 * x
+
+@njit(cache=True)
+def fourfold(x):
+    return 2 * twice(x)
+"""
+USE = "import twin.deep.kernel as k; assert k.twice(2.0) == 4.0 and k.fourfold(2) == 8"
 
 
 @pytest.fixture
@@ -20,9 +36,9 @@ def package(tmp_path: Path) -> Path:
     """A package of the same name with the one module that matters, and a module to edit."""
     folder = tmp_path / "twin"
     (folder / "deep").mkdir(parents=True)
-    shutil.copy(SOURCE / "native_cache.py", folder)
-    shutil.copy(SOURCE / "__init__.py", folder)
-    (folder / "deep" / "kernel.py").write_text("from numba import njit\n")
+    for file in SOURCE.glob("*.py"):
+        shutil.copy(file, folder)
+    (folder / "deep" / "kernel.py").write_text(KERNEL)
     (folder / "deep" / "part.py").write_text("x = 1\n")
     (folder / "picture").mkdir()
     return folder
@@ -30,13 +46,18 @@ def package(tmp_path: Path) -> Path:
 
 def cache_folder(package: Path, **environment: str) -> Path:
     """Where a new process that imports `package` keeps compiled code."""
-    clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     # -S: without site-packages it starts faster, and finds no other package of that name
-    command = [sys.executable, "-S", "-c", WHERE]
+    return Path(ran(package, "-S", "-c", WHERE, **environment).stdout.strip())
+
+
+def ran(package: Path, *arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
+    """A new process of Python beside `package`, which has ended well."""
+    clean = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
     done = subprocess.run(
-        command, cwd=package.parent, env={**clean, **environment}, capture_output=True, text=True, check=True
+        [sys.executable, *arguments], cwd=package.parent, env={**clean, **environment}, capture_output=True, text=True
     )
-    return Path(done.stdout.strip())
+    assert done.returncode == 0, done.stderr
+    return done
 
 
 def test_an_edit_beside_compiled_code_leads_to_another_folder_and_back(package):
@@ -84,3 +105,61 @@ def test_old_folders_are_dropped_and_the_present_one_never(package):
 
 def test_a_cache_folder_of_the_users_own_is_respected(package, tmp_path):
     assert cache_folder(package, NUMBA_CACHE_DIR=str(tmp_path / "mine")) == tmp_path / "mine"
+
+
+def test_the_processes_that_one_starts_keep_their_code_where_it_does(package: Path):
+    folder = cache_folder(package)
+    assert cache_folder(package, NUMBA_CACHE_DIR=str(folder)) == folder
+    assert is_own(native_cache.compiled_home(SOURCE) / "0123456789abcdef")
+
+
+@POSIX
+def test_a_folder_that_others_can_write_to_is_left_for_the_users_own(package: Path, tmp_path: Path):
+    beside = cache_folder(package).parent
+    beside.chmod(0o777)
+    own = tmp_path / "own"
+    assert cache_folder(package, TWIN_CACHE=str(own)).parent == own / "native"
+    assert {folder.stat().st_mode & 0o777 for folder in (own, own / "native")} == {0o700}
+
+
+@POSIX
+@pytest.mark.parametrize("wish", ["relative", "~nobody-here", "{open}"])
+def test_without_a_folder_of_the_users_alone_nothing_is_kept(package: Path, tmp_path: Path, wish: str):
+    cache_folder(package).parent.chmod(0o777)
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open").chmod(0o777)
+    (tmp_path / "scratch").mkdir()
+    before = {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts}
+    place = ran(
+        package, "-S", "-c", f"{WHERE}; import twin.native_cache as n; print(n.refusal())",
+        TWIN_CACHE=wish.format(open=tmp_path / "open"), TMPDIR=str(tmp_path / "scratch"),
+    ).stdout  # fmt: skip
+    folder, why = place.splitlines()
+    assert Path(folder).parent == tmp_path / "scratch" and why.endswith(("TWIN_CACHE to a folder of yours", "or ~/..."))
+    assert {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts} == before
+
+
+def test_damaged_code_is_compiled_again_in_processes_and_in_those_they_start(package: Path):
+    folder = cache_folder(package)
+    assert ran(package, "-c", USE).stderr == ""
+    draw = random.Random(1)
+    for started_by in ({}, {"NUMBA_CACHE_DIR": str(folder)}):
+        files = sorted(folder.rglob("*.nb?"))
+        # an index for each of two functions, and three pieces of code
+        for file, kind in zip(files, ("truncated", "emptied", "garbage", "folder", "pickle"), strict=True):
+            damage(file, kind, draw)
+        assert ran(package, "-c", USE, **started_by).stderr == (
+            f"twin: compiled code in {folder}/ was damaged: compiled again\n"
+        )
+    assert ran(package, "-c", USE).stderr == ""
+    assert damaged_files(folder) == []
+
+
+@pytest.mark.parametrize("depth", [0, 1])
+def test_a_file_where_a_folder_should_be_is_replaced(package: Path, depth: int):
+    folder = cache_folder(package)
+    place = folder / "deep_0123" if depth else folder
+    shutil.rmtree(place, ignore_errors=True)
+    place.write_bytes(b"a file")
+    assert cache_folder(package) == folder
+    assert folder.is_dir() and not place.is_file()

@@ -6,16 +6,22 @@ be made of: every sub-package in which some file imports numba, and the files ab
 stands on hold compiled code themselves, or nothing that it freezes.
 """
 
+import contextlib
 import hashlib
 import os
 import re
-import shutil
 import sys
-import tempfile
 from pathlib import Path
 
+from twin.cache_folder import PRIVATE, REMEDY, cache_base, cache_folder, evict, hold, private_folder, remove
+from twin.errors import InputRefused
+from twin.native_seal import use_seals
+
+NAME = "native"
 KEPT = 3
 COMPILES = re.compile(rb"^(from|import) numba\b", re.MULTILINE)
+
+_refusal: list[str] = []
 
 
 def source_digest(package: Path) -> str:
@@ -29,25 +35,95 @@ def source_digest(package: Path) -> str:
     return digest.hexdigest()[:16]
 
 
-def _home(package: Path) -> Path:
-    beside = package / "__pycache__"
-    if os.access(beside if beside.exists() else package, os.W_OK):
-        return beside / "native"
-    return Path(tempfile.gettempdir()) / f"twin-native-{os.getuid() if hasattr(os, 'getuid') else 'user'}"
-
-
 def use_cache() -> None:
-    """Point numba at this source's own folder; keep the newest few, drop older ones."""
-    if "NUMBA_CACHE_DIR" in os.environ:
-        return
+    """Point numba at this source's own folder; keep the newest few, drop older ones.
+
+    Where the package's own folder is not the user's alone, they are in the user's cache folder; where there is none,
+    nothing is kept beyond this process and those that it starts.
+    """
     package = Path(__file__).parent
-    home = _home(package)
-    folder = home / source_digest(package)
-    if not folder.exists():
-        folder.mkdir(parents=True, exist_ok=True)
-        others = sorted(home.iterdir(), key=lambda f: f.stat().st_mtime, reverse=True)
-        for old in others[KEPT:]:
-            shutil.rmtree(old, ignore_errors=True)
+    given = os.environ.get("NUMBA_CACHE_DIR")
+    if given:
+        # of the process that started this one, or the user's own choice, which is left alone
+        folder = Path(given)
+        if is_own(folder):
+            use_seals(folder)
+        return
+    try:
+        folder = _made(_home(package), source_digest(package))
+    except InputRefused as refusal:
+        _refusal.append(str(refusal))
+        folder = _passing()
+    else:
+        use_seals(folder)
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+
+
+def refusal() -> str:
+    """Why nothing that is compiled is kept, as a sentence; "" if it is."""
+    return "".join(_refusal)
+
+
+def is_own(folder: Path) -> bool:
+    """Whether `folder` is one of those that `use_cache` chooses, and not the user's own choice."""
+    if folder.parent == compiled_home(Path(__file__).parent):
+        return True
+    try:
+        return folder.parent == cache_base() / NAME
+    except InputRefused:
+        return False
+
+
+def compiled_home(package: Path) -> Path:
+    """Beside `package`: where the folders of all its sources are if that is the user's alone."""
+    return package / "__pycache__" / NAME
+
+
+def _home(package: Path) -> Path:
+    """Of the folders of all sources: beside the package, or in the user's cache folder.
+
+    Raises:
+        InputRefused: neither is the user's alone.
+    """
+    try:
+        return private_folder(compiled_home(package))
+    except InputRefused:
+        return cache_folder(NAME)
+
+
+def _made(home: Path, digest: str) -> Path:
+    """The folder of the source with this digest, held and fit for use.
+
+    Raises:
+        InputRefused: it cannot be made.
+    """
+    folder = home / digest
+    try:
+        if not folder.is_dir():
+            if folder.exists():
+                remove(folder)
+            folder.mkdir(PRIVATE, exist_ok=True)
+            evict(home, KEPT)
+        hold(folder)
+        for module in os.scandir(folder):
+            # numba's are folders; where it cannot write it would go to another place that is never cleared
+            if not module.is_dir() or not os.access(module, os.R_OK | os.W_OK | os.X_OK):
+                # another process may be first
+                with contextlib.suppress(FileNotFoundError):
+                    remove(Path(module.path))
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}; {REMEDY}") from None
+    return folder
+
+
+def _passing() -> Path:
+    """A folder that goes with this process."""
+    import atexit
+    import shutil
+    import tempfile
+
+    folder = Path(tempfile.mkdtemp(prefix="twin-native-"))
+    atexit.register(shutil.rmtree, folder, ignore_errors=True)
+    return folder

@@ -1,14 +1,19 @@
 from importlib.metadata import version
 from pathlib import Path
+from random import Random
 
 import pytest
 
-from twin.doctor import surroundings
+from tests.damage import damage
+from twin.doctor import caches, surroundings
+from twin.doctor.caches import compiled_finding, unpacked_finding
 from twin.doctor.examination import examination_text, examined, verdict
 from twin.doctor.finding import Finding
 from twin.doctor.native import compiled_pieces
 from twin.doctor.packages import installed_table, package_findings
-from twin.doctor.surroundings import compiled_finding, disk_finding, drives_finding, home_finding, smoke_finding
+from twin.doctor.surroundings import disk_finding, drives_finding, home_finding, smoke_finding
+from twin.drive.archive import sha256
+from twin.drive.unpacked import unpacked
 
 PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}
 
@@ -20,7 +25,7 @@ def states(findings: list[Finding]) -> dict[str, str]:
 def test_this_repository_is_ready(root: Path):
     findings = examined(root, with_run=False)
     assert verdict(findings).startswith("ready")
-    assert {"python", "packages", "drives", "compiled", "disk"} <= states(findings).keys()
+    assert {"python", "packages", "drives", "compiled", "unpacked", "disk"} <= states(findings).keys()
     lines = examination_text(findings).splitlines()
     assert lines[0] == verdict(findings)
     assert [line for line in lines if len(line) > 80 and "/" not in line] == []
@@ -108,7 +113,32 @@ def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pyt
     (tmp_path / "plant").mkdir()
     (tmp_path / "plant" / "dynamics.nbc").write_bytes(bytes(3_000_000))
     assert compiled_pieces() == 1
-    assert compiled_finding().text.startswith("3 MB kept in ")
+    assert compiled_finding().text == f"3 MB kept in {tmp_path}, as NUMBA_CACHE_DIR says"
+
+
+def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(caches, "is_own", lambda folder: True)
+    (tmp_path / "dynamics.nbi").write_bytes(b"no seal")
+    told = compiled_finding()
+    assert told.state == "ok"
+    assert told.text.endswith("which only you can write to; 1 changed since (dynamics.nbi), compiled again when needed")
+    monkeypatch.setattr(caches, "refusal", lambda: "it is somebody else's")
+    assert compiled_finding() == Finding("compiled", "lacks", "every command compiles anew: it is somebody else's")
+
+
+def test_unpacked_drives_are_told_with_place_and_damage(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    servo = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    folder = unpacked(servo, sha256(servo))
+    good = f"1 FMUs, 0 MB, in {folder.parents[1]}, which only you can write to"
+    assert unpacked_finding() == Finding("unpacked", "ok", good)
+    damage(folder / "modelDescription.xml", "flipped", Random(1))
+    changed = "; 1 changed since (modelDescription.xml), taken from the FMU again when needed"
+    assert unpacked_finding().text == good + changed
+    (tmp_path / "cache").chmod(0o777)
+    told = unpacked_finding()
+    assert told.state == "bad" and "others can write to it" in told.text
 
 
 @pytest.mark.parametrize(("free", "state"), [(5e10, "ok"), (5e8, "lacks"), (5e7, "bad")])

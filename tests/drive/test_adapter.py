@@ -10,7 +10,7 @@ from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.adapter import ITEM_SIZES, KINDS, _load, _store
-from twin.drive.archive import unpacked
+from twin.drive.unpacked import unpacked
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.description import described
 

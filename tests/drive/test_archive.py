@@ -6,7 +6,7 @@ import pytest
 
 from tests.drive.archives import altered
 from twin.drive import archive
-from twin.drive.archive import entries, sha256, unpacked
+from twin.drive.archive import entries
 from twin.errors import InputRefused
 
 
@@ -76,30 +76,3 @@ def test_a_zip_bomb_is_refused_without_unpacking_it(tmp_path: Path):
 def test_too_many_entries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(archive, "MOST_ENTRIES", 2)
     assert "3 entries" in refusal(zipped(tmp_path / "many.fmu", a=b"", b=b"", c=b""))
-
-
-def test_the_same_content_is_unpacked_once_whatever_its_name(
-    tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
-    first = unpacked(servo, sha256(servo))
-    copy = tmp_path / "other_name.fmu"
-    copy.write_bytes(servo.read_bytes())
-    assert unpacked(copy, sha256(copy)) == first
-    assert (first / "modelDescription.xml").is_file()
-    assert [f.name for f in (tmp_path / "cache" / "fmus").iterdir()] == [sha256(servo)]
-
-
-def test_other_content_of_the_same_name_is_unpacked_apart(tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
-    other = altered(servo, tmp_path / "velocity_servo.fmu", lambda n, c: (n, c))
-    other_digest = sha256(other)
-    if other_digest != sha256(servo):
-        assert unpacked(other, other_digest) != unpacked(servo, sha256(servo))
-
-
-def test_a_cache_that_cannot_be_written_is_a_sentence(tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch):
-    (tmp_path / "file").touch()
-    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "file"))
-    with pytest.raises(InputRefused, match="set TWIN_CACHE"):
-        unpacked(servo, sha256(servo))

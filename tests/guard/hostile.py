@@ -69,4 +69,4 @@ class Command:
 
     def leftovers(self) -> list[str]:
         """What was left in the folder for temporary files, and of unfinished unpacking."""
-        return [path.name for path in [*self.scratch.iterdir(), *(self.folder / "cache" / "fmus").glob(".*")]]
+        return [path.name for path in [*self.scratch.iterdir(), *(self.folder / "cache" / "unpacked").glob(".*")]]

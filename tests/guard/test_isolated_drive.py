@@ -12,7 +12,9 @@ from twin.assembly.drives import planned
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.experiment.experiment import load_experiment
+from twin.guard.guard import guarded
 from twin.guard.isolated_drive import IsolatedDrives
+from twin.guard.runs import recorded_runs
 from twin.guard.voice import DirectVoice
 from twin.recording.reader import read
 
@@ -29,6 +31,26 @@ def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive
     assert recordings[0] == recordings[1]
     assert command.survivors() == []
     assert command.leftovers() == []
+
+
+def test_a_run_in_which_power_is_taken_away_gives_the_same_bytes_however_isolated(root: Path, tmp_path: Path):
+    runaway = 'fault=[{kind="drive_runaway", onset_s=2.0, magnitude_rad_per_s=2.0}]'
+    settings = ["duration_s=12", runaway]
+    recordings = []
+    for isolation in ("run", "drive", "none"):
+        out = tmp_path / isolation
+        arguments = {
+            "experiments": [str(root / "experiments" / "pressing.toml")], "settings": settings,
+            "drive": "torque_motor_fmi3", "body": None, "out": str(out), "isolate_drives": isolation == "drive",
+        }  # fmt: skip
+        if isolation == "run":
+            guarded("twin.guard.runs:recorded_runs", arguments)
+        else:
+            recorded_runs(VOICE, **arguments)
+        recordings.append((out / "run.mcap").read_bytes())
+    assert recordings[0] == recordings[1] == recordings[2]
+    power = read(tmp_path / "drive" / "run.mcap")["monitor.power"]
+    assert power.max() == 1.0 and power.min() == 0.0
 
 
 def test_an_isolated_drive_repeats_no_step_and_says_what_to_do(command: Command, drive: Path):

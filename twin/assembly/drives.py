@@ -11,7 +11,7 @@ from twin.controller.pid import Gains
 from twin.controller.velocity_loop import VelocityLoop
 from twin.cosim.component import Component, Port
 from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.archive import unpacked
+from twin.drive.unpacked import unpacked
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable, described

@@ -84,7 +84,7 @@ def assemble(
     if experiment.scale is not None:
         scale = [Scale(experiment.scale.resolution * G_ACCELERATION, experiment.scale_ticks)]
     delayed, watched = computation_delay(experiment), safety_monitor(experiment)
-    if watched and drive_maker is drive:
+    if watched:
         plans = tuple(plan.switchable() for plan in plans)
     components: list[Component] = [
         *body,

@@ -4,11 +4,11 @@ import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
+from twin.doctor.caches import compiled_finding, unpacked_finding
 from twin.doctor.finding import Finding, is_ready, lacking
 from twin.doctor.packages import package_findings, project_table
 from twin.doctor.surroundings import (
     browser_finding,
-    compiled_finding,
     disk_finding,
     drives_finding,
     home_finding,
@@ -23,8 +23,8 @@ WIDTH = 80
 def examined(here: Path, with_run: bool) -> list[Finding]:
     """What this installation has and lacks, for who works in the folder `here`; `with_run`: run something, too."""
     findings = [home_finding(), *package_findings(project_table(), is_clone())]
-    findings += [compiled_finding(), drives_finding(here), isolation_finding(), disk_finding(here)]
-    findings += [browser_finding()] if is_clone() else []
+    findings += [compiled_finding(), drives_finding(here), unpacked_finding(), isolation_finding()]
+    findings += [disk_finding(here), *([browser_finding()] if is_clone() else [])]
     return [*findings, smoke_finding(HOME)] if with_run else findings
 
 

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 
-def cache_folder() -> Path:
+def compiled_folder() -> Path:
     """Where numba keeps what it has compiled of this source."""
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
@@ -14,4 +14,4 @@ def compiled_pieces() -> int:
 
     What a run needs beyond them is compiled when it is needed.
     """
-    return sum(1 for _ in cache_folder().rglob("*.nbc"))
+    return sum(1 for _ in compiled_folder().rglob("*.nbc"))

@@ -1,4 +1,4 @@
-"""What a run finds around it: drives, compiled code, processes, room on the disk."""
+"""What a run finds around it: drives, processes, room on the disk."""
 
 import json
 import os
@@ -10,7 +10,6 @@ from pathlib import Path
 
 from twin import __version__
 from twin.doctor.finding import Finding
-from twin.doctor.native import cache_folder, compiled_pieces
 from twin.errors import InputRefused
 from twin.guard.interpreter import environment, module_command
 from twin.places import HOME, PACKAGE, is_clone
@@ -45,17 +44,6 @@ def drives_finding(here: Path) -> Finding:
     text = f"{len(wrong)} of {len(drives)} do not fit: " + "; ".join(f"{d.name}: {d.problem}" for d in wrong)
     needed = DEFAULT_DRIVE in {drive.name for drive in wrong}
     return Finding("drives", "bad" if needed else "lacks", text)
-
-
-def compiled_finding() -> Finding:
-    """Whether what numba compiles can be kept, and is there already."""
-    folder = cache_folder()
-    if not os.access(folder, os.W_OK):
-        return Finding("compiled", "lacks", f"{folder} cannot be written: every run compiles anew; set NUMBA_CACHE_DIR")
-    if not compiled_pieces():
-        return Finding("compiled", "ok", f"nothing yet: the first run compiles, up to a minute; kept in {folder}")
-    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
-    return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {folder}")
 
 
 def isolation_finding() -> Finding:

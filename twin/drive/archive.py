@@ -1,11 +1,7 @@
-"""The FMU as a file: hashed, its archive checked for tricks and damage, unpacked once per content."""
+"""The FMU as a file: hashed, its archive checked for tricks and damage."""
 
 import hashlib
-import os
-import shutil
 import stat
-import sys
-import tempfile
 import zipfile
 import zlib
 from pathlib import Path, PurePosixPath
@@ -52,47 +48,6 @@ def entries(file: Path) -> dict[str, int]:
             return {info.filename: info.file_size for info in infos}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as problem:
         raise InputRefused(f"{file}: not a complete FMU, {str(problem).lower()}; an FMU is a zip archive") from None
-
-
-def unpacked(file: Path, digest: str) -> Path:
-    """The folder of the unpacked FMU: made once per content, shared by all runs, never seen half-made.
-
-    Raises:
-        InputRefused: it cannot be written there.
-    """
-    home = cache_folder()
-    folder = home / digest
-    if folder.is_dir():
-        return folder
-    try:
-        home.mkdir(parents=True, exist_ok=True)
-        scratch = Path(tempfile.mkdtemp(prefix=f".{digest[:12]}-", dir=home))
-        try:
-            with zipfile.ZipFile(file) as archive:
-                archive.extractall(scratch)
-            scratch.rename(folder)
-        except OSError:
-            # another process may have been first with the same content
-            if not folder.is_dir():
-                raise
-        finally:
-            shutil.rmtree(scratch, ignore_errors=True)
-    except OSError as problem:
-        raise InputRefused(f"{file}: cannot be unpacked to {home}: {problem.strerror}; set TWIN_CACHE") from None
-    return folder
-
-
-def cache_folder() -> Path:
-    """Where unpacked FMUs are kept: TWIN_CACHE, or the user's cache folder."""
-    if "TWIN_CACHE" in os.environ:
-        return Path(os.environ["TWIN_CACHE"]) / "fmus"
-    if sys.platform == "win32":
-        base = Path(os.environ.get("LOCALAPPDATA", Path.home()))
-    elif sys.platform == "darwin":
-        base = Path.home() / "Library" / "Caches"
-    else:
-        base = Path(os.environ.get("XDG_CACHE_HOME", Path.home() / ".cache"))
-    return base / "twin" / "fmus"
 
 
 def _refuse_escape(file: Path, info: zipfile.ZipInfo) -> None:

@@ -24,8 +24,9 @@ def hosted_drive(voice: PipeVoice, packed: str) -> None:
     Raises:
         InputRefused: the drive cannot be made.
     """
-    name, table, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
-    component = drive(name, planned(table), tick, theta_m, tau_load)
+    name, table, switched, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
+    plan = planned(table)
+    component = drive(name, plan.switchable() if switched else plan, tick, theta_m, tau_load)
     page = Page(voice.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     # no question: compiles, or loads from the cache, before the first one comes
     number = _served(page, component, 1)[0]

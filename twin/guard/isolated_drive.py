@@ -157,5 +157,6 @@ class IsolatedDrive(Elsewhere):
 
 
 def packed(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start, processor: int) -> str:
-    """Everything a host needs to make the drive, as text: name, table, start, and the processor to serve on."""
-    return base64.b64encode(pickle.dumps((name, plan.table, tick, theta_m, tau_load, processor))).decode()
+    """Everything a host needs to make the drive, as text; the processor is the one to serve on."""
+    facts = (name, plan.table, plan.switched, tick, theta_m, tau_load, processor)
+    return base64.b64encode(pickle.dumps(facts)).decode()

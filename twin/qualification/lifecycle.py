@@ -5,7 +5,7 @@ from collections.abc import Callable
 import numpy as np
 
 from twin.assembly.drives import DrivePlan
-from twin.drive.archive import unpacked
+from twin.drive.unpacked import unpacked
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Instance, Setting
 from twin.errors import TwinError

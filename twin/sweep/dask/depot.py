@@ -7,13 +7,17 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from twin.drive.archive import cache_folder
+from twin.cache_folder import cache_folder
 from twin.errors import InputRefused
 
 
 def home() -> Path:
-    """Where they are kept: beside the unpacked FMUs."""
-    return cache_folder().parent / "parcels"
+    """Where they are kept: beside the unpacked FMUs.
+
+    Raises:
+        InputRefused: see `cache_folder`.
+    """
+    return cache_folder("parcels")
 
 
 def missing(digests: Iterable[str]) -> list[str]:
@@ -29,7 +33,6 @@ def keep(contents: Mapping[str, bytes]) -> None:
     """
     folder = home()
     try:
-        folder.mkdir(parents=True, exist_ok=True)
         for digest, content in contents.items():
             if hashlib.sha256(content).hexdigest() != digest:
                 raise InputRefused(f"{digest}: was damaged on its way; give the same command again")

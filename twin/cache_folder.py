@@ -1,0 +1,180 @@
+"""The user's own cache folder: where it is, that nobody else can write to it, that it does not grow for ever.
+
+What lies in it is run: libraries of FMUs, machine code, pickles. Whoever can write to it runs code as its user.
+"""
+
+import contextlib
+import os
+import re
+import shutil
+import stat
+import sys
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+from twin.errors import InputRefused
+
+try:
+    import fcntl
+except ImportError:
+    # Windows, which does not let go of a file in use anyway
+    fcntl = None  # type: ignore[assignment]
+
+VARIABLE = "TWIN_CACHE"
+REMEDY = f"set {VARIABLE} to a folder of yours"
+PRIVATE = 0o700
+_NAME = re.compile(r"[0-9a-f]{16,64}")
+"""Of a folder that is known by the hash of what it was made of."""
+_FORGOTTEN = 24 * 3600.0
+"""Age (s) from which on an unfinished folder belongs to nobody: a process that was killed left it."""
+
+_held: dict[Path, tuple[int, int]] = {}
+"""Folder -> (inode, descriptor whose lock says that this process uses it)."""
+
+
+def cache_folder(name: str) -> Path:
+    """The folder `name` in the user's cache, which is there from now on.
+
+    Raises:
+        InputRefused: it is not the user's own, cannot be written, or what TWIN_CACHE says is no place.
+    """
+    return private_folder(private_folder(cache_base()) / name)
+
+
+def cache_base() -> Path:
+    """Where the cache is: TWIN_CACHE, or the platform's place for what can be made again.
+
+    Raises:
+        InputRefused: TWIN_CACHE is not an absolute path, or there is no home folder.
+    """
+    given = os.environ.get(VARIABLE, "")
+    try:
+        base = Path(given).expanduser() if given else _usual_base()
+    except RuntimeError:
+        raise InputRefused(f"{VARIABLE}={given}: there is no such user's home folder; {REMEDY}") from None
+    if not base.is_absolute():
+        # the processes of a run are in different folders
+        place = f"{VARIABLE}={given}" if given else f"cache folder {base}"
+        raise InputRefused(f"{place}: relative to whatever folder a process is in; expected an absolute path, or ~/...")
+    return base
+
+
+def private_folder(folder: Path) -> Path:
+    """`folder`, made if need be, which nobody but its user can write to.
+
+    Raises:
+        InputRefused: it belongs to somebody else, others can write to it, or the user cannot.
+    """
+    try:
+        try:
+            found = folder.stat()
+        except FileNotFoundError:
+            folder.mkdir(PRIVATE, parents=True, exist_ok=True)
+            found = folder.stat()
+        owners = {found.st_uid, folder.lstat().st_uid}
+    except OSError as problem:
+        raise InputRefused(f"{folder}: cannot be made a cache folder: {problem.strerror}; {REMEDY}") from None
+    if not stat.S_ISDIR(found.st_mode):
+        raise InputRefused(f"{folder}: not a folder; remove it, or {REMEDY}")
+    if hasattr(os, "geteuid"):
+        others = owners - {os.geteuid()}
+        if others:
+            raise InputRefused(
+                f"{folder}: belongs to user {others.pop()}, not to you (user {os.geteuid()}), and what is kept there is "
+                f"run; remove it, or {REMEDY}"
+            )
+        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+            raise InputRefused(
+                f"{folder}: others can write to it (mode {stat.S_IMODE(found.st_mode):o}), and what is kept there is "
+                f"run; empty it and give `chmod 700 {folder}`, or {REMEDY}"
+            )
+    if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
+        raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
+    return folder
+
+
+def hold(folder: Path) -> bool:
+    """Whether `folder` is there; nobody evicts it as long as this process lives, and it counts as used now.
+
+    Raises:
+        OSError: it is there and cannot be used.
+    """
+    try:
+        os.utime(folder)
+        inode = folder.stat().st_ino
+        if folder in _held:
+            if _held[folder][0] == inode:
+                return True
+            os.close(_held.pop(folder)[1])
+        if fcntl is None:
+            return folder.is_dir()
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    except (FileNotFoundError, NotADirectoryError):
+        return False
+    # a file system without locks; who evicts cannot lock either
+    with contextlib.suppress(OSError):
+        fcntl.flock(descriptor, fcntl.LOCK_SH)
+    # it may have been evicted while the lock was waited for
+    with contextlib.suppress(FileNotFoundError):
+        if folder.stat().st_ino == inode == os.fstat(descriptor).st_ino:
+            _held[folder] = inode, descriptor
+            return True
+    os.close(descriptor)
+    return False
+
+
+def evict(home: Path, kept: int) -> None:
+    """Leave in `home` the `kept` folders that were used last, and those that a process holds."""
+    used: list[tuple[float, Path]] = []
+    for entry in home.iterdir():
+        # another process may be evicting
+        with contextlib.suppress(OSError):
+            used.append((entry.stat().st_mtime, entry))
+    folders = [entry for _, entry in sorted(used, reverse=True) if _NAME.fullmatch(entry.name)]
+    for old in folders[kept:]:
+        with contextlib.suppress(OSError), _alone(old):
+            remove(old)
+    for last, entry in used:
+        if entry.name.startswith(".") and time.time() - last > _FORGOTTEN:
+            shutil.rmtree(entry, ignore_errors=True)
+
+
+def remove(path: Path) -> None:
+    """Take the folder or file `path` away, at once for everybody who looks.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    aside = path.with_name(f".{path.name[:12]}-{os.getpid()}-{time.monotonic_ns()}")
+    path.rename(aside)
+    if aside.is_dir() and not aside.is_symlink():
+        aside.chmod(PRIVATE)
+        shutil.rmtree(aside, ignore_errors=True)
+    else:
+        aside.unlink()
+
+
+@contextlib.contextmanager
+def _alone(folder: Path) -> Iterator[None]:
+    """Nobody begins to hold `folder` meanwhile; raises `OSError` if somebody does already."""
+    if fcntl is None:
+        yield
+        return
+    descriptor = os.open(folder, os.O_RDONLY)
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        yield
+    finally:
+        os.close(descriptor)
+
+
+def _usual_base() -> Path:
+    """The platform's convention; XDG's base directories count only if they are absolute."""
+    if sys.platform == "win32":
+        local = os.environ.get("LOCALAPPDATA", "")
+        return (Path(local) if local else Path.home() / "AppData" / "Local") / "twin"
+    if sys.platform == "darwin":
+        return Path.home() / "Library" / "Caches" / "twin"
+    given = Path(os.environ.get("XDG_CACHE_HOME", ""))
+    return (given if given.is_absolute() else Path.home() / ".cache") / "twin"
