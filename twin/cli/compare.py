@@ -1,6 +1,5 @@
 """`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
 
-import json
 from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -9,6 +8,7 @@ import typer
 
 from twin.cli.options import AsJson
 from twin.errors import InputRefused
+from twin.files import json_text, made_folder, write_json
 
 if TYPE_CHECKING:
     from twin.recording.recording import Recording
@@ -79,14 +79,11 @@ def compare(
         name, verdict = paper, FIGURES[paper](runs or [])
     folder = out or Path("results") / name
     picture, facts = folder / f"{name}.png", folder / f"{name}.json"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        verdict.draw(picture)
-        facts.write_text(json.dumps(verdict.facts, indent=2) + "\n")
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
+    made_folder(folder)
+    verdict.draw(picture)
+    write_json(facts, verdict.facts)
     if as_json:
-        print(json.dumps(verdict.facts))
+        print(json_text(verdict.facts))
     else:
         print(verdict.text)
         print(

@@ -1,6 +1,5 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
-import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -21,6 +20,7 @@ from twin.execution.tuning import Tuning
 from twin.execution.viewer import Stream, Viewer
 from twin.execution.watch import Event, Watch
 from twin.experiment.experiment import Experiment
+from twin.files import write_json
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
@@ -90,14 +90,14 @@ def execute(
     Raises:
         InputRefused: a drive FMU does not fit.
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
-        RecordingFailed: the disk is full; likewise.
+        NotWritten: the disk is full; likewise.
     """
     with assemble(experiment, substitutes, drive_maker) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, pace, viewer)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # before the FMUs are freed: one that crashes then shall take nothing with it
-        (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
+        write_json(folder / SUMMARY, summary)
     return run
 
 
