@@ -238,14 +238,15 @@ def json_text(facts: Any, indent: int | None = None) -> str:
     try:
         return json.dumps(facts, indent=indent, allow_nan=False)
     except ValueError:
-        return json.dumps(_finite(facts), indent=indent, allow_nan=False)
+        return json.dumps(finite(facts), indent=indent, allow_nan=False)
 
 
-def _finite(facts: Any) -> Any:
+def finite(facts: Any) -> Any:
+    """`facts` with None for every number that is infinite or none."""
     if isinstance(facts, dict):
-        return {key: _finite(value) for key, value in facts.items()}
+        return {key: finite(value) for key, value in facts.items()}
     if isinstance(facts, list | tuple):
-        return [_finite(value) for value in facts]
+        return [finite(value) for value in facts]
     return None if isinstance(facts, float) and not math.isfinite(facts) else facts
 
 

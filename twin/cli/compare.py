@@ -125,7 +125,7 @@ def _fig4(paths: list[Path]) -> Verdict:
     recordings = _recordings(paths)
     runs = fig4_runs(*recordings)
     score = fig4_score(runs)
-    notes = [recording.note for recording in recordings if recording.note]
+    notes = [*(recording.note for recording in recordings if recording.note), *_notes(recordings)]
     return Verdict(fig4_text(score), score.facts(), score.failed, notes, lambda path: draw_fig4(runs, path))
 
 
@@ -134,8 +134,15 @@ def _fig5(paths: list[Path]) -> Verdict:
     from twin.report.fig5 import draw_fig5
     from twin.report.scorecard import fig5_text
 
-    score = fig5_score(_recordings(paths or _latest_of_each_task()))
-    return Verdict(fig5_text(score), score.facts(), score.failed, [], lambda path: draw_fig5(score, path))
+    recordings = _recordings(paths or _latest_of_each_task())
+    score = fig5_score(recordings)
+    return Verdict(
+        fig5_text(score), score.facts(), score.failed, _notes(recordings), lambda path: draw_fig5(score, path)
+    )
+
+
+def _notes(recordings: "list[Recording]") -> list[str]:
+    return [f"{recording.path}: {text}" for recording in recordings for text in recording.deviations]
 
 
 def _latest_of_each_task() -> list[Path]:

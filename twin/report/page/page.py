@@ -11,7 +11,7 @@ from typing import Any
 
 from twin.accuracy.budget import Budget, accuracy_budget
 from twin.experiment.recorded import recorded_experiment
-from twin.files import made_folder, write_text
+from twin.files import finite, made_folder, write_text
 from twin.report.page.block import Block
 from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined
@@ -127,4 +127,4 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 
 def _json(data: object) -> str:
     """JSON that cannot end the script element it stands in, whatever texts it holds."""
-    return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return json.dumps(finite(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
