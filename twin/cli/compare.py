@@ -53,6 +53,9 @@ def compare(
     align: Annotated[str, typer.Option(metavar="HOW", help="Time of B: none, start, event or fit.")] = "none",
     by: Annotated[str, typer.Option(metavar="NAME", help="Signal to align by, for event and fit.")] = "",
     max_shift: Annotated[float, typer.Option(metavar="S", help="Largest shift of fit, in s.")] = 1.0,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Let B cover only a part of A's time; what it covers is compared.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where picture and JSON go; results/compare, or results/FIGURE."),
@@ -65,16 +68,20 @@ def compare(
     away, no farther from A than the tolerance in value. docs/compare.md tells
     of columns, units, tolerances, alignment and digitised figures.
 
-    Exit code: 0 inside, or no claim fails; 1 outside, or one does; 2 refused.
+    Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
+    time (without --partial), or a claim fails; 2 refused; 3 not written.
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
     if paper is None:
-        name, verdict = "compare", _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift))
+        name, verdict = (
+            "compare",
+            _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift), partial),
+        )
     elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
-    elif signal or tol or column_map or align != "none":
-        raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align; claims have bounds")
+    elif signal or tol or column_map or partial or align != "none":
+        raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds")
     else:
         name, verdict = paper, FIGURES[paper](runs or [])
     folder = out or Path("results") / name
@@ -94,7 +101,12 @@ def compare(
 
 
 def _tube(
-    paths: list[Path], signals: list[str], tolerances: list[str], maps: list[str], align: tuple[str, str, float]
+    paths: list[Path],
+    signals: list[str],
+    tolerances: list[str],
+    maps: list[str],
+    align: tuple[str, str, float],
+    partial: bool,
 ) -> Verdict:
     if len(paths) != 2:
         raise InputRefused(
@@ -109,7 +121,12 @@ def _tube(
 
     found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
     failed = [row.signal for row in found.outside]
-    return Verdict(comparison_text(found), found.facts(), failed, [], lambda path: draw_comparison(found, path))
+    lacking, share = found.least_covered
+    if share < 1.0 and not partial:
+        failed.append(lacking)
+    return Verdict(
+        comparison_text(found, partial), found.facts(), failed, [], lambda path: draw_comparison(found, path)
+    )
 
 
 def _fig4(paths: list[Path]) -> Verdict:
