@@ -34,7 +34,7 @@ def test_a_log_of_the_same_run_is_inside_once_it_is_mapped_and_aligned(
         "--tol", "1mN", cwd=tmp_path,
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
-    assert done.stdout.startswith("B stays within the tolerance tube of A: 1 signal compared\n")
+    assert done.stdout.startswith("B stays within the tolerance tube of A: 1 signal, all of A's time\n")
     facts = json.loads((tmp_path / "results/compare/compare.json").read_text())
     assert facts["shift"] == pytest.approx(-7.0, abs=1e-4)  # stamps of whole ms, fitted to a thousandth of 10 ms steps
     with Image.open(tmp_path / "results/compare/compare.png") as picture:
@@ -47,7 +47,7 @@ def test_another_run_is_exit_code_1_and_the_first_point_outside_is_named(
     done = twin("compare", force_position.path, position.path, "--signal", "controller.F_z", cwd=tmp_path)
     assert done.returncode == 1
     lines = done.stdout.splitlines()
-    assert lines[0].startswith("1 of 1 signal leave the tube: controller.F_z first, at 5.6")
+    assert lines[0].startswith("1 of 1 leave the tube: controller.F_z first, at 5.6")
     assert lines[6].startswith("       out at 5.6")
     assert max(map(len, lines[4:])) <= 80
 
@@ -97,10 +97,20 @@ def test_an_unfinished_run_is_compared_as_far_as_it_goes_and_says_so(
     monkeypatch.chdir(tmp_path)
     content = position.path.read_bytes()
     Path("half.mcap").write_bytes(content[: len(content) // 2])
-    compare([position.path, Path("half.mcap")], signal=["plant.p_B"])
-    text = " ".join(capsys.readouterr().out.split())
-    assert "unfinished recording: read up to" in text
-    assert "of the time of A (plant.p_B[0])" in text
+    with pytest.raises(SystemExit) as ended:
+        compare([position.path, Path("half.mcap")], signal=["plant.p_B"])
+    assert ended.value.code == 1
+    answer, *_, notes = capsys.readouterr().out.partition("\n")
+    share = float(answer.split()[3])
+    assert answer == f"B covers only {share:.3g} % of A's time, within the tolerance tube there"
+    assert 30.0 < share < 60.0
+    assert "plant.p_B[0]: what B does not cover of A is not compared; --partial" in " ".join(notes.split())
+    assert "unfinished recording: read up to" in " ".join(notes.split())
+    assert json.loads(Path("results/compare/compare.json").read_text())["covered"] == pytest.approx(
+        share / 100, rel=0.01
+    )
+    compare([position.path, Path("half.mcap")], signal=["plant.p_B"], partial=True)
+    assert f"within the tolerance tube of A: 3 signals, {share:.3g} % of A's time\n" in capsys.readouterr().out
 
 
 def test_a_digitised_curve_is_judged_by_its_own_uncertainty(
@@ -121,9 +131,9 @@ def test_a_digitised_curve_is_judged_by_its_own_uncertainty(
     }
     curve = Path("curve.csv")
     curve.write_text(f"{head}t_s,controller.F_z_N\n{rows[0.15]}")
-    compare([force_position.path, curve])
+    compare([force_position.path, curve], partial=True)
     assert "Fig. 0 Z, made for a test: digitised by a test on 2026-01-31" in capsys.readouterr().out
     curve.write_text(f"{head}t_s,controller.F_z_N\n{rows[0.3]}")
     with pytest.raises(SystemExit) as ended:
-        compare([force_position.path, curve])
+        compare([force_position.path, curve], partial=True)
     assert ended.value.code == 1

@@ -7,6 +7,7 @@ import pytest
 
 from twin.comparison.alignment import alignment
 from twin.comparison.comparison import Comparison, compared
+from twin.comparison.coverage import coverage
 from twin.comparison.errors import ComparisonRefused
 from twin.comparison.tolerance import rules
 from twin.logs.log import Log, Series
@@ -96,9 +97,46 @@ def test_instants_in_a_gap_of_the_denser_log_are_left_out():
         assert row.max_error < 1e-12  # both hold the same numbers there
 
 
+def covered(ours: np.ndarray, theirs: np.ndarray) -> float:
+    return coverage(Series(ours, ours, "s"), Series(theirs, theirs, "s"))
+
+
+def test_a_log_of_the_same_time_covers_all_of_it_whatever_its_clock():
+    for period in (0.001, 0.01, 0.3):
+        for phase in (0.0, 0.4, 0.999):
+            other = np.arange(phase * period, T[-1], period)
+            assert covered(T, other) == 1.0
+            assert covered(other, T) == 1.0
+
+
+def test_what_is_cut_off_is_not_covered_from_the_second_period_on():
+    period = T[1] - T[0]
+    assert covered(T, T[1:-1]) == 1.0
+    assert covered(T, T[2:]) == pytest.approx(1.0 - 2.0 * period / T[-1])
+    assert covered(T, T[:-2]) == pytest.approx(1.0 - 2.0 * period / T[-1])
+    assert covered(T, T[: len(T) // 100]) == pytest.approx(0.01, abs=2e-4)
+    assert covered(T[: len(T) // 100], T) == 1.0
+
+
+def test_one_lost_sample_is_no_hole_and_two_in_a_row_are():
+    assert covered(T, np.delete(T, [50, 120, 121 + 40])) == 1.0
+    lost = covered(T, np.delete(T, [50, 51]))
+    assert lost == pytest.approx(1.0 - 3.0 * (T[1] - T[0]) / T[-1])
+
+
+def test_a_hole_in_both_is_missing_in_neither():
+    kept = T[(T < 4.2) | (T > 4.8)]
+    wider = T[(T < 4.1) | (T > 4.9)]
+    assert covered(kept, kept) == 1.0
+    assert covered(wider, kept) == 1.0
+    assert covered(kept, wider) == pytest.approx(1.0 - 0.2 / 9.4, abs=5e-4)
+
+
 def test_only_what_both_cover_is_compared():
     half = T[T < 5.0]
-    row = against(log_of(T, F=T), log_of(half, F=half)).rows[0]
+    found = against(log_of(T, F=T), log_of(half, F=half))
+    row = found.rows[0]
+    assert found.least_covered == ("F", row.covered)
     assert row.n == len(half)
     assert row.covered == pytest.approx(0.5, abs=2e-4)  # a period
 

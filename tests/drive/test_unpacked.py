@@ -18,7 +18,7 @@ from twin.drive import unpacked as module
 from twin.drive.archive import sha256
 from twin.drive.description import described
 from twin.drive.instance import Instance
-from twin.drive.unpacked import CONTENT, KEPT, SEAL, shelf, unpacked
+from twin.drive.unpacked import KEPT, SEAL, shelf, unpacked
 from twin.errors import InputRefused
 
 CONTENTS = {

@@ -6,7 +6,7 @@ import scipy.io
 
 from tests.export.readers import csv_columns
 from tests.recording import samples
-from twin.errors import InputRefused
+from twin.errors import InputRefused, NotWritten
 from twin.export.export import export_recording
 from twin.recording.reader import read
 
@@ -105,7 +105,6 @@ def test_an_unfinished_recording_is_exported_as_far_as_it_goes_and_says_so(tmp_p
         ({"rate": 0.0}, "--rate 0: expected rows per second, more than 0"),
         ({"rate": float("nan")}, "--rate nan: expected rows per second"),
         ({"rate": 1e9}, "at most 1e\\+06 Hz"),
-        ({"out": Path("/nowhere/at/all.csv")}, "/nowhere/at/all.csv: cannot be written: No such file or directory"),
     ],
 )
 def test_what_cannot_be_exported_is_one_sentence(run: Path, arguments, said: str):
@@ -113,6 +112,11 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, arguments, said: str
         export_recording(run, "csv", **arguments)
     assert "\n" not in str(refused.value)
     assert not list(run.parent.glob("*.csv*"))
+
+
+def test_a_place_that_refuses_is_one_sentence(run: Path):
+    with pytest.raises(NotWritten, match=r"^/nowhere/at/all.csv: cannot be written: No such file or directory$"):
+        export_recording(run, "csv", out=Path("/nowhere/at/all.csv"))
 
 
 def test_without_pyarrow_the_extra_is_named(run: Path, monkeypatch: pytest.MonkeyPatch):

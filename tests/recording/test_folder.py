@@ -3,6 +3,7 @@ from pathlib import Path
 
 import pytest
 
+from twin.errors import InputRefused
 from twin.recording.errors import RecordingRefused
 from twin.recording.folder import LATEST, claim_run_folder, create_run_folder, recording_in
 
@@ -29,8 +30,13 @@ def test_a_folder_with_something_in_it_is_never_a_new_runs(tmp_path: Path):
 
 def test_a_folder_that_cannot_be_made_is_refused(tmp_path: Path):
     (tmp_path / "file").touch()
-    with pytest.raises(RecordingRefused, match="cannot be created"):
+    with pytest.raises(InputRefused, match="cannot be created"):
         claim_run_folder(tmp_path / "file" / "inside")
+    with pytest.raises(InputRefused, match="cannot be created"):
+        create_run_folder(tmp_path / "file", "fig4", NOON)
+    # where even root may not
+    with pytest.raises(InputRefused, match="/sys/fig4: cannot be created"):
+        create_run_folder(Path("/sys"), "fig4", NOON)
 
 
 def test_a_recording_is_found_by_file_run_and_experiment(tmp_path: Path):

@@ -34,5 +34,5 @@ def test_of_many_checks_only_some_have_pictures(tmp_path: Path):
 
 def test_a_disk_that_refuses_is_told(tmp_path: Path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(InputRefused, match="cannot be written"):
+    with pytest.raises(InputRefused, match="cannot be created"):
         check_pictures([outside("a", CURVE)], tmp_path / "file")

@@ -7,6 +7,7 @@ OUTCOME = {"peak": 4.961, "peak_time": 13.54, "end": 4.884, "force_error": 0.451
 RUN = {
     "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
     "remarks": ["2 of 2000 deadlines missed"], "outcome": OUTCOME, "trip": "", "changed": False, "punctuality": None,
+    "substituted": {"controller": "Mine (PythonComponent)"},
     "events": [(5.606, "INFO", "force control triggered at F_z = 0.603 N"), (6.0, "DEBUG", "for whoever looks closer")],
     "drives": ["a.fmu  FMI 2.0  sha256 0123\n  omega_ref <- w\n  warning: " + 12 * "so long " + "."] * 3,
     "recording": "results/press/2026/run.mcap",
@@ -21,6 +22,10 @@ def test_a_run_says_its_outcome_first_and_where_it_is_last():
     assert lines[5] == "   5.606 s  force control triggered at F_z = 0.603 N"
     assert lines[-1] == "  recording  results/press/2026/run.mcap"
     assert max(map(len, lines)) <= 80
+
+
+def test_a_substitute_is_named():
+    assert "  substitute controller: Mine (PythonComponent)\n" in run_text(RUN)
 
 
 def test_drives_that_are_the_same_are_told_once():

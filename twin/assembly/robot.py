@@ -1,8 +1,9 @@
 """From an experiment to components and wires: the only place where the parts meet."""
 
+import difflib
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import pairwise
 
 import numpy as np
@@ -36,10 +37,12 @@ class Assembly:
 
     Attributes:
         system: ready to be simulated. drives: what stands behind the three joints.
+        substituted: what took the place of the experiment's own components, by their names.
     """
 
     system: System
     drives: tuple[DrivePlan, ...]
+    substituted: dict[str, str] = field(default_factory=dict)
 
     def __enter__(self) -> "Assembly":
         return self
@@ -68,7 +71,8 @@ def assemble(
         drive_maker: what makes a drive of its plan, with the arguments of `drives.drive`.
 
     Raises:
-        InputRefused: a drive FMU does not fit. All three are checked before any is loaded.
+        InputRefused: a drive FMU does not fit; all three are checked before any is loaded. Or a substitute for which
+            there is no place.
     """
     plans = _planned_drives(experiment)
     if drive_maker is drive:
@@ -108,7 +112,7 @@ def assemble(
             wires = _joint_drive_wires(chain[-1])
         if watched:
             wires += _power_wires(components)
-        components = [(substitutes or {}).get(c.name, c) for c in [*components, plant]]
+        components = _with_substitutes([*components, plant], substitutes or {})
         wires += _wires(chain, bool(body), bool(scale), bool(watched))
         if ramp:
             wires += [
@@ -130,7 +134,23 @@ def assemble(
         system = System(components, wires, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         made.pop_all()
-    return Assembly(system, plans)
+    return Assembly(system, plans, {name: _kind(component) for name, component in (substitutes or {}).items()})
+
+
+def _with_substitutes(components: list[Component], substitutes: Mapping[str, Component]) -> list[Component]:
+    names = [component.name for component in components]
+    for name in substitutes:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, 1)
+            hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
+            raise InputRefused(f"substitutes: no component '{name}' in this experiment; {hint}")
+    return [substitutes.get(component.name, component) for component in components]
+
+
+def _kind(component: Component) -> str:
+    """What a substitute is: the class of a user's model, or that of the component."""
+    own = type(component).__name__
+    return f"{component.label} ({own})" if component.label else own
 
 
 def _encoder(experiment: Experiment) -> Encoder:

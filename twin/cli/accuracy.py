@@ -1,6 +1,5 @@
 """`twin accuracy`: where the error of the force comes from, in newtons."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -10,6 +9,7 @@ from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, DriveName, Isolated, Settings
 from twin.cli.progress import progress
+from twin.files import json_text
 
 
 def accuracy(
@@ -45,7 +45,7 @@ def accuracy(
         text, facts = finished(budgeted, arguments, isolate, shown.say)
     finally:
         shown.clear()
-    print(json.dumps(facts) if as_json else text)
+    print(json_text(facts) if as_json else text)
 
 
 def budgeted(

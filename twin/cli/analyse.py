@@ -1,6 +1,5 @@
 """`twin analyse`: the loops of an experiment, linear."""
 
-import json
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -9,8 +8,7 @@ import typer
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
-from twin.errors import InputRefused
-from twin.files import made_folder
+from twin.files import json_text, made_folder, write_json
 
 FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 
@@ -47,7 +45,7 @@ def analyse(
         "out": str(folder),
     }
     facts, text = finished(analysed, arguments, isolate)
-    print(json.dumps(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
+    print(json_text(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
     if not facts["stable"]:
         raise SystemExit(1)
 
@@ -64,13 +62,10 @@ def analysed(
 
     done = stability(load_experiment(Path(experiment), settings, drive, body))
     folder = Path(out)
-    try:
-        draw_analysis(done, folder / PICTURE)
-        if done.maps:
-            draw_stability_maps(done, folder / MAP)
-        files = [str(folder / name) for name in (PICTURE, *([MAP] if done.maps else []), FACTS)]
-        facts = done.facts() | {"files": files}
-        (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
+    draw_analysis(done, folder / PICTURE)
+    if done.maps:
+        draw_stability_maps(done, folder / MAP)
+    files = [str(folder / name) for name in (PICTURE, *([MAP] if done.maps else []), FACTS)]
+    facts = done.facts() | {"files": files}
+    write_json(folder / FACTS, facts)
     return facts, analysis_text(done)

@@ -26,7 +26,8 @@ from twin.cli import (
     sweep,
     tune,
 )
-from twin.errors import InputRefused, TwinError, plain
+from twin.cli.streams import READER_GONE, Unread, standard_streams
+from twin.errors import InputRefused, NotWritten, TwinError, plain
 
 INTERRUPTED = 130
 
@@ -74,20 +75,33 @@ def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     # for every Python that this one starts, also through other packages: never import from the current folder
     os.environ["PYTHONSAFEPATH"] = "1"
-    try:
-        code = app(prog_name="twin", standalone_mode=False)
-        # Typer makes this of Ctrl-C where no command has more to say about it
-        if code == INTERRUPTED:
-            print("interrupted", file=sys.stderr)
-        sys.exit(code)
-    except TwinError as error:
-        print(plain(str(error)), file=sys.stderr)
-        sys.exit(error.exit_code)
-    except typer.TyperException as mistake:
-        told = _sentence(mistake)
+    with standard_streams():
+        code, told = _ended()
         if told:
             print(plain(told), file=sys.stderr)
-        sys.exit(InputRefused.exit_code)
+    sys.exit(code)
+
+
+def _ended() -> tuple[int | str | None, str]:
+    """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been told."""
+    try:
+        try:
+            code = app(prog_name="twin", standalone_mode=False)
+            # Typer makes this of Ctrl-C where no command has more to say about it
+            told = "interrupted" if code == INTERRUPTED else ""
+        except SystemExit as end:
+            code, told = end.code, ""
+        sys.stdout.flush()
+        return code, told
+    except Unread:
+        return READER_GONE, ""
+    except TwinError as error:
+        return error.exit_code, str(error)
+    except typer.TyperException as mistake:
+        return InputRefused.exit_code, _sentence(mistake)
+    # what no command has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame
+    except OSError as problem:
+        return NotWritten.exit_code, f"{problem.filename or 'twin'}: {problem.strerror or problem}"
 
 
 def _sentence(mistake: typer.TyperException) -> str:

@@ -1,6 +1,5 @@
 """`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
 
-import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, NamedTuple
@@ -9,6 +8,7 @@ import typer
 
 from twin.cli.options import AsJson
 from twin.errors import InputRefused
+from twin.files import json_text, made_folder, write_json
 
 if TYPE_CHECKING:
     from twin.recording.recording import Recording
@@ -54,6 +54,9 @@ def compare(
     align: Annotated[str, typer.Option(metavar="HOW", help="Time of B: none, start, event or fit.")] = "none",
     by: Annotated[str, typer.Option(metavar="NAME", help="Signal to align by, for event and fit.")] = "",
     max_shift: Annotated[float, typer.Option(metavar="S", help="Largest shift of fit, in s.")] = 1.0,
+    partial: Annotated[
+        bool, typer.Option("--partial", help="Let B cover only a part of A's time; what it covers is compared.")
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR", help="Where picture and JSON go; results/compare, or results/FIGURE."),
@@ -66,28 +69,29 @@ def compare(
     away, no farther from A than the tolerance in value. docs/compare.md tells
     of columns, units, tolerances, alignment and digitised figures.
 
-    Exit code: 0 inside, or no claim fails; 1 outside, or one does; 2 refused.
+    Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
+    time (without --partial), or a claim fails; 2 refused; 3 not written.
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
     if paper is None:
-        name, verdict = "compare", _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift))
+        name, verdict = (
+            "compare",
+            _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift), partial),
+        )
     elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
-    elif signal or tol or column_map or align != "none":
-        raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align; claims have bounds")
+    elif signal or tol or column_map or partial or align != "none":
+        raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds")
     else:
         name, verdict = paper, FIGURES[paper](runs or [])
     folder = out or Path("results") / name
     picture, facts = folder / f"{name}.png", folder / f"{name}.json"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        verdict.draw(picture)
-        facts.write_text(json.dumps(verdict.facts, indent=2) + "\n")
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
+    made_folder(folder)
+    verdict.draw(picture)
+    write_json(facts, verdict.facts)
     if as_json:
-        print(json.dumps(verdict.facts))
+        print(json_text(verdict.facts))
     else:
         print(verdict.text)
         print(
@@ -98,7 +102,12 @@ def compare(
 
 
 def _tube(
-    paths: list[Path], signals: list[str], tolerances: list[str], maps: list[str], align: tuple[str, str, float]
+    paths: list[Path],
+    signals: list[str],
+    tolerances: list[str],
+    maps: list[str],
+    align: tuple[str, str, float],
+    partial: bool,
 ) -> Verdict:
     if len(paths) != 2:
         raise InputRefused(
@@ -113,7 +122,12 @@ def _tube(
 
     found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
     failed = [row.signal for row in found.outside]
-    return Verdict(comparison_text(found), found.facts(), failed, [], lambda path: draw_comparison(found, path))
+    lacking, share = found.least_covered
+    if share < 1.0 and not partial:
+        failed.append(lacking)
+    return Verdict(
+        comparison_text(found, partial), found.facts(), failed, [], lambda path: draw_comparison(found, path)
+    )
 
 
 def _fig4(paths: list[Path]) -> Verdict:
@@ -131,7 +145,7 @@ def _fig4(paths: list[Path]) -> Verdict:
     recordings = _recordings(paths)
     runs = fig4_runs(*recordings)
     score = fig4_score(runs)
-    notes = [recording.note for recording in recordings if recording.note]
+    notes = [*(recording.note for recording in recordings if recording.note), *_notes(recordings)]
     return Verdict(fig4_text(score), score.facts(), score.failed, notes, lambda path: draw_fig4(runs, path))
 
 
@@ -140,8 +154,15 @@ def _fig5(paths: list[Path]) -> Verdict:
     from twin.report.fig5 import draw_fig5
     from twin.report.scorecard import fig5_text
 
-    score = fig5_score(_recordings(paths or _latest("fig5", FIG5_EXPERIMENTS)))
-    return Verdict(fig5_text(score), score.facts(), score.failed, [], lambda path: draw_fig5(score, path))
+    recordings = _recordings(paths or _latest("fig5", FIG5_EXPERIMENTS))
+    score = fig5_score(recordings)
+    return Verdict(
+        fig5_text(score), score.facts(), score.failed, _notes(recordings), lambda path: draw_fig5(score, path)
+    )
+
+
+def _notes(recordings: "list[Recording]") -> list[str]:
+    return [f"{recording.path}: {text}" for recording in recordings for text in recording.deviations]
 
 
 def _latest(figure: str, experiments: Sequence[str]) -> list[Path]:

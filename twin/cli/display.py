@@ -1,12 +1,12 @@
 """What `twin run` shows while it runs and says when it is done."""
 
-import json
 import sys
 from pathlib import Path
 from typing import Any
 
 from twin.cli.compiling import CompileWatch
 from twin.cli.progress import progress
+from twin.files import json_text
 from twin.guard.remains import seen_from_here
 from twin.recording.folder import LATEST
 from twin.report.run_text import run_facts, run_text
@@ -43,7 +43,7 @@ class Display:
             facts = {"experiment": self._name, **note["run"]}
             facts["recording"] = seen_from_here(Path(facts["recording"]))
             self.clear()
-            print(json.dumps(run_facts(facts)) if self._as_json else run_text(facts), flush=True)
+            print(json_text(run_facts(facts)) if self._as_json else run_text(facts), flush=True)
             self._done.append(_shortest(facts["recording"].parent))
         elif "serving" in note:
             self.clear()

@@ -1,12 +1,12 @@
 """`twin doctor`: what this installation has and lacks."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from twin.cli.options import AsJson
+from twin.files import json_text
 
 
 def doctor(
@@ -24,7 +24,7 @@ def doctor(
 
     findings = examined(Path.cwd(), with_run)
     if as_json:
-        print(json.dumps({"verdict": verdict(findings), "findings": [finding._asdict() for finding in findings]}))
+        print(json_text({"verdict": verdict(findings), "findings": [finding._asdict() for finding in findings]}))
     else:
         print(examination_text(findings))
     if not is_ready(findings):

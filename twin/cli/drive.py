@@ -1,6 +1,5 @@
 """`twin drive`: look at drive FMUs, qualify and compare them, bring new ones in."""
 
-import json
 import math
 import os
 import textwrap
@@ -13,7 +12,7 @@ from twin.cli.completion import drive_names, experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson
 from twin.errors import InputRefused
-from twin.files import made_folder
+from twin.files import json_text, made_folder, write_text
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan
@@ -49,7 +48,7 @@ def info(fmu: Fmu, as_json: AsJson = False) -> None:
     from twin.experiment.drive_files import lone_drive
 
     plan = planned(lone_drive(str(fmu), Path.cwd()))
-    print(json.dumps(_facts(plan)) if as_json else _table(plan))
+    print(json_text(_facts(plan)) if as_json else _table(plan))
 
 
 @app.command("list")
@@ -66,7 +65,7 @@ def list_(as_json: AsJson = False) -> None:
     from twin.report.drive_text import list_text
 
     drives = shelved_drives(Path.cwd())
-    print(json.dumps([asdict(shelved) for shelved in drives]) if as_json else list_text(drives))
+    print(json_text([asdict(shelved) for shelved in drives]) if as_json else list_text(drives))
 
 
 @app.command()
@@ -90,13 +89,9 @@ def new(fmu: Fmu) -> None:
     description = described(Path(file))
     mapping = Path(os.path.relpath(description.path.parent / MAPPING))
     text, complete = proposal(description)
-    try:
-        with mapping.open("x") as empty:
-            empty.write(text)
-    except FileExistsError:
-        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one") from None
-    except OSError as problem:
-        raise InputRefused(f"{mapping}: cannot be written: {problem.strerror}") from None
+    if os.path.lexists(mapping):
+        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
+    write_text(mapping, text)
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
     print(f"then: twin drive check {mapping}")
 
@@ -130,7 +125,7 @@ def check(
         facts = finished(checked, arguments, isolate)
         all_facts.append(facts)
         if as_json:
-            print(json.dumps(facts))
+            print(json_text(facts))
         elif not as_table:
             print(f"{check_text(facts)}\n  picture  {facts['picture']}")
     if as_table and not as_json:
@@ -160,7 +155,7 @@ def compare(
     made_folder(out)
     arguments: dict[str, Any] = {"fmus": fmus, "experiment": str(experiment), "out": str(out)}
     facts, text = finished(compared, arguments, isolate)
-    print(json.dumps(facts) if as_json else f"{text}\npicture  {facts['picture']}")
+    print(json_text(facts) if as_json else f"{text}\npicture  {facts['picture']}")
     if any(drive["failure"] for drive in facts["drives"]):
         raise SystemExit(3)
 

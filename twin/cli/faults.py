@@ -1,8 +1,8 @@
 """`twin faults`: the matrix of faults of an experiment."""
 
-import json
 import os
 import sys
+from collections.abc import Callable
 from dataclasses import asdict
 from enum import StrEnum
 from pathlib import Path
@@ -12,7 +12,8 @@ import typer
 
 from twin.cli.completion import experiment_files
 from twin.cli.options import AsJson, BodyName, DriveName, Settings
-from twin.errors import ComponentFailed, InputRefused
+from twin.errors import ComponentFailed
+from twin.files import growing, json_text, made_folder, write_json
 
 if TYPE_CHECKING:
     from twin.fault_matrix.row import Row
@@ -76,13 +77,19 @@ def faults(
         "body": body,
         "settings": settings or [],
     }
-    with Kept(folder / ROWS) as kept:
-        _measure(arguments, isolate, kept)
+    made_folder(folder)
+    with growing(folder / ROWS) as append:
+        kept = Kept(folder / ROWS, append)
+        try:
+            _measure(arguments, isolate, kept)
+        finally:
+            if sys.stderr.isatty():
+                print(file=sys.stderr)
     rows = kept.rows
     facts = {"experiment": experiment.stem, "rows": [row.facts() for row in rows]}
     draw_fault_matrix(experiment.stem, rows, folder / PICTURE)
-    (folder / MATRIX).write_text(json.dumps(facts, indent=2) + "\n")
-    print(json.dumps(facts) if as_json else f"{fault_matrix_text(experiment.stem, rows)}\n\n  {folder / PICTURE}")
+    write_json(folder / MATRIX, facts)
+    print(json_text(facts) if as_json else f"{fault_matrix_text(experiment.stem, rows)}\n\n  {folder / PICTURE}")
     if any(row.fails for row in rows):
         raise SystemExit(1)
 
@@ -91,36 +98,23 @@ class Kept:
     """Rows as they come, each at once in a JSON-lines file, so that a crash costs none of them.
 
     Args:
-        file: is written anew. Raises InputRefused if that cannot be.
+        path: of the file. append: appends to it.
 
     Attributes:
         rows: so far.
     """
 
-    def __init__(self, file: Path):
+    def __init__(self, path: Path, append: Callable[[str], None]):
         self.rows: list[Row] = []
-        self.path = file
-        try:
-            file.parent.mkdir(parents=True, exist_ok=True)
-            self._file = file.open("w")
-        except OSError as problem:
-            raise InputRefused(f"{file}: cannot be written: {problem.strerror}") from None
-
-    def __enter__(self) -> "Kept":
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self._file.close()
-        if sys.stderr.isatty():
-            print(file=sys.stderr)
+        self.path = path
+        self._append = append
 
     def hear(self, note: dict[str, Any]) -> None:
         """Take a note of `measured`."""
         from twin.fault_matrix.row import Row
 
         self.rows.append(Row.of(note["row"]))
-        self._file.write(json.dumps(self.rows[-1].facts()) + "\n")
-        self._file.flush()
+        self._append(json_text(self.rows[-1].facts()) + "\n")
         if sys.stderr.isatty():
             print(f"\r{len(self.rows)} of {note['of']} cases", end="", file=sys.stderr, flush=True)
 

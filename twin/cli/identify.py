@@ -1,12 +1,12 @@
 """`twin identify`: springs, zeros, backlash and scale from a calibration."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from twin.cli.options import AsJson, ColumnMap, Settings
+from twin.files import json_text
 
 
 def identify(
@@ -46,4 +46,4 @@ def identify(
             height=None if height is None else 1e-3 * height, motor_torque=motor_torque, out=out,
         )
     )  # fmt: skip
-    print(json.dumps(report.facts) if as_json else report.text)
+    print(json_text(report.facts) if as_json else report.text)

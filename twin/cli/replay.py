@@ -1,12 +1,12 @@
 """`twin replay`: a robot's log through the twin."""
 
-import json
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from twin.cli.options import AsJson, ColumnMap, Settings
+from twin.files import json_text
 
 
 def replay(
@@ -50,6 +50,6 @@ def replay(
             plant=plant, baseline=baseline, tolerance=tolerance, out=out,
         )
     )  # fmt: skip
-    print(json.dumps(report.facts) if as_json else report.text)
+    print(json_text(report.facts) if as_json else report.text)
     if not report.matches:
         raise SystemExit(1)

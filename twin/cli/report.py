@@ -1,6 +1,5 @@
 """`twin report`: runs as one HTML page."""
 
-import json
 import sys
 from collections.abc import Callable
 from pathlib import Path
@@ -12,6 +11,7 @@ from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, Isolated
 from twin.cli.progress import progress
 from twin.errors import InputRefused
+from twin.files import json_text
 from twin.guard.remains import seen_from_here
 
 Listener = Callable[[dict[str, Any]], None]
@@ -109,6 +109,6 @@ class Reported:
 def _tell(path: Path, headline: str, as_json: bool) -> None:
     page = seen_from_here(path)
     if as_json:
-        print(json.dumps({"headline": headline, "page": str(page)}))
+        print(json_text({"headline": headline, "page": str(page)}))
     else:
         print(f"{headline}\n  page  {page}")

@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from twin.errors import InputRefused
+from twin.files import write_text
 
 
 def schema(
@@ -16,7 +16,7 @@ def schema(
     An editor that knows TOML schemas (Even Better TOML, taplo) completes and
     checks a file that begins with the line `#:schema experiment.schema.json`.
 
-    Exit code: 0 done, 2 it cannot be written.
+    Exit code: 0 done, 3 it cannot be written.
 
     Example: twin schema --out experiment.schema.json
     """
@@ -26,8 +26,5 @@ def schema(
     if out is None:
         print(text, end="")
         return
-    try:
-        out.write_text(text)
-    except OSError as problem:
-        raise InputRefused(f"{out}: cannot be written: {problem.strerror}") from None
+    write_text(out, text)
     print(out)

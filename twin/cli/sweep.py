@@ -1,6 +1,5 @@
 """`twin sweep`: many runs of one experiment."""
 
-import json
 import os
 import sys
 from collections.abc import Callable
@@ -16,6 +15,7 @@ from twin.cli.options import AsJson
 from twin.cli.progress import progress
 from twin.cli.sweep_show import By, as_facts, show
 from twin.errors import InputRefused
+from twin.files import json_text
 
 if TYPE_CHECKING:
     from twin.guard.limits import Limits
@@ -224,7 +224,7 @@ def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:
     runs = len(plan.tasks)
     seconds, size = estimate.total(runs, how.processes)
     facts = {"runs": runs, "processes": how.processes, "seconds": seconds, "MB": size / 1e6, "first": first}
-    print(json.dumps(facts) if how.as_json else estimate_text(plan.name, runs, how.processes, estimate, first))
+    print(json_text(facts) if how.as_json else estimate_text(plan.name, runs, how.processes, estimate, first))
 
 
 def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
@@ -233,7 +233,7 @@ def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
     from twin.sweep.statistics import usual_metric
 
     if as_json:
-        print(json.dumps(as_facts(found)))
+        print(json_text(as_facts(found)))
         return
     answer = headline_text(found, by or usual_metric(found.rows))
     print(f"{answer}\n  rows  {folder / ROWS}\n  next  twin sweep show {folder}")

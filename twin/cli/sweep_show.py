@@ -1,6 +1,5 @@
 """`twin sweep show`: what a sweep came to."""
 
-import json
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -8,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin.cli.options import AsJson
+from twin.files import json_text
 
 if TYPE_CHECKING:
     from twin.sweep.folder import Kept
@@ -66,7 +66,7 @@ def show(
     if as_json:
         tables = [asdict(part) for part in parts(found, asked)]
         paths = {name: str(path) for name, path in files.items()}
-        print(json.dumps(as_facts(found) | {"tables": tables, "files": paths}))
+        print(json_text(as_facts(found) | {"tables": tables, "files": paths}))
         return
     print("\n".join([sweep_text(found, asked), *([""] if files else [])]))
     for name, path in files.items():

@@ -1,6 +1,5 @@
 """`twin tune`: gains for given goals."""
 
-import json
 import math
 import shlex
 from pathlib import Path
@@ -11,8 +10,7 @@ import typer
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
-from twin.errors import InputRefused
-from twin.files import made_folder
+from twin.files import json_text, made_folder, write_json, write_text
 
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 
@@ -69,7 +67,7 @@ def tune(
         "out": str(folder),
     }
     facts, text = finished(tuned_loops, arguments, isolate)
-    print(json.dumps(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
+    print(json_text(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
     if not facts["met"]:
         raise SystemExit(1)
 
@@ -102,10 +100,7 @@ def tuned_loops(
     done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], asked, span)
     again = shlex.join(["twin", "run", str(folder / GAINS), *options])
     facts = done.facts() | {"files": [str(folder / name) for name in (GAINS, PICTURE, FACTS)], "again": again}
-    try:
-        (folder / GAINS).write_text(fragment(done, file, folder, options))
-        draw_tuning(done, folder / PICTURE)
-        (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
+    write_text(folder / GAINS, fragment(done, file, folder, options))
+    draw_tuning(done, folder / PICTURE)
+    write_json(folder / FACTS, facts)
     return facts, "\n".join([tuning_text(done), f"next  {again}"])

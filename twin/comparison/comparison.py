@@ -27,6 +27,7 @@ class Comparison:
         shift: what was added to the times of b.
         rows: worst first.
         curves: by signal.
+        apart: signals of both that have no instant in common.
         only_a, only_b: signals that the other has not.
         identical: whether the two files hold the same bytes.
         notes: sentences on what is doubtful.
@@ -37,6 +38,7 @@ class Comparison:
     shift: Shift
     rows: tuple[Row, ...]
     curves: dict[str, Curves]
+    apart: tuple[str, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
     identical: bool
@@ -48,6 +50,14 @@ class Comparison:
         left = [row for row in self.rows if row.first_exit]
         return tuple(sorted(left, key=lambda row: row.first_exit.t if row.first_exit else 0.0))
 
+    @property
+    def least_covered(self) -> tuple[str, float]:
+        """The signal of which b covers least, and the share of a's time that it covers."""
+        shares = [(row.signal, row.covered) for row in self.rows]
+        # the same bytes lack nothing, whatever gaps are in them
+        return min([*((name, 0.0) for name in self.apart), *([] if self.identical else shares)] or [("", 1.0)],
+                   key=lambda share: share[1])  # fmt: skip
+
     def facts(self) -> dict[str, Any]:
         """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
         rows = [asdict(r) | {"inside": r.first_exit is None} for r in self.rows]
@@ -56,6 +66,7 @@ class Comparison:
             "b": str(self.b),
             "identical": self.identical,
             "inside": not self.outside,
+            "covered": self.least_covered[1],
             "shift": self.shift.seconds,
             "rows": rows,
             "only_a": self.only_a,
@@ -119,6 +130,7 @@ def compared(
         shift=moved,
         rows=tuple(rows),
         curves=of_signals,
+        apart=tuple(apart),
         only_a=only_a,
         only_b=only_b,
         identical=_same_bytes(a.path, b.path),

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.comparison.coverage import coverage
 from twin.comparison.tolerance import Allowance
 from twin.comparison.tube import Curve, Tube, reach
 from twin.logs.log import Series
@@ -27,7 +28,7 @@ class Row:
     Attributes:
         signal, unit: of both logs.
         n: how many instants were compared.
-        covered: share of the reference's duration on which the second has values, gaps left out.
+        covered: share of the reference's time on which the second has values; see `coverage`.
         max_error, max_error_at: largest absolute error and its time, s.
         rms_error, mean_error: over the instants.
         span: range of the reference, which shares of it refer to.
@@ -93,13 +94,11 @@ def row(signal: str, ours: Series, theirs: Series, allowed: Allowance, found: Cu
         first = Exit(*(float(x[k]) for x in (found.t, found.b, found.tube.lower, found.tube.upper)))
     off = float(np.max(np.abs(found.reach.excess(found.b))))
     used = off / allowed.value if allowed.value else (np.inf if len(out) else 0.0)
-    lost = np.sum(np.diff(np.clip(theirs.sampling.gaps, ours.t[0], ours.t[-1]), axis=1))
-    both = min(ours.t[-1], theirs.t[-1]) - max(ours.t[0], theirs.t[0])
     return Row(
         signal=signal,
         unit=ours.unit,
         n=len(found.t),
-        covered=float((both - lost) / np.ptp(ours.t)),
+        covered=coverage(ours, theirs),
         max_error=float(size[worst]),
         max_error_at=float(found.t[worst]),
         rms_error=float(np.sqrt(np.mean(error**2))),

@@ -6,6 +6,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from twin.assembly.drives import DrivePlan
 from twin.assembly.robot import Assembly
 from twin.controller.phase import PhaseKind
 from twin.experiment.experiment import Experiment
@@ -16,7 +17,7 @@ PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
 def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
     """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
     fmus = {
-        f"drive_{i + 1}{'.' * bool(part)}{part}": json.dumps(
+        f"{name}{'.' * bool(part)}{part}": json.dumps(
             {
                 "file": fmu.path.name,
                 "sha256": fmu.sha256,
@@ -27,7 +28,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
                 "mapped": [str(binding) for binding in plan.bindings],
             }
         )
-        for i, plan in enumerate(assembly.drives)
+        for name, plan in driven(assembly)
         for part, fmu in plan.parts.items()
     }
     values = _named_fmus(experiment.values)
@@ -36,9 +37,18 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         # sorted: the same experiment may be spread over files in many ways
         "origins": dict(sorted(experiment.origins.items())),
         "fmu": fmus,
+        **({"substituted": assembly.substituted} if assembly.substituted else {}),
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
     }
+
+
+def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
+    """(`drive_1`, its plan) and so on of the joints that the experiment's own drives move."""
+    if "drive" in assembly.substituted:
+        return []
+    named = [(f"drive_{number}", plan) for number, plan in enumerate(assembly.drives, start=1)]
+    return [(name, plan) for name, plan in named if name not in assembly.substituted]
 
 
 def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:

@@ -1,6 +1,5 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
-import json
 import re
 import time
 from collections.abc import Callable, Mapping, Sequence
@@ -16,11 +15,12 @@ from twin.errors import ComponentFailed
 from twin.execution.block import Block
 from twin.execution.outcome import Outcome, Tally
 from twin.execution.pacing import Pace, Punctuality
-from twin.execution.provenance import provenance
+from twin.execution.provenance import driven, provenance
 from twin.execution.tuning import Tuning
 from twin.execution.viewer import Stream, Viewer
 from twin.execution.watch import Event, Watch
 from twin.experiment.experiment import Experiment
+from twin.files import write_json
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
@@ -41,7 +41,8 @@ class Run:
         simulated, stepping, writing: simulated time, wall time in the master and in the recorder (s).
         events: (time in s, level, text).
         trip: why the safety monitor tripped; "" if it did not.
-        drives: what stood behind each joint: file, FMI version, hash, mapping, warnings.
+        drives: what stood behind each joint: file, FMI version, hash, mapping, warnings; nothing for a substitute.
+        substituted: what took the place of the experiment's own components, by their names.
         outcome: what it came to.
         microseconds: wall time per tick of each component, if it was measured.
         changed: whether parameters were changed while it ran; the events say which and when.
@@ -55,6 +56,7 @@ class Run:
     events: tuple[tuple[float, str, str], ...]
     trip: str
     drives: tuple[str, ...]
+    substituted: dict[str, str]
     outcome: Outcome
     microseconds: dict[str, float]
     changed: bool
@@ -81,7 +83,7 @@ def execute(
         experiment: checked.
         folder: the run's own folder.
         progress: told (ticks done, ticks in all) after every slice.
-        substitutes: see `assemble`.
+        substitutes: see `assemble`. The recording, the summary and every report name them.
         timed: measure each component.
         drive_maker: see `assemble`.
         factor: simulated time per wall time, > 0; None: as fast as it goes. It leaves no trace in the recording.
@@ -90,7 +92,7 @@ def execute(
     Raises:
         InputRefused: a drive FMU does not fit.
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
-        RecordingFailed: the disk is full; likewise.
+        NotWritten: the disk is full; likewise.
     """
     folder = Path(folder)
     with assemble(experiment, substitutes, drive_maker) as assembly:
@@ -98,7 +100,7 @@ def execute(
         run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, pace, viewer)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # before the FMUs are freed: one that crashes then shall take nothing with it
-        (folder / SUMMARY).write_text(json.dumps(summary, indent=2) + "\n")
+        write_json(folder / SUMMARY, summary)
     return run
 
 
@@ -165,7 +167,8 @@ def _recorded(
         writing=writing,
         events=tuple((event.tick * system.tick, event.level, event.text) for event in events),
         trip=watch.trip,
-        drives=tuple(_told(plan) for plan in assembly.drives),
+        drives=tuple(_told(plan) for _, plan in driven(assembly)),
+        substituted=assembly.substituted,
         outcome=tally.outcome,
         microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
         changed=tuning.changed,

@@ -29,6 +29,12 @@ def sentences(error: ValidationError, model: type[BaseModel], table: str) -> lis
     return [_sentence(detail, model, table) for detail in error.errors()]
 
 
+def type_mistakes(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
+    """Those of `sentences` on values of a wrong type: what is missing, unknown or out of range is left out."""
+    wrong = (*_EXPECTED, "literal_error")
+    return [_sentence(detail, model, table) for detail in error.errors() if detail["type"] in wrong]
+
+
 def unknown(key: str, known: list[str]) -> str:
     """`unknown key 'kp'; did you mean 'kp_per_s'?`"""
     # a key without its unit is the commonest slip

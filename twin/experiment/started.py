@@ -1,11 +1,13 @@
 """A new experiment file and its schema, written."""
 
+import os
 from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.experiment.json_schema import SCHEMA_FILE, schema_text
 from twin.experiment.named import did_you_mean, known_experiments
 from twin.experiment.template import commented_experiment
+from twin.files import made_folder, write_text
 
 
 def start_experiment(file: Path, start: str) -> list[Path]:
@@ -15,7 +17,8 @@ def start_experiment(file: Path, start: str) -> list[Path]:
         The files that were written: `file`, and beside it the JSON Schema if none was there.
 
     Raises:
-        InputRefused: `file` exists or cannot be written, or there is no experiment `start`.
+        InputRefused: `file` exists, or there is no experiment `start`.
+        NotWritten: the disk refuses.
     """
     known = known_experiments()
     if start not in known:
@@ -24,15 +27,11 @@ def start_experiment(file: Path, start: str) -> list[Path]:
         raise InputRefused(f"{file}: expected a name that ends with .toml")
     schema = file.parent / SCHEMA_FILE
     text = commented_experiment(file.name, known[start])
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        with file.open("x") as empty:
-            empty.write(text)
-        if schema.exists():
-            return [file]
-        schema.write_text(schema_text())
-    except FileExistsError:
-        raise InputRefused(f"{file}: exists, and is never overwritten; choose another name") from None
-    except OSError as problem:
-        raise InputRefused(f"{problem.filename}: cannot be written: {problem.strerror}") from None
+    made_folder(file.parent)
+    if os.path.lexists(file):
+        raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
+    write_text(file, text)
+    if os.path.lexists(schema):
+        return [file]
+    write_text(schema, schema_text())
     return [file, schema]

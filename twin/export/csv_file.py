@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.export.table import Column, Table
+from twin.files import written
 
 
 def write_csv(path: Path, table: Table) -> None:
@@ -13,10 +14,10 @@ def write_csv(path: Path, table: Table) -> None:
     Truth values are 0 and 1. Not a number is `nan`.
 
     Raises:
-        OSError: it cannot be written.
+        NotWritten: it cannot be written.
     """
     columns = [_texts(table.t), *(_texts(column.values) for column in table.columns)]
-    with path.open("w", encoding="utf-8", newline="\n") as file:
+    with written(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
         file.write(",".join(["t_s", *map(heading, table.columns)]) + "\n")
         file.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
 

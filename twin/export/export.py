@@ -1,12 +1,13 @@
 """From a recording to one file of another format."""
 
+import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from twin.errors import InputRefused
 from twin.export.csv_file import write_csv
-from twin.export.files import write_whole
 from twin.export.matlab_file import write_matlab
 from twin.export.parquet_file import write_parquet
 from twin.export.selection import selected_signals
@@ -48,17 +49,20 @@ def export_recording(
         out: the file; without it, the recording's own path with the format's suffix. force: replace what is there.
 
     Raises:
-        InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way or no place for one.
+        InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way.
+        NotWritten: the disk refuses; a file that was there stays.
     """
     recording = read(recording_in(run))
     signals = selected_signals(recording, patterns)
     path = out or recording.path.with_name(f"{recording.path.name.split('.')[0]}.{form}")
+    if os.path.lexists(path) and not force:
+        raise InputRefused(f"{path}: already there; replace it with --force or name another with --out")
     rows = table(recording, signals, rate)
     match form:
         case "csv":
-            write_whole(path, lambda file: write_csv(file, rows), force)
+            write_csv(path, rows)
         case "parquet":
-            write_whole(path, lambda file: write_parquet(file, rows, recording.metadata), force)
+            write_parquet(path, rows, recording.metadata)
         case "mat":
-            write_whole(path, lambda file: write_matlab(file, recording, signals, rate), force)
+            write_matlab(path, recording, signals, rate)
     return Exported(path, len(signals), len(rows.t), recording.note)

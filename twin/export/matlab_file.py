@@ -8,6 +8,7 @@ import numpy as np
 
 from twin.errors import InputRefused
 from twin.export.table import NANOSECONDS, message_times, row_times, topics_of
+from twin.files import write_bytes
 from twin.recording.recording import Recording
 
 HEADER_BYTES = 116
@@ -28,7 +29,7 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
 
     Raises:
         InputRefused: a rate that `table` refuses, or a name that MATLAB would cut.
-        OSError: it cannot be written.
+        NotWritten: it cannot be written.
     """
     from scipy.io import savemat
 
@@ -49,7 +50,7 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     file = io.BytesIO()
     savemat(file, {**structs, "units": units}, long_field_names=True, do_compression=True, oned_as="column")
     text = f"MATLAB 5.0 MAT-file, written by twin from {recording.path.name}".encode("ascii", "replace")
-    path.write_bytes(text[:HEADER_BYTES].ljust(HEADER_BYTES) + file.getvalue()[HEADER_BYTES:])
+    write_bytes(path, text[:HEADER_BYTES].ljust(HEADER_BYTES) + file.getvalue()[HEADER_BYTES:])
 
 
 def _variable(name: str) -> str:

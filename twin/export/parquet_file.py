@@ -6,6 +6,7 @@ from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.export.table import Table
+from twin.files import written
 
 
 def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, str]]) -> None:
@@ -17,7 +18,7 @@ def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, 
 
     Raises:
         InputRefused: pyarrow is not installed.
-        OSError: it cannot be written.
+        NotWritten: it cannot be written.
     """
     try:
         import pyarrow as pa
@@ -31,4 +32,5 @@ def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, 
         fields.append(pa.field(column.name, array.type, False, {"unit": column.unit, "meaning": column.meaning}))
         arrays.append(array)
     origin = {name: json.dumps(dict(entries)) for name, entries in metadata.items()}
-    pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, origin)), path, compression="zstd")
+    with written(path) as beside:
+        pq.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields, origin)), beside, compression="zstd")

@@ -40,11 +40,17 @@ class BlackBox:
     """
 
     def __init__(self) -> None:
+        # Windows has no fcntl, and no guarded processes either
+        import fcntl
+
         if hasattr(os, "memfd_create"):
-            self.fd = os.memfd_create("twin black box")
+            fd = os.memfd_create("twin black box")
         else:
             with tempfile.TemporaryFile() as file:
-                self.fd = os.dup(file.fileno())
+                fd = os.dup(file.fileno())
+        # where a standard stream is closed it would get its number, which is another file in the child
+        self.fd = fcntl.fcntl(fd, fcntl.F_DUPFD_CLOEXEC, 3)
+        os.close(fd)
         os.ftruncate(self.fd, INPUTS_AT)
 
     def mark(self) -> tuple[int, int]:

@@ -15,7 +15,7 @@ import threading
 import traceback
 from collections.abc import Iterator
 
-from twin.errors import TwinError
+from twin.errors import NotWritten, TwinError
 
 STOP = "stop"
 _PR_SET_PDEATHSIG = 1
@@ -50,6 +50,10 @@ def main() -> None:
         last = {"failed": [str(error), error.exit_code]}
     except KeyboardInterrupt:
         last = {"interrupted": None}
+    # what nobody has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame
+    except OSError as problem:
+        told = f"{problem.filename or 'twin'}: {problem.strerror or problem}"
+        last = {"failed": [told, NotWritten.exit_code]}
     except Exception:
         last = {"failed": [traceback.format_exc(), 1]}
     with contextlib.suppress(BrokenPipeError):

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.experiment.schema import Plant
+from twin.experiment.schema import Cosim, Plant
 from twin.replay.model import Model
 
 
@@ -18,7 +18,8 @@ def truth(model: Model) -> Mapping[str, float]:
     plant = Plant.model_validate(model.values["plant"])
     k, surface = plant.k_s * plant.eta, model.plant
     motor, joint = np.array(plant.motor_zero), np.array(plant.joint_zero)
-    early = 0.5 * model.tick if model.values["cosim"]["scheme"] == "gauss_seidel" else -0.5 * model.tick
+    scheme = Cosim.model_validate(model.values.get("cosim", {})).scheme
+    early = 0.5 * model.tick if scheme == "gauss_seidel" else -0.5 * model.tick
     directed = plant.eta_rate > 0.0
     return {
         "k_s_eta": plant.k_s if directed else k,

@@ -68,7 +68,7 @@ def recorded(recording: Recording) -> Log:
         series |= {name: Series(t, column, field.unit) for name, column in _components(key, field, values)}
     if not series:
         raise LogRefused(f"{recording.path}: holds no samples{f'; {recording.note}' if recording.note else ''}")
-    return Log(recording.path, series, (recording.note,) if recording.note else ())
+    return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
 
 
 def _finished(log: Log) -> Log:

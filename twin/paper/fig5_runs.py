@@ -1,6 +1,5 @@
 """The tasks in a recording (Fig. 5), as curves of what truly happened."""
 
-import json
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -11,6 +10,7 @@ from numpy.typing import NDArray
 
 from twin.controller.phase import PhaseKind
 from twin.errors import InputRefused
+from twin.experiment.recorded import recorded_values
 from twin.experiment.task import Task, checked_tasks
 from twin.metrics.response import Curve, first_time
 from twin.monitor.reasons import MEANINGS, Reason
@@ -147,8 +147,12 @@ def task_runs(recording: Recording) -> list[TaskRun]:
 
 
 def settings(recording: Recording) -> dict[str, Any]:
-    """The experiment's checked values, keys with units."""
-    return json.loads(recording.metadata.get("experiment", {}).get("values", "{}"))
+    """The experiment's checked values, keys with units.
+
+    Raises:
+        InputRefused: as `recorded_values`.
+    """
+    return recorded_values(recording.metadata, recording.path)
 
 
 def drive_of(recording: Recording) -> str:

@@ -9,6 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 
+import lz4.frame
 import numpy as np
 import zstandard
 from mcap.data_stream import RecordBuilder
@@ -17,6 +18,10 @@ from mcap.records import Chunk, McapRecord
 
 # small enough that little is lost with the last one, large enough to compress; before compression, bytes
 LARGEST_CHUNK = 256 * 1024
+FEW_BYTES = 64 * 2**20
+LARGEST_RATIO = 100
+"""Bytes that chunks may unpack to: those of a file, however small, and how many times its own. A recording in which
+nothing ever changes has a ratio of 20; a bomb has thousands."""
 # doubles hardly compress: levels 3 and 5 save 1 % and 4 % of the file and cost 20 % and 90 % more time in all
 COMPRESSION_LEVEL = 1
 
@@ -107,6 +112,45 @@ def chunk(messages: Messages, preamble: bytes, compressor: zstandard.ZstdCompres
         uncompressed_crc=zlib.crc32(content),
         uncompressed_size=len(content),
     )
+
+
+def allowance(size: int) -> int:
+    """Bytes that all chunks of a file of `size` bytes may unpack to."""
+    return max(FEW_BYTES, LARGEST_RATIO * size)
+
+
+def unpacked(chunk: Chunk, most: int) -> bytes:
+    """Content of `chunk`, compressed by zstd, LZ4 or not at all.
+
+    Args:
+        chunk: of any writer.
+        most: bytes that it may have.
+
+    Raises:
+        ValueError: it declares more than that, or unpacks to another size than it declares, of which no more than
+            that is ever in memory; it does not unpack, or is compressed in another way.
+    """
+    size = chunk.uncompressed_size
+    if size > most:
+        raise ValueError(f"a chunk that would unpack to {size / 1e6:.0f} MB, more than {LARGEST_RATIO} times the file")
+    try:
+        match chunk.compression:
+            case "zstd":
+                # one that does not say its size unpacks to what it declares at most
+                if zstandard.frame_content_size(chunk.data) not in (size, -1):
+                    raise ValueError("a chunk whose sizes disagree")
+                content = zstandard.decompress(chunk.data, max_output_size=size)
+            case "lz4":
+                content = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=size + 1)
+            case "":
+                content = chunk.data
+            case other:
+                raise ValueError(f"a chunk compressed by {other}; zstd and lz4 are read")
+    except (zstandard.ZstdError, RuntimeError, EOFError, MemoryError):
+        raise ValueError("a chunk that does not decompress") from None
+    if len(content) != size:
+        raise ValueError("a chunk whose sizes disagree")
+    return content
 
 
 def message_indexes(messages: Messages, shift: int) -> dict[int, bytes]:

@@ -3,6 +3,7 @@
 from datetime import datetime
 from pathlib import Path
 
+from twin.files import made_folder
 from twin.recording.errors import RecordingRefused
 
 RECORDING = "run.mcap"
@@ -10,9 +11,12 @@ LATEST = "latest"
 
 
 def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
-    """A new folder results/<experiment>/<time>/, and results/<experiment>/latest pointing to it."""
-    home = results / experiment
-    home.mkdir(parents=True, exist_ok=True)
+    """A new folder results/<experiment>/<time>/, and results/<experiment>/latest pointing to it.
+
+    Raises:
+        InputRefused: it cannot be created.
+    """
+    home = made_folder(results / experiment)
     stamp = now.strftime("%Y-%m-%d_%H%M%S")
     for attempt in range(1, 1000):
         folder = home / (stamp if attempt == 1 else f"{stamp}_{attempt}")
@@ -21,6 +25,8 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
             break
         except FileExistsError:
             continue
+        except OSError as problem:
+            raise RecordingRefused(f"{folder}: cannot be created: {problem.strerror}; choose with --out") from None
     latest = home / LATEST
     try:
         latest.unlink(missing_ok=True)
@@ -35,17 +41,16 @@ def claim_run_folder(folder: Path) -> Path:
     """`folder` itself, created, as the folder of one run.
 
     Raises:
-        RecordingRefused: it exists and is not empty, or cannot be created.
+        InputRefused: it exists and is not empty, or cannot be created.
     """
     try:
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise RecordingRefused(
                 f"{folder}: already there and not empty; name a new folder, a run is never overwritten"
             )
-        folder.mkdir(parents=True, exist_ok=True)
     except OSError as problem:
-        raise RecordingRefused(f"{folder}: cannot be created: {problem.strerror}") from None
-    return folder
+        raise RecordingRefused(f"{folder}: cannot be read: {problem.strerror}") from None
+    return made_folder(folder)
 
 
 def recording_in(path: Path) -> Path:

@@ -14,6 +14,7 @@ from twin.recording.output import PARTIAL
 from twin.recording.recording import Recording, Stream
 from twin.recording.scan import Damage, Scan
 from twin.recording.series import NANOSECONDS, Contents
+from twin.recording.shortfall import shortfall
 
 
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
@@ -39,8 +40,8 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
         partial = path.with_name(path.name + PARTIAL)
         hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
         raise RecordingRefused(f"{path}: cannot be read: {error.strerror}{hint}") from error
-    except (ValueError, LookupError, struct.error, McapError, DecodeError) as error:
-        raise RecordingRefused(f"{path}: not a recording that twin wrote: {error}") from error
+    except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: {_told(error)}") from error
 
 
 def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
@@ -58,6 +59,8 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
                 contents.add(found.position, found.value)
             else:
                 metadata.setdefault(found.value.name, {}).update(found.value.metadata)
+        if scan.complete:
+            _compare(scan, contents)
     except Damage as error:
         damage = error
     if contents.passed and not contents.series:
@@ -74,7 +77,24 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
         note = f"{what}; read {_reach(streams)}"
     elif not scan.complete:
         note = f"unfinished recording: read {_reach(streams)}; {scan.rest} bytes after that are incomplete"
+    else:
+        note = shortfall(streams, metadata)
     return Recording(path, streams, contents.events, metadata, not note, note)
+
+
+def _told(error: Exception) -> str:
+    return str(error.args[0]) if isinstance(error, LookupError) and error.args else str(error)
+
+
+def _compare(scan: Scan, contents: Contents) -> None:
+    """Raise Damage if what is there is not what the index says was written."""
+    said = scan.statistics
+    if said is None:
+        raise Damage(scan.position, "its index does not say how many messages there are")
+    counts = {channel: count for channel, count in said.channel_message_counts.items() if count}
+    if counts != contents.counts or said.message_count != sum(counts.values()):
+        there = sum(contents.counts.values())
+        raise Damage(scan.position, f"{there} messages are there where its index counts {said.message_count}")
 
 
 def _reach(streams: dict[str, Stream]) -> str:

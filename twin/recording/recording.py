@@ -79,6 +79,17 @@ class Recording:
             raise UnknownSeries(f"{self.path}: no topic {topic!r}; {_nearest(topic, self.streams)}")
         return self.streams[topic].head["log_time"] / NANOSECONDS
 
+    @property
+    def deviations(self) -> tuple[str, ...]:
+        """Sentences on what makes this run another one than that of its experiment alone; empty if nothing does."""
+        said = [
+            f"{name} was substituted by {kind}: the experiment alone does not make this run"
+            for name, kind in self.metadata.get("substituted", {}).items()
+        ]
+        if "changed" in self.metadata:
+            said.append("changed by hand while it ran: the experiment alone does not make this run")
+        return tuple(said)
+
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the file."""
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}

@@ -13,14 +13,14 @@ from dataclasses import dataclass
 from io import BytesIO
 from typing import BinaryIO
 
-import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, DataEnd, Header, Metadata
+from mcap.records import Chunk, DataEnd, Header, Metadata, Statistics
 from mcap.writer import MCAP0_MAGIC
 
-from twin.recording.chunks import encoded
+from twin.files import LIMIT
+from twin.recording.chunks import allowance, encoded, unpacked
 from twin.recording.messages import RECORD_PREFIX
 
 # by opcode, all that `Writer` puts between the magics outside chunks, except indexes
@@ -30,6 +30,8 @@ READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | DataEn
     Opcode.METADATA: Metadata.read,
     Opcode.DATA_END: DataEnd.read,
 }
+LARGEST_RECORD = 64 * 2**20
+"""Bytes; the largest that twin writes, a chunk, has a few hundred thousand."""
 # CRC of the summary and closing magic, the last bytes of a finished file
 CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
 
@@ -63,11 +65,15 @@ class Scan:
     Attributes:
         complete: after `contents` is exhausted, whether the file ended as a finished one does.
         rest: bytes at the end that make no complete record.
+        statistics: what the file says at its end that it holds; None: it does not, or is not complete.
+        position: offset of the end of what has been read.
     """
 
     file: BinaryIO
     complete: bool = False
     rest: int = 0
+    statistics: Statistics | None = None
+    position: int = 0
 
     def contents(self) -> Iterator[Scanned]:
         """Checked contents of the chunks and metadata records; ends where an unfinished file ends.
@@ -81,7 +87,9 @@ class Scan:
         self.file.seek(0)
         crc = zlib.crc32(self.file.read(len(MCAP0_MAGIC)))
         position = len(MCAP0_MAGIC)
+        most, metadata = allowance(size), 0
         while True:
+            self.position = position
             prefix = self.file.read(RECORD_PREFIX)
             opcode, length = struct.unpack("<BQ", prefix) if len(prefix) == RECORD_PREFIX else (0, size)
             end = position + RECORD_PREFIX + length
@@ -90,6 +98,8 @@ class Scan:
                     raise Damage(position, "a record is longer than the file")
                 self.rest = size - position
                 return
+            if length > LARGEST_RECORD:
+                raise Damage(position, f"a record of {length / 1e6:.0f} MB where twin writes none of that size")
             body = self.file.read(length)
             if opcode == Opcode.DATA_END:
                 if _parsed(position, opcode, body) != DataEnd(crc):
@@ -100,8 +110,13 @@ class Scan:
             if opcode != Opcode.MESSAGE_INDEX:
                 record = _parsed(position, opcode, body)
                 if isinstance(record, Chunk):
-                    yield Scanned(position, _content(position, record))
+                    content = _content(position, record, most)
+                    most -= len(content)
+                    yield Scanned(position, content)
                 elif isinstance(record, Metadata):
+                    metadata += length
+                    if metadata > LIMIT:
+                        raise Damage(position, f"more than {LIMIT / 2**20:g} MB of metadata")
                     yield Scanned(position, record)
             position = end
 
@@ -113,6 +128,18 @@ class Scan:
             raise Damage(position, "its index fails its CRC")
         else:
             self.complete = True
+            self.statistics = _statistics(ending)
+
+
+def _statistics(ending: bytes) -> Statistics | None:
+    """The record of that kind in the end of a file whose CRC is right."""
+    place = 0
+    while place + RECORD_PREFIX <= len(ending) - len(MCAP0_MAGIC):
+        opcode, length = struct.unpack_from("<BQ", ending, place)
+        place += RECORD_PREFIX + length
+        if opcode == Opcode.STATISTICS:
+            return Statistics.read(ReadDataStream(BytesIO(ending[place - length : place])))
+    return None
 
 
 def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadata | DataEnd:
@@ -130,15 +157,14 @@ def _parsed(position: int, opcode: int, body: bytes) -> Header | Chunk | Metadat
     return record
 
 
-def _content(position: int, chunk: Chunk) -> bytes:
-    """Decompressed content of `chunk`, with the CRC it was written with."""
+def _content(position: int, chunk: Chunk, most: int) -> bytes:
+    """Decompressed content of `chunk`, of at most so many bytes, with the CRC it was written with."""
     try:
-        # a damaged size could ask for any amount of memory
-        if chunk.compression != "zstd" or zstandard.frame_content_size(chunk.data) != chunk.uncompressed_size:
-            raise Damage(position, "a chunk whose sizes disagree")
-        content = zstandard.decompress(chunk.data)
-    except (zstandard.ZstdError, MemoryError) as error:
-        raise Damage(position, "a chunk that does not decompress") from error
+        if chunk.compression != "zstd":
+            raise ValueError("a chunk whose sizes disagree")
+        content = unpacked(chunk, most)
+    except ValueError as problem:
+        raise Damage(position, str(problem)) from problem
     if zlib.crc32(content) != chunk.uncompressed_crc:
         raise Damage(position, "a chunk that fails its CRC")
     return content

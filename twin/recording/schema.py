@@ -5,6 +5,7 @@ A schema in an MCAP file is a serialised FileDescriptorSet. Each field carries t
 trailing comment does: `3 values`. So the file's own schema is enough to lay its messages out in memory.
 """
 
+import re
 from collections.abc import Sequence
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -21,6 +22,10 @@ PROTOBUF_TYPES: dict[Kind, FieldDescriptorProto.Type.ValueType] = {
     "bool": FieldDescriptorProto.TYPE_BOOL,
 }
 KINDS: dict[int, Kind] = {number: kind for kind, number in PROTOBUF_TYPES.items()}
+CONTROLS = re.compile(r"[\x00-\x1f\x7f-\x9f]")
+"""Characters that a terminal may obey."""
+LARGEST_FIELD = 10_000
+"""Values of a field; a schema must not ask for any amount of memory."""
 # field numbers of `message_type` in FileDescriptorProto and of `field` in DescriptorProto, for source paths
 MESSAGE_TYPE, FIELD = 4, 2
 
@@ -84,6 +89,8 @@ def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]
         unit, _, meaning = comment.leading_comments.partition(": ")
         repeated = field.label == FieldDescriptorProto.LABEL_REPEATED
         size = int(comment.trailing_comments.split()[0]) if repeated else 1
+        if not 1 <= size <= LARGEST_FIELD or CONTROLS.search(unit + meaning):
+            raise ValueError(f"field {field.name} of {message_name} is not one that twin writes")
         fields.append(Field(field.name, size, KINDS[field.type], unit, meaning))
     return tuple(fields)
 

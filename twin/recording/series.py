@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
 from twin.recording.chunks import record_windows
-from twin.recording.layout import Field
+from twin.recording.layout import Field, check_stream
 from twin.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
 from twin.recording.scan import Damage
 from twin.recording.schema import described_fields
@@ -105,7 +105,14 @@ class Contents:
     events: list[Event] = field(default_factory=list)
     passed: dict[int, int] = field(default_factory=dict)
     _schemas: dict[int, Schema] = field(default_factory=dict)
-    _event_channels: set[int] = field(default_factory=set)
+    _channels: dict[int, Channel] = field(default_factory=dict)
+    _event_channels: dict[int, int] = field(default_factory=dict)
+
+    @property
+    def counts(self) -> dict[int, int]:
+        """Messages so far by channel number, of those that have any."""
+        numeric = {channel: series.count for channel, series in self.series.items()}
+        return {channel: n for channel, n in (numeric | self.passed | self._event_channels).items() if n}
 
     def add(self, position: int, content: bytes) -> None:
         """Add all messages of the chunk at `position` in the file, or none.
@@ -116,7 +123,7 @@ class Contents:
         """
         offsets: dict[int, list[int]] = {}
         events = []
-        passed = dict(self.passed)
+        passed, heard = dict(self.passed), {}
         place = 0
         while place < len(content):
             opcode, length, channel = FRONT.unpack_from(content, place)
@@ -127,6 +134,7 @@ class Contents:
                 offsets.setdefault(channel, []).append(place)
             elif channel in self._event_channels:
                 events.append(_event(body))
+                heard[channel] = heard.get(channel, 0) + 1
             elif channel in self.passed:
                 if SEQUENCE.unpack_from(body, SEQUENCE_OFFSET)[0] != passed.get(channel, 0):
                     raise Damage(position, MISSING)
@@ -143,6 +151,8 @@ class Contents:
             self.series[channel].count += len(records)
         self.events += events
         self.passed.update(passed)
+        for channel, count in heard.items():
+            self._event_channels[channel] += count
 
     def _declare(self, opcode: int, body: bytes) -> None:
         stream = ReadDataStream(BytesIO(body))
@@ -151,15 +161,24 @@ class Contents:
             self._schemas[schema.id] = schema
         elif opcode == Opcode.CHANNEL:
             channel = Channel.read(stream)
+            if channel.id in self._channels:
+                if self._channels[channel.id] != channel:
+                    raise ValueError(f"two topics share the channel {channel.id}")
+                return
+            self._channels[channel.id] = channel
             schema = self._schemas[channel.schema_id]
             if schema.name == Log.DESCRIPTOR.full_name:
-                self._event_channels.add(channel.id)
+                self._event_channels[channel.id] = 0
             elif schema.name.startswith(FOREIGN):
                 self.passed[channel.id] = 0
             else:
                 fields = described_fields(schema.name, schema.data)
+                topic = channel.topic.removeprefix("/")
+                check_stream(topic, 1)
+                if topic in self.topics.values():
+                    raise ValueError(f"two channels of the topic {topic}")
                 self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
-                self.topics[channel.id] = channel.topic.removeprefix("/")
+                self.topics[channel.id] = topic
 
 
 def _event(body: bytes) -> Event:

@@ -14,6 +14,7 @@ import numpy as np
 from twin import __version__
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.files import made_folder, write_text
 from twin.places import HOME
 from twin.regression.measurement import POINTS, Measured, Sampled
 
@@ -171,13 +172,10 @@ def write_baseline(file: Path, text: str) -> None:
     """Write the `text` of a baseline.
 
     Raises:
-        InputRefused: the disk refuses.
+        InputRefused, NotWritten: the disk refuses.
     """
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.write_text(text, encoding="utf-8")
-    except OSError as problem:
-        raise InputRefused(f"{file}: cannot be written: {problem.strerror}") from None
+    made_folder(file.parent)
+    write_text(file, text)
 
 
 def _lines(b: Baseline) -> Iterable[str]:

@@ -1,6 +1,5 @@
 """What the twin believes of the robot whose log is replayed: the parts of an experiment that a replay needs."""
 
-import json
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,6 +14,7 @@ from twin.experiment.contact import Contact
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.experiment.mistakes import sentences, unknown
 from twin.experiment.quantity import Section
+from twin.experiment.recorded import recorded_name, recorded_values
 from twin.experiment.schema import Controller, Cosim, Plant, Scale
 from twin.experiment.source import Source, override
 from twin.experiment.true_parameters import plant_parameters
@@ -82,11 +82,9 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     Raises:
         InputRefused: the recording has no experiment, or a setting does not fit.
     """
-    try:
-        recorded = metadata["experiment"]
-        name, values = recorded["name"], json.loads(recorded["values"])
-    except (KeyError, ValueError):
-        raise InputRefused(f"{where}: carries no experiment; name the robot's with --experiment FILE") from None
+    name, values = recorded_name(metadata, where), recorded_values(metadata, where)
+    if not values:
+        raise InputRefused(f"{where}: carries no experiment; name the robot's with --experiment FILE")
     source = Source()
     source.put({table: values[table] for table in TABLES if table in values}, "recorded")
     override(source, settings)

@@ -1,13 +1,12 @@
 """An accuracy budget from file to file: facts, rows for a page, and text."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 from twin.accuracy.budget import Budget, accuracy_budget
 from twin.experiment.experiment import load_experiment
-from twin.files import made_folder
+from twin.files import made_folder, write_json
 from twin.report.accuracy_text import accuracy_text
 
 HOME = Path("results") / "accuracy"
@@ -41,7 +40,7 @@ def accuracy_report(
     folder = made_folder(out or HOME / loaded.name)
     budget = accuracy_budget(loaded, say)
     facts = accuracy_facts(budget)
-    (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
+    write_json(folder / FACTS, facts)
     return Report(accuracy_text(budget, str(folder / FACTS)), facts | {"facts": str(folder / FACTS)})
 
 

@@ -11,6 +11,7 @@ from twin.analysis.loops import closed_poles
 from twin.analysis.margins import frequencies, loop_response
 from twin.loop_analysis.stability import FORCE, POSITION, PointStability, Stability
 from twin.report.analysis_text import loop_name, point_name
+from twin.report.figure import save
 
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
@@ -57,7 +58,7 @@ def draw_analysis(done: Stability, path: Path) -> None:
         figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
     verdict = "stable" if done.stable else "UNSTABLE"
     figure.suptitle(f"Loops of {done.experiment.name}: {verdict}", x=0.01, ha="left", fontweight="bold")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def shown_loops(done: Stability) -> list[Curve]:

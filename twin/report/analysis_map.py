@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 
 from twin.loop_analysis.stability import Stability, StabilityMap
 from twin.report.analysis_text import point_name
+from twin.report.figure import save
 
 LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
 UNSTABLE, NO_POINT = "#d55e00", "#d9d9d9"
@@ -32,7 +33,7 @@ def draw_stability_maps(done: Stability, path: Path) -> None:
     name = point_name(done.maps[0].at.point)
     title = f"{done.experiment.name}: {name}, on surfaces of other stiffness"
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _mark(axes: Axes, done: Stability, chart: StabilityMap) -> None:

@@ -8,10 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.errors import InputRefused
+from twin.files import made_folder
 from twin.regression.verdict import Outside, Verdict
 from twin.report.comparison import A_COLOUR, B_COLOUR, OUT_COLOUR
 from twin.report.comparison_text import shown
+from twin.report.figure import save
 
 MOST = 5
 """Checks of which there are pictures: those that are told in full."""
@@ -21,16 +22,13 @@ def check_pictures(verdicts: Sequence[Verdict], folder: Path) -> list[Path]:
     """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files.
 
     Raises:
-        InputRefused: the disk refuses.
+        InputRefused, NotWritten: the disk refuses.
     """
     drawn = []
+    made_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MOST]:
         path = folder / f"{verdict.experiment}_{Path(verdict.drive).stem}.png"
-        try:
-            folder.mkdir(parents=True, exist_ok=True)
-            _picture(verdict).savefig(path, metadata={"Software": None})
-        except OSError as problem:
-            raise InputRefused(f"{path}: cannot be written: {problem.strerror}") from None
+        save(_picture(verdict), path)
         drawn.append(path)
     return drawn
 

@@ -11,6 +11,7 @@ from twin.comparison.comparison import Comparison
 from twin.comparison.row import Curves, Row
 from twin.logs.sampling import sampling
 from twin.report.comparison_text import shown
+from twin.report.figure import save
 
 MOST = 6
 A_COLOUR, B_COLOUR, OUT_COLOUR = "#2f6db5", "#e2661a", "#b3261e"
@@ -33,7 +34,7 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
     files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
     names = [files.get(name, name) for name in names]
     figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False, fontsize=9)
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:

@@ -14,11 +14,11 @@ SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0
 """Units people read, by those of recordings, and the factor."""
 
 
-def comparison_text(comparison: Comparison) -> str:
-    """The answer first, then the files, then signals worst first."""
-    lines = [_answer(comparison), f"  A  {comparison.a}", f"  B  {comparison.b}{_shift(comparison)}"]
+def comparison_text(comparison: Comparison, partial: bool = False) -> str:
+    """The answer first, then the files, then signals worst first; `partial`: b may cover only a part of a."""
+    lines = [_answer(comparison, partial), f"  A  {comparison.a}", f"  B  {comparison.b}{_shift(comparison)}"]
     if not comparison.identical:
-        lines += ["", *_table(comparison), *_others(comparison)]
+        lines += ["", *_table(comparison), *_others(comparison, partial)]
     lines += [part for note in comparison.notes for part in _note(note)]
     return "\n".join(lines)
 
@@ -28,16 +28,21 @@ def shown(unit: str) -> tuple[str, float]:
     return SHOWN.get(unit, (unit, 1.0))
 
 
-def _answer(comparison: Comparison) -> str:
+def _answer(comparison: Comparison, partial: bool) -> str:
     count = len(comparison.rows)
     if comparison.identical:
         return f"B is identical to A: the same bytes, {count} signals"
+    _, covered = comparison.least_covered
+    # less than all never reads as all
+    of_a = "all" if covered == 1.0 else f"{min(100.0 * covered, 99.9):.3g} %"
+    if not comparison.outside and covered < 1.0 and not partial:
+        return f"B covers only {of_a} of A's time, within the tolerance tube there"
     if not comparison.outside:
-        return f"B stays within the tolerance tube of A: {_count(count, 'signal')} compared"
+        return f"B stays within the tolerance tube of A: {_count(count, 'signal')}, {of_a} of A's time"
     first = comparison.outside[0]
     when = first.first_exit.t if first.first_exit else math.nan
-    left = f"{len(comparison.outside)} of {_count(count, 'signal')}"
-    return f"{left} leave the tube: {first.signal} first, at {when:.6g} s"
+    left = f"{len(comparison.outside)} of {count}"
+    return f"{left} leave the tube: {first.signal} first, at {when:.6g} s; {of_a} of A"
 
 
 def _shift(comparison: Comparison) -> str:
@@ -70,10 +75,10 @@ def _lines(row: Row, width: int) -> list[str]:
     return [line, f"       out at {out.t:.6g} s: {factor * out.value:.4g}, not in {bounds} {unit}".rstrip()]
 
 
-def _others(comparison: Comparison) -> Iterable[str]:
-    row = min(comparison.rows, key=lambda row: row.covered)
-    if row.covered < 0.995:
-        yield from _note(f"B covers {100.0 * row.covered:.0f} % of the time of A ({row.signal})")
+def _others(comparison: Comparison, partial: bool) -> Iterable[str]:
+    lacking, covered = comparison.least_covered
+    if covered < 1.0 and not partial:
+        yield from _note(f"{lacking}: what B does not cover of A is not compared; --partial lets that pass")
     for name, names in (("A", comparison.only_a), ("B", comparison.only_b)):
         if names:
             there = list(dict.fromkeys(signal.partition("[")[0] for signal in names))

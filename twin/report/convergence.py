@@ -1,6 +1,5 @@
 """A study of the coupling from file to files: picture, facts; and its text."""
 
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from math import isfinite
@@ -10,7 +9,7 @@ from twin.convergence.order import Order
 from twin.convergence.signals import SIGNALS
 from twin.convergence.study import Series, Study, convergence
 from twin.experiment.experiment import load_experiment
-from twin.files import made_folder
+from twin.files import made_folder, write_json
 from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text
 
@@ -59,7 +58,7 @@ def convergence_report(request: Request, say: Callable[[str], None] = lambda wha
     files = {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)}
     facts = convergence_facts(study)
     draw_convergence(study, folder / PICTURE)
-    (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
+    write_json(folder / FACTS, facts)
     return Report(
         convergence_text(study, files), facts | files, study.choice is not None or not study.reference.pressed
     )

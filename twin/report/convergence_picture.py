@@ -12,6 +12,7 @@ from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from twin.convergence.signals import FORCE, Signal
 from twin.convergence.study import Series, Study
+from twin.report.figure import save
 
 # told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by marker
 STYLES = (("#0072b2", "o"), ("#e69f00", "s"), ("#009e73", "^"), ("#cc79a7", "D"), ("#56b4e9", "v"))
@@ -50,7 +51,7 @@ def draw_convergence(study: Study, path: Path) -> None:
     by_cost.xaxis.set_minor_formatter(NullFormatter())
     figure.legend(frameon=False, loc="outside lower center", fontsize="small", ncols=3)
     by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: Study) -> None:

@@ -12,6 +12,7 @@ from twin.qualification.operating_range import LOAD_IN_USE, LOAD_PEAK, SPEED_IN_
 from twin.qualification.qualification import Qualification
 from twin.qualification.step import BAND
 from twin.qualification.work_cycle import COMMANDED, LOADED
+from twin.report.figure import save
 
 COMMAND, SPEED, LOAD, MARK = "#8c8c8c", "#2f6db5", "#c2571a", "#1c1c1c"
 BEFORE, AFTER = 0.02, 0.25
@@ -41,7 +42,7 @@ def draw_drive_check(done: Qualification, path: Path) -> None:
             axes.text(0.5, 0.5, "the drive failed", ha="center", va="center", transform=axes.transAxes)
     verdict = "qualified" if not done.failed else "NOT qualified: " + ", ".join(done.failed)
     figure.suptitle(f"{done.plan.label}   {verdict}", x=0.01, ha="left", fontweight="bold")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw_step(axes: Axes, done: Qualification, cycle: Response) -> None:

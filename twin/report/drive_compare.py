@@ -10,6 +10,7 @@ from matplotlib.figure import Figure
 from twin.metrics.response import Curve, first_time
 from twin.qualification.comparison import Trial
 from twin.qualification.true_run import STILL, TrueRun
+from twin.report.figure import save
 
 COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#56b4e9", "#d55e00", "#6a3d9a", "#1c1c1c")
 """Okabe and Ito's, which colour-blind readers can tell apart."""
@@ -53,7 +54,7 @@ def draw_drive_compare(trials: Sequence[Trial], title: str, path: Path) -> None:
             axes.spines[side].set_visible(False)
     figure.legend(loc="outside lower center", ncols=min(5, len(trials) + 1), frameon=False)
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _true(run: TrueRun, touching: bool) -> Curve:

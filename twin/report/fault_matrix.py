@@ -16,6 +16,7 @@ from matplotlib.patches import Rectangle
 from twin.fault_matrix.row import ALLOWANCE, Row
 from twin.faults.catalogue import CATALOGUE
 from twin.report.fault_matrix_text import magnitude_text
+from twin.report.figure import save
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little force, so that it also reads in print."""
@@ -57,7 +58,7 @@ def draw_fault_matrix(experiment: str, rows: Sequence[Row], path: Path) -> None:
         f"Faults in {experiment}: largest true contact force (N) from the onset on; limit {rows[0].limit:g} N",
         x=0.01, ha="left", fontweight="bold",
     )  # fmt: skip
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line: int, onset: int) -> None:

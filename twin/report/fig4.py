@@ -7,6 +7,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twin.paper.fig4_runs import Fig4Run, Fig4Runs
+from twin.report.figure import save
 
 PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE = "#2f6db5", "#eab308", "#e2661a", "#8c8c8c"
 """Blue, yellow, orange and grey, as its caption says; the order of lightness also tells them apart in print."""
@@ -36,7 +37,7 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
     c.set_title(text, loc="right", fontsize="medium")
     for axes in (c, d):
         axes.set_xlabel("time (s)")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw_z(axes: Axes, runs: Fig4Runs) -> None:

@@ -19,6 +19,7 @@ from twin.paper.fig5 import CLAIMS
 from twin.paper.fig5_runs import TaskRun, settings
 from twin.paper.fig5_score import Fig5Score, TaskScore
 from twin.report.fig5_space import REFERENCE, TRACE, TRUTH, draw_in_space
+from twin.report.figure import save
 
 ESTIMATE, SHIFTED = "#e69f00", "#009e73"
 JUDGED = "#e9eef5"
@@ -59,7 +60,7 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
         label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
     }
     figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=len(handles), frameon=False, fontsize=9)
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def shown_tasks(score: Fig5Score) -> list[TaskScore]:

@@ -1,12 +1,12 @@
 """An identification from files to files: picture, model to paste, facts; and its text."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from pathlib import Path
 
 from twin.errors import InputRefused
+from twin.files import write_json, write_text
 from twin.identification.identification import Identification, identified
 from twin.identification.truth import truth
 from twin.logs.column_map import column_map
@@ -71,9 +71,9 @@ def identification_report(request: Request) -> Report:
     name = model.name if own else log.path.stem
     folder = claim_run_folder(request.out) if request.out else create_run_folder(HOME, name, datetime.now())
     draw_identification(one, name, folder / PICTURE)
-    (folder / MODEL).write_text(model_fragment(one, log.path.name))
+    write_text(folder / MODEL, model_fragment(one, log.path.name))
     facts = identification_facts(one, log.path.name, true)
-    (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
+    write_json(folder / FACTS, facts)
     files = {"model": folder / MODEL, "picture": folder / PICTURE, "facts": folder / FACTS}
     named = {kind: str(path) for kind, path in files.items()}
     return Report(identification_text(one, name, named, true), facts | named)

@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 
 from twin.identification.identification import Identification
 from twin.identification.windows import JOINTS_PER_METRE
+from twin.report.figure import save
 
 LOADING, UNLOADING, PAPER, INK = "#2f6db5", "#e2661a", "#c62828", "#1c1c1c"
 JOINTS = ("#2f6db5", "#8e44ad", "#2e7d32")
@@ -33,7 +34,7 @@ def draw_identification(one: Identification, name: str, path: Path) -> None:
     figure.suptitle(
         f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad", x=0.01, ha="left", fontweight="bold"
     )
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _of_kind(one: Identification, kind: int) -> tuple[np.ndarray, np.ndarray]:

@@ -1,6 +1,5 @@
 """A replay from files to files: recording, picture, facts; and its text."""
 
-import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
@@ -8,6 +7,7 @@ from math import isnan
 from pathlib import Path
 
 from twin.errors import InputRefused
+from twin.files import write_json
 from twin.logs.column_map import column_map
 from twin.logs.log import Log
 from twin.logs.mcap_file import written_by_twin
@@ -70,7 +70,7 @@ def replay_report(request: Request) -> Report:
     record(replay, folder / RECORDING)
     draw_replay(replay, name, folder / PICTURE)
     facts = replay_facts(replay)
-    (folder / FACTS).write_text(json.dumps(facts, indent=2) + "\n")
+    write_json(folder / FACTS, facts)
     files = {"recording": folder / RECORDING, "picture": folder / PICTURE, "facts": folder / FACTS}
     text = replay_text(replay, name, {kind: str(path) for kind, path in files.items()})
     return Report(text, facts | {kind: str(path) for kind, path in files.items()}, replay.first_alarm is None)

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twin.replay.replay import Indicator, Replay, pressing
+from twin.report.figure import save
 
 MEASURED, ESTIMATE, TWIN, PLANT, ALARM = "#1c1c1c", "#eab308", "#e2661a", "#2f6db5", "#c62828"
 JOINTS = ("#2f6db5", "#8e44ad", "#2e7d32")
@@ -42,7 +43,7 @@ def draw_replay(replay: Replay, name: str, path: Path) -> None:
             panel.spines[side].set_visible(False)
     axes[0].set_title(_title(replay, name), loc="left", fontweight="bold")
     axes[-1].set_xlabel("time (s)")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _title(replay: Replay, name: str) -> str:

@@ -18,7 +18,14 @@ def run_text(run: Mapping[str, Any]) -> str:
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
     return "\n".join(
-        [*lines, *_outcome(run["outcome"]), *_events(run), *_drives(run), _row("recording", run["recording"])]
+        [
+            *lines,
+            *_outcome(run["outcome"]),
+            *_events(run),
+            *_drives(run),
+            *_substituted(run),
+            _row("recording", run["recording"]),
+        ]
     )
 
 
@@ -32,6 +39,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "recording_s": run["writing"],
         "real_time_factor": run["real_time_factor"],
         "drives": list(run["drives"]),
+        "substituted": dict(run["substituted"]),
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],
@@ -65,6 +73,11 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
         yield _row("drive", head)
         for line in rest:
             yield from textwrap.wrap(line.strip(), WIDTH, initial_indent=" " * 13, subsequent_indent=" " * 15)
+
+
+def _substituted(run: Mapping[str, Any]) -> Iterator[str]:
+    for name, kind in run["substituted"].items():
+        yield _row("substitute", f"{name}: {kind}")
 
 
 def _row(name: str, text: object) -> str:

@@ -8,6 +8,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 from twin.report.fig4 import FP_BASED, FP_REFERENCE, P_BASED
+from twin.report.figure import save
 from twin.sweep.folder import Kept
 from twin.sweep.statistics.bands import Bands
 
@@ -60,7 +61,7 @@ def draw_bands(bands: Bands, kept: Kept, path: Path) -> None:
         f"{kept.name}: {bands.runs} of {kept.runs} runs; line: median, dark: 25 to 75 %, light: 5 to 95 %",
         x=0.01, ha="left", fontsize=11,
     )  # fmt: skip
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: str) -> None:

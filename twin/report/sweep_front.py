@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twin.report.figure import save
 from twin.report.sweep_parts import Asked
 from twin.report.sweep_words import counted
 from twin.sweep.folder import Kept
@@ -46,4 +47,4 @@ def draw_front(kept: Kept, asked: Asked, path: Path) -> None:
     absent = len(kept.rows) - len(ranked)
     text = f"; {counted(absent, 'run')} not shown: failed, tripped or beyond the limits" if absent else ""
     figure.suptitle(f"{kept.name}: {len(ranked)} of {kept.runs} runs{text}", x=0.01, ha="left", fontsize=10)
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.errors import InputRefused
+from twin.report.figure import save
 from twin.report.sweep_words import short
 from twin.sweep.folder import Kept
 from twin.sweep.rows import Row
@@ -72,11 +73,7 @@ def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> No
         cross = Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2, label=f"no {metric}: see the row's reason")
         figure.legend(handles=[cross], loc="outside lower center", frameon=False)
     figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        figure.savefig(path, metadata={"Software": None})
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be written: {problem.strerror}") from None
+    save(figure, path)
 
 
 def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twin.report.figure import save
 from twin.report.sweep_front import COLORS
 from twin.sweep.folder import Kept
 from twin.sweep.statistics.distribution import BINS, spread
@@ -45,4 +46,4 @@ def draw_spreads(kept: Kept, path: Path) -> None:
         handles, labels = panels[0].get_legend_handles_labels()
         figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(drives)), frameon=False)
     figure.suptitle(f"{kept.name}: {len(kept.rows)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)

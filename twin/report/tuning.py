@@ -8,6 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
+from twin.report.figure import save
 from twin.tuning.prediction import HORIZON, SETTLED, sensitivities, step_response
 from twin.tuning.tuned import Judged, Tuned, worst_places
 
@@ -38,7 +39,7 @@ def draw_tuning(done: Tuned, path: Path) -> None:
     figure.legend(handles, labels, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     title = f"{done.experiments[0].name}, tuned: {'goals met' if done.met else 'GOALS NOT MET'}"
     figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _draw_steps(axes: Axes, done: Tuned, i: int) -> None:

@@ -1,12 +1,12 @@
 """A sweep's folder: what it is of, its rows, its recordings; and whether it may go on."""
 
 import json
-import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
+from twin.files import made_folder, write_json
 from twin.sweep.plan import Plan
 from twin.sweep.rows import ROWS, Row, read_rows
 
@@ -38,7 +38,8 @@ def claim(folder: Path, plan: Plan) -> None:
     """Make `folder` that of `plan`, or find that it is already.
 
     Raises:
-        InputRefused: it is another sweep's, or cannot be written.
+        InputRefused: it is another sweep's, or cannot be made.
+        NotWritten: the disk refuses.
     """
     facts = _read(folder)
     if facts:
@@ -60,18 +61,10 @@ def claim(folder: Path, plan: Plan) -> None:
         "limits": plan.definition.limits,
         "configuration": plan.configuration,
     }
-    scratch = folder / f".{FACTS}"
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        if (folder / ROWS).exists():
-            raise InputRefused(f"{folder}: has rows but no {FACTS} that says of what; choose another --out")
-        with scratch.open("w") as file:
-            file.write(json.dumps(content, indent=2) + "\n")
-            file.flush()
-            os.fsync(file.fileno())
-        scratch.rename(folder / FACTS)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}; choose another --out") from None
+    made_folder(folder)
+    if (folder / ROWS).exists():
+        raise InputRefused(f"{folder}: has rows but no {FACTS} that says of what; choose another --out")
+    write_json(folder / FACTS, content)
 
 
 def kept(folder: Path) -> Kept:

@@ -4,6 +4,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
+from twin.files import written
 from twin.sweep.folder import Kept
 
 
@@ -14,7 +15,8 @@ def write_parquet(kept: Kept, path: Path) -> None:
     key. What a run has not is null.
 
     Raises:
-        InputRefused: pyarrow is not installed, or the file cannot be written.
+        InputRefused: pyarrow is not installed.
+        NotWritten: the file cannot be written.
     """
     try:
         import pyarrow as pa
@@ -30,10 +32,8 @@ def write_parquet(kept: Kept, path: Path) -> None:
     columns |= {metric: [row["metrics"].get(metric) for row in kept.rows] for metric in kept.metrics}
     for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key"):
         columns[name] = [row[name] for row in kept.rows]
-    try:
-        pq.write_table(pa.table({name: _array(pa, values) for name, values in columns.items()}), path)
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be written: {problem.strerror}") from None
+    with written(path) as beside:
+        pq.write_table(pa.table({name: _array(pa, values) for name, values in columns.items()}), beside)
 
 
 def _array(pa: Any, values: list[Any]) -> Any:

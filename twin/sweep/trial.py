@@ -16,6 +16,7 @@ from twin.errors import ComponentFailed, InputRefused
 from twin.execution import execute
 from twin.execution.outcome import Tally
 from twin.experiment.experiment import Experiment, load_experiment
+from twin.files import made_folder
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
 from twin.paper.fig4_runs import Fig4Run, Fig4Runs
@@ -54,13 +55,16 @@ def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path)
     """Run the experiment at `path` and record it in `folder`, as `twin run` does, also where it fails.
 
     Raises:
-        RecordingFailed: the disk is full; that is no fault of the run.
+        InputRefused, NotWritten: no folder, or the disk is full; that is no fault of the run.
     """
+    # what it comes to is told by `trial`: the same run again
     try:
         experiment = load_experiment(path, settings, drive)
-        folder.mkdir(parents=True, exist_ok=True)
+    except InputRefused:
+        return
+    made_folder(folder)
+    try:
         execute(experiment, folder)
-    # what it comes to is told by `trial`: the same run again
     except (InputRefused, ComponentFailed):
         free_kept()
 

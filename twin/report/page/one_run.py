@@ -9,6 +9,7 @@ from matplotlib.figure import Figure
 from twin.metrics.response import Curve
 from twin.paper.fig4_runs import Fig4Run
 from twin.report.fig4 import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH
+from twin.report.figure import save
 
 
 def draw_one_run(run: Fig4Run, path: Path) -> None:
@@ -36,7 +37,7 @@ def draw_one_run(run: Fig4Run, path: Path) -> None:
         axes.legend(frameon=False)
         axes.grid(alpha=0.25)
         axes.spines[["top", "right"]].set_visible(False)
-    figure.savefig(path, metadata={"Software": None})
+    save(figure, path)
 
 
 def _dotted(axes: Axes, t: Curve, values: Curve) -> None:

@@ -10,8 +10,8 @@ from string import Template
 from typing import Any
 
 from twin.accuracy.budget import Budget, accuracy_budget
-from twin.errors import InputRefused
 from twin.experiment.recorded import recorded_experiment
+from twin.files import finite, made_folder, write_text
 from twin.report.page.block import Block
 from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined
@@ -51,17 +51,15 @@ def write_report(
 
     Raises:
         RecordingRefused: a recording is missing, empty, damaged or foreign.
-        InputRefused: a run is given twice, holds no samples or has no budget, or the file cannot be written.
+        InputRefused: a run is given twice, holds no samples or has no budget, or there can be no file there.
+        NotWritten: the disk refuses; a page that was there stays.
         ComponentFailed: a component failed while a budget was made.
     """
     runs = report_runs(paths)
     path = out or (runs[0].recording.path.parent if len(runs) == 1 else SEVERAL) / REPORT
     html, headline = report_page(runs, [_budget(run, say) for run in runs] if budget else ())
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(html, encoding="utf-8")
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be written: {problem.strerror}; name another file with --out") from None
+    made_folder(path.parent)
+    write_text(path, html)
     return Report(path, headline)
 
 
@@ -129,4 +127,4 @@ def _chooser(runs: Sequence[ReportRun], scenes: Sequence[dict[str, Any] | None])
 
 def _json(data: object) -> str:
     """JSON that cannot end the script element it stands in, whatever texts it holds."""
-    return json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")
+    return json.dumps(finite(data), ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c")

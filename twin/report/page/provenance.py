@@ -36,7 +36,7 @@ def provenance(run: ReportRun) -> Markup:
     """Command, seed, hash of the recording, versions; the whole experiment to take away."""
     versions = run.recording.metadata.get("versions", {})
     rows = [
-        ("command", element("code", command(run))),
+        ("command of its experiment" if run.recording.deviations else "command", element("code", command(run))),
         ("seed of the noise", told(run.values.get("seed", 0))),
         ("recording", run.recording.path.name),
         ("its sha256", element("code", run.sha256)),
@@ -46,10 +46,9 @@ def provenance(run: ReportRun) -> Markup:
     link = "data:application/json;base64," + base64.b64encode(values.encode()).decode("ascii")
     whole = element("details", element("summary", "The whole experiment, as it was checked"), element("pre", values))
     save = element("a", "Save it as JSON", href=link, download=f"{run.name}.json")
-    same = "The same versions on the same kind of machine give the same recording, byte for byte."
-    return joined(
-        [table(("", "is"), rows, f"provenance of {run.label}"), element("p", same), element("p", save), whole]
-    )
+    same = ["The same versions on the same kind of machine give the same recording, byte for byte."]
+    said = [element("p", f"{text[0].upper()}{text[1:]}.") for text in run.recording.deviations or same]
+    return joined([table(("", "is"), rows, f"provenance of {run.label}"), *said, element("p", save), whole])
 
 
 def drives(run: ReportRun) -> Markup:
@@ -87,7 +86,7 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
         ("times as fast as the real robot", "real_time_factor", ""),
     ):
         rows.append((text, *(_told(run.summary.get(key), unit) for run in runs)))
-    shares = [run.summary.get("microseconds") or {} for run in runs]
+    shares = [told if isinstance(told := run.summary.get("microseconds"), dict) else {} for run in runs]
     for name in dict.fromkeys(name for share in shares for name in share):
         rows.append((f"{name}, per tick", *(_told(share.get(name), "us") for share in shares)))
     text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""
@@ -96,7 +95,7 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
 
 
 def _told(value: object, unit: str) -> str:
-    return number(float(value), unit) if isinstance(value, int | float) else "not recorded"
+    return number(value, unit) if isinstance(value, float) else "not recorded"
 
 
 def _toml(value: object) -> str:

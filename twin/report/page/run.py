@@ -1,7 +1,6 @@
 """One run of a report: its recording and what lies beside it."""
 
 import hashlib
-import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
+from twin.experiment.recorded import recorded_fmus, recorded_name
+from twin.files import read_json
 from twin.metrics.response import Curve
 from twin.paper.fig5_runs import settings
 from twin.recording.folder import recording_in
@@ -28,7 +29,7 @@ class ReportRun:
     @property
     def name(self) -> str:
         """Of the experiment."""
-        return self.recording.metadata.get("experiment", {}).get("name", "unknown experiment")
+        return recorded_name(self.recording.metadata, self.recording.path)
 
     @property
     def title(self) -> str:
@@ -47,7 +48,7 @@ class ReportRun:
     @cached_property
     def fmus(self) -> dict[str, dict[str, Any]]:
         """What is recorded of each drive's FMUs, by `drive_1` or `drive_1.part`."""
-        return {name: json.loads(text) for name, text in self.recording.metadata.get("fmu", {}).items()}
+        return recorded_fmus(self.recording.metadata, self.recording.path)
 
     @cached_property
     def sha256(self) -> str:
@@ -57,11 +58,12 @@ class ReportRun:
 
     @cached_property
     def summary(self) -> dict[str, Any]:
-        """What the run wrote beside its recording; empty if that is missing or no longer readable."""
+        """The numbers that the run wrote beside its recording; empty if they are missing or no longer readable."""
         try:
-            return dict(json.loads((self.recording.path.parent / SUMMARY).read_text()))
-        except (OSError, ValueError):
+            summary = read_json(self.recording.path.parent / SUMMARY)
+        except InputRefused:
             return {}
+        return summary if isinstance(summary, dict) else {}
 
     @cached_property
     def end(self) -> float:

@@ -5,7 +5,7 @@ from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
-from twin.errors import InputRefused
+from twin.files import write_text
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.page import ASSETS
 from twin.report.page.picture import figure
@@ -37,13 +37,10 @@ def write_sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path], fol
         pictures: files (PNG) by the names of `CAPTIONS`.
 
     Raises:
-        InputRefused: it cannot be written.
+        NotWritten: it cannot be written.
     """
     path = folder / PAGE
-    try:
-        path.write_text(sweep_page(kept, asked, pictures), encoding="utf-8")
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be written: {problem.strerror}") from None
+    write_text(path, sweep_page(kept, asked, pictures))
     return path
 
 

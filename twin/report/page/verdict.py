@@ -67,9 +67,12 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
         for task in fig5.tasks:
             whose = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
             groups.append(Group(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings))
+    deviations = [
+        f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in run.recording.deviations
+    ]
     alarms = [remark for run in runs for remark in _alarms(run, len(runs) > 1)]
     findings = [finding for group in groups for finding in group.findings]
-    remarks = [*alarms[1:], *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
+    remarks = [*alarms[1:], *deviations, *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
     remarks += [remark for run in runs for remark in _faults(run, len(runs) > 1)]
     good = None if not findings and not alarms else not failed(findings) and not alarms
     return Verdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
@@ -131,6 +134,11 @@ def _alarms(run: ReportRun, several: bool) -> list[str]:
     serious = [event for event in run.recording.events if event.level in ("error", "fatal")]
     texts += [f"{event.text} ({event.time:.3f} s)" for event in serious]
     return [f"{who}{text}" for text in texts]
+
+
+def _deviations(run: ReportRun, several: bool) -> list[str]:
+    who = f"{run.label}: " if several else ""
+    return [f"{who}{text}" for text in run.recording.deviations]
 
 
 def _faults(run: ReportRun, several: bool) -> list[str]:

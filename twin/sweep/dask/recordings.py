@@ -4,6 +4,8 @@ import shutil
 from collections.abc import Mapping
 from pathlib import Path
 
+from twin.errors import InputRefused, NotWritten
+from twin.files import made_folder, write_bytes
 from twin.sweep.rows import DiskFailed
 
 
@@ -18,12 +20,9 @@ def keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
     try:
         # what an interrupted sweep left of the same run
         shutil.rmtree(folder, ignore_errors=True)
-        folder.mkdir(parents=True)
+        made_folder(folder)
         for name, content in files.items():
-            (folder / name).write_bytes(content)
-    except OSError as problem:
+            write_bytes(folder / name, content)
+    except (InputRefused, NotWritten) as problem:
         shutil.rmtree(folder, ignore_errors=True)
-        raise DiskFailed(
-            f"{folder}: cannot be written: {problem.strerror}; finished runs are kept. "
-            "Make room, then give the same command to go on"
-        ) from None
+        raise DiskFailed(f"{problem}; finished runs are kept. Make room, then give the same command to go on") from None

@@ -1,0 +1,105 @@
+"""Standard input, output and error as a command finds them: closed, full, or with nobody left to read."""
+
+import contextlib
+import os
+import sys
+from collections.abc import Iterator
+from typing import Any, TextIO
+
+from twin.errors import NotWritten
+
+READER_GONE = 128 + 13
+"""Exit code of a command whose output nobody reads any more: what a shell shows for the signal SIGPIPE."""
+
+
+class Unread(Exception):
+    """Whoever read standard output has gone, as `head` does when it has enough."""
+
+
+class Outlet:
+    """Standard output that says in a sentence why it takes no more; everything else is the `stream`'s own."""
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """As of the stream.
+
+        Raises:
+            Unread: nobody reads it any more.
+            NotWritten: it takes no more.
+        """
+        with _told():
+            return self._stream.write(text)
+
+    def flush(self) -> None:
+        """As of the stream; raises as `write` does."""
+        with _told():
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+class Aside:
+    """Standard error, which is no reason to fail: what it does not take is lost; the rest is the `stream`'s own."""
+
+    def __init__(self, stream: TextIO):
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        with contextlib.suppress(OSError):
+            self._stream.write(text)
+        return len(text)
+
+    def flush(self) -> None:
+        with contextlib.suppress(OSError):
+            self._stream.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+@contextlib.contextmanager
+def standard_streams() -> Iterator[None]:
+    """Streams that are there: those that were closed lead nowhere, and no file of ours gets their numbers."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            # what is opened gets the lowest free number, which is this one
+            os.open(os.devnull, os.O_RDWR)
+    before = sys.stdin, sys.stdout, sys.stderr
+    output, errors = sys.stdout or _outward(1), sys.stderr or _outward(2)
+    sys.stdin = sys.stdin or os.fdopen(0, encoding="utf-8", closefd=False)
+    sys.stdout, sys.stderr = Outlet(output), Aside(errors)  # type: ignore[assignment]
+    try:
+        yield
+    finally:
+        for number, stream in ((1, output), (2, errors)):
+            try:
+                stream.flush()
+            except OSError:
+                _drop(number)
+        sys.stdin, sys.stdout, sys.stderr = before
+
+
+@contextlib.contextmanager
+def _told() -> Iterator[None]:
+    try:
+        yield
+    except BrokenPipeError:
+        raise Unread from None
+    except OSError as problem:
+        raise NotWritten(f"standard output: cannot be written: {problem.strerror}") from None
+
+
+def _drop(number: int) -> None:
+    """Lead a stream nowhere: Python tries once more at its end to write what is left, and would fail once more."""
+    nothing = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nothing, number)
+    os.close(nothing)
+
+
+def _outward(number: int) -> TextIO:
+    return os.fdopen(number, "w", encoding="utf-8", closefd=False)
