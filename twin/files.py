@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import re
 import stat
 import tempfile
 import tomllib
@@ -14,6 +15,9 @@ from twin.errors import InputRefused, NotWritten
 
 LIMIT = 10 * 2**20
 """Bytes of the largest text file that is read: an experiment has some kilobytes."""
+
+TOML_LIMIT = 2 * 2**20
+"""Bytes of the largest TOML file: its parser takes about 2 s for so many, and 50,000 way points need no more."""
 
 KINDS = (
     (b"\x89PNG", "a PNG picture"),
@@ -28,13 +32,17 @@ KINDS = (
 
 BOM = b"\xef\xbb\xbf"
 
+DEEPEST = 32
+"""Tables and arrays within each other, and parts of a dotted key, in a file that is read; ours have five."""
 
-def read_bytes(path: Path, limit: int = LIMIT) -> bytes:
+
+def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
     """The content of the regular file at `path`.
 
     Args:
         path: of the file.
         limit: bytes it may have.
+        kind: of file that is expected, for sentences: "experiment file".
 
     Raises:
         InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
@@ -49,9 +57,10 @@ def read_bytes(path: Path, limit: int = LIMIT) -> bytes:
                 raise InputRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
             content = file.read(limit + 1)
     except FileNotFoundError:
-        raise InputRefused(f"{path}: no such file") from None
+        raise InputRefused(f"{path}: no such {kind}") from None
     except IsADirectoryError:
-        raise InputRefused(f"{path}: a folder; expected a file") from None
+        article = "an" if kind[0] in "aeiou" else "a"
+        raise InputRefused(f"{path}: a folder; expected {article} {kind}") from None
     except OSError as problem:
         raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
     # a NUL in the name
@@ -62,16 +71,16 @@ def read_bytes(path: Path, limit: int = LIMIT) -> bytes:
     return content
 
 
-def read_text(path: Path, limit: int = LIMIT) -> str:
-    """The UTF-8 text in the regular file at `path`.
+def read_text(path: Path, limit: int = LIMIT, kind: str = "file") -> str:
+    """The UTF-8 text in the regular file at `path`; arguments as of `read_bytes`.
 
     Raises:
         InputRefused: as `read_bytes`; or no text in UTF-8: the sentence says what it is.
     """
-    content = read_bytes(path, limit)
-    for beginning, kind in KINDS:
+    content = read_bytes(path, limit, kind)
+    for beginning, what in KINDS:
         if content.startswith(beginning):
-            raise InputRefused(f"{path}: {kind}; expected text in UTF-8")
+            raise InputRefused(f"{path}: {what}; expected text in UTF-8")
     if content.startswith(BOM):
         raise InputRefused(f"{path}: begins with a byte order mark; save it as UTF-8 without one ('without BOM')")
     try:
@@ -82,13 +91,13 @@ def read_text(path: Path, limit: int = LIMIT) -> str:
         ) from None
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables in the TOML file at `path`.
+def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
+    """The tables in the TOML file at `path`; `kind` as of `read_bytes`.
 
     Raises:
         InputRefused: as `read_text`, or not TOML.
     """
-    return toml_of(read_text(path), str(path))
+    return toml_of(read_text(path, TOML_LIMIT, kind), str(path))
 
 
 def toml_of(text: str, where: str) -> dict[str, Any]:
@@ -97,8 +106,11 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     Raises:
         InputRefused: not TOML; the sentence begins with `where`.
     """
+    # the parser takes time with the square of a key's parts
+    if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\s]", text)):
+        raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
     try:
-        return tomllib.loads(text)
+        return _sound(tomllib.loads(text))
     except RecursionError:
         raise InputRefused(f"{where}: not valid TOML: nested too deeply") from None
     # not only TOMLDecodeError: a number of 5,000 digits is a plain ValueError
@@ -122,7 +134,7 @@ def json_of(text: str | bytes, where: str) -> Any:
         InputRefused: not JSON; the sentence begins with `where`.
     """
     try:
-        return json.loads(text)
+        return _sound(json.loads(text))
     except RecursionError:
         raise InputRefused(f"{where}: not valid JSON: nested too deeply") from None
     except ValueError as problem:
@@ -195,6 +207,28 @@ def write_json(path: Path, facts: Any) -> None:
         NotWritten: as `written`.
     """
     write_text(path, json.dumps(facts, indent=2) + "\n")
+
+
+def _sound(found: Any) -> Any:
+    """`found`, which has no depth and no number that whoever goes on with it would stumble over.
+
+    Raises:
+        RecursionError: it is deeper than `DEEPEST`.
+        ValueError: a whole number has more than 64 bits.
+    """
+    level = [found]
+    for _ in range(DEEPEST):
+        if any(isinstance(value, int) and value.bit_length() > 64 for value in level):
+            raise ValueError("a whole number of more than 64 bits")
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, dict | list)
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+        ]
+        if not level:
+            return found
+    raise RecursionError
 
 
 def _umask() -> int:
