@@ -24,6 +24,7 @@ from twin.experiment.quantity import Section, quantity
 from twin.experiment.reach import geometry_of
 from twin.experiment.reference import Reference, WayPoints, way_points
 from twin.experiment.source import Source, override, read_source, replace_drive
+from twin.experiment.ticks import MOST_TICKS
 from twin.experiment.unit_hints import unit_hints
 from twin.faults.fault import Fault
 
@@ -259,6 +260,9 @@ def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
     for name, (table, attribute, key) in wanted.items():
         if table in checked:
             length = getattr(checked[table], attribute)
+            if length / tick > MOST_TICKS:
+                mistakes.append(f"{key}: {length:g} s are more than {MOST_TICKS:g} ticks of {tick:g} s; expected fewer")
+                continue
             ticks[name] = round(length / tick)
             if ticks[name] < 1 or abs(ticks[name] * tick - length) > 1e-9 * length:
                 mistakes.append(f"{key}: {length:g} s is not a whole number of ticks of {tick:g} s")
