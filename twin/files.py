@@ -9,7 +9,7 @@ import tempfile
 import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from twin.errors import InputRefused, NotWritten
 
@@ -47,28 +47,42 @@ def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
     Raises:
         InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
     """
+    with open_regular(path, limit, kind) as file:
+        try:
+            return file.read(limit)
+        except OSError as problem:
+            raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
+
+
+def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
+    """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
     try:
         # a pipe that nobody writes to would otherwise be waited for here
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
-            mode = os.fstat(file.fileno()).st_mode
-            if stat.S_ISDIR(mode):
-                raise IsADirectoryError
-            if not stat.S_ISREG(mode):
-                raise InputRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
-            content = file.read(limit + 1)
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except FileNotFoundError:
         raise InputRefused(f"{path}: no such {kind}") from None
-    except IsADirectoryError:
-        article = "an" if kind[0] in "aeiou" else "a"
-        raise InputRefused(f"{path}: a folder; expected {article} {kind}") from None
     except OSError as problem:
         raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
     # a NUL in the name
     except ValueError as problem:
         raise InputRefused(f"{path}: no name of a file: {problem}") from None
-    if len(content) > limit:
-        raise InputRefused(f"{path}: more than {limit / 2**20:g} MB; expected a smaller file")
-    return content
+    found = os.fstat(handle)
+    what = ""
+    if stat.S_ISDIR(found.st_mode):
+        what = f"a folder; expected {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+    elif not stat.S_ISREG(found.st_mode):
+        what = "not a regular file but a pipe, socket or device; expected a file"
+    elif found.st_size > limit:
+        what = f"more than {limit / 2**20:g} MB; expected a smaller file"
+    if what:
+        os.close(handle)
+        raise InputRefused(f"{path}: {what}")
+    return open(handle, "rb")
+
+
+def foreign_kind(content: bytes) -> str:
+    """What a file with this beginning is, if it is one of `KINDS`; "" if not."""
+    return next((kind for beginning, kind in KINDS if content.startswith(beginning)), "")
 
 
 def read_text(path: Path, limit: int = LIMIT, kind: str = "file") -> str:
@@ -78,9 +92,8 @@ def read_text(path: Path, limit: int = LIMIT, kind: str = "file") -> str:
         InputRefused: as `read_bytes`; or no text in UTF-8: the sentence says what it is.
     """
     content = read_bytes(path, limit, kind)
-    for beginning, what in KINDS:
-        if content.startswith(beginning):
-            raise InputRefused(f"{path}: {what}; expected text in UTF-8")
+    if what := foreign_kind(content):
+        raise InputRefused(f"{path}: {what}; expected text in UTF-8")
     if content.startswith(BOM):
         raise InputRefused(f"{path}: begins with a byte order mark; save it as UTF-8 without one ('without BOM')")
     try:
