@@ -5,6 +5,9 @@ import re
 LONGEST_WORD = 200
 """Characters of a word that are shown whole; a value of 100 kB helps nobody who reads the sentence."""
 
+MOST_LINES = 60
+"""Of a sentence with many mistakes: more would push the first out of sight."""
+
 
 class TwinError(Exception):
     """Base of every error this product raises on purpose; its text is one clear sentence for the user."""
@@ -52,7 +55,15 @@ class Unreachable(InputRefused, ValueError):
         self.excess = excess
 
 
+def visible(text: str) -> str:
+    """`text` on one line, control characters written out."""
+    return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
+
+
 def plain(text: str) -> str:
-    """`text` fit for a terminal: control characters written out, words of more than `LONGEST_WORD` cut short."""
-    visible = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
-    return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", visible)
+    """`text` fit for a terminal: control characters written out, words of more than `LONGEST_WORD` and all lines after
+    `MOST_LINES` cut short."""
+    lines = [visible(line) for line in text.split("\n")]
+    if len(lines) > MOST_LINES:
+        lines[MOST_LINES:] = [f"... and {len(lines) - MOST_LINES} more lines"]
+    return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", "\n".join(lines))

@@ -4,17 +4,21 @@ import contextlib
 import json
 import math
 import os
+import re
 import stat
 import tempfile
 import tomllib
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from twin.errors import InputRefused, NotWritten
 
 LIMIT = 10 * 2**20
 """Bytes of the largest text file that is read: an experiment has some kilobytes."""
+
+TOML_LIMIT = 2 * 2**20
+"""Bytes of the largest TOML file: its parser takes about 2 s for so many, and 50,000 way points need no more."""
 
 KINDS = (
     (b"\x89PNG", "a PNG picture"),
@@ -29,50 +33,68 @@ KINDS = (
 
 BOM = b"\xef\xbb\xbf"
 
+DEEPEST = 32
+"""Tables and arrays within each other, and parts of a dotted key, in a file that is read; ours have five."""
 
-def read_bytes(path: Path, limit: int = LIMIT) -> bytes:
+
+def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
     """The content of the regular file at `path`.
 
     Args:
         path: of the file.
         limit: bytes it may have.
+        kind: of file that is expected, for sentences: "experiment file".
 
     Raises:
         InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
     """
+    with open_regular(path, limit, kind) as file:
+        try:
+            return file.read(limit)
+        except OSError as problem:
+            raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
+
+
+def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
+    """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
     try:
         # a pipe that nobody writes to would otherwise be waited for here
-        with open(os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0)), "rb") as file:
-            mode = os.fstat(file.fileno()).st_mode
-            if stat.S_ISDIR(mode):
-                raise IsADirectoryError
-            if not stat.S_ISREG(mode):
-                raise InputRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
-            content = file.read(limit + 1)
+        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
     except FileNotFoundError:
-        raise InputRefused(f"{path}: no such file") from None
-    except IsADirectoryError:
-        raise InputRefused(f"{path}: a folder; expected a file") from None
+        raise InputRefused(f"{path}: no such {kind}") from None
     except OSError as problem:
         raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
     # a NUL in the name
     except ValueError as problem:
         raise InputRefused(f"{path}: no name of a file: {problem}") from None
-    if len(content) > limit:
-        raise InputRefused(f"{path}: more than {limit / 2**20:g} MB; expected a smaller file")
-    return content
+    found = os.fstat(handle)
+    what = ""
+    if stat.S_ISDIR(found.st_mode):
+        what = f"a folder; expected {'an' if kind[0] in 'aeiou' else 'a'} {kind}"
+    elif not stat.S_ISREG(found.st_mode):
+        what = "not a regular file but a pipe, socket or device; expected a file"
+    elif found.st_size > limit:
+        what = f"more than {limit / 2**20:g} MB; expected a smaller file"
+    if what:
+        os.close(handle)
+        raise InputRefused(f"{path}: {what}")
+    return open(handle, "rb")
 
 
-def read_text(path: Path, limit: int = LIMIT) -> str:
-    """The UTF-8 text in the regular file at `path`.
+def foreign_kind(content: bytes) -> str:
+    """What a file with this beginning is, if it is one of `KINDS`; "" if not."""
+    return next((kind for beginning, kind in KINDS if content.startswith(beginning)), "")
+
+
+def read_text(path: Path, limit: int = LIMIT, kind: str = "file") -> str:
+    """The UTF-8 text in the regular file at `path`; arguments as of `read_bytes`.
 
     Raises:
         InputRefused: as `read_bytes`; or no text in UTF-8: the sentence says what it is.
     """
-    content = read_bytes(path, limit)
-    for beginning, kind in KINDS:
-        if content.startswith(beginning):
-            raise InputRefused(f"{path}: {kind}; expected text in UTF-8")
+    content = read_bytes(path, limit, kind)
+    if what := foreign_kind(content):
+        raise InputRefused(f"{path}: {what}; expected text in UTF-8")
     if content.startswith(BOM):
         raise InputRefused(f"{path}: begins with a byte order mark; save it as UTF-8 without one ('without BOM')")
     try:
@@ -83,13 +105,13 @@ def read_text(path: Path, limit: int = LIMIT) -> str:
         ) from None
 
 
-def read_toml(path: Path) -> dict[str, Any]:
-    """The tables in the TOML file at `path`.
+def read_toml(path: Path, kind: str = "file") -> dict[str, Any]:
+    """The tables in the TOML file at `path`; `kind` as of `read_bytes`.
 
     Raises:
         InputRefused: as `read_text`, or not TOML.
     """
-    return toml_of(read_text(path), str(path))
+    return toml_of(read_text(path, TOML_LIMIT, kind), str(path))
 
 
 def toml_of(text: str, where: str) -> dict[str, Any]:
@@ -98,8 +120,11 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     Raises:
         InputRefused: not TOML; the sentence begins with `where`.
     """
+    # the parser takes time with the square of a key's parts
+    if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\s]", text)):
+        raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
     try:
-        return tomllib.loads(text)
+        return _sound(tomllib.loads(text))
     except RecursionError:
         raise InputRefused(f"{where}: not valid TOML: nested too deeply") from None
     # not only TOMLDecodeError: a number of 5,000 digits is a plain ValueError
@@ -123,7 +148,7 @@ def json_of(text: str | bytes, where: str) -> Any:
         InputRefused: not JSON; the sentence begins with `where`.
     """
     try:
-        return json.loads(text)
+        return _sound(json.loads(text))
     except RecursionError:
         raise InputRefused(f"{where}: not valid JSON: nested too deeply") from None
     except ValueError as problem:
@@ -248,6 +273,28 @@ def finite(facts: Any) -> Any:
     if isinstance(facts, list | tuple):
         return [finite(value) for value in facts]
     return None if isinstance(facts, float) and not math.isfinite(facts) else facts
+
+
+def _sound(found: Any) -> Any:
+    """`found`, which has no depth and no number that whoever goes on with it would stumble over.
+
+    Raises:
+        RecursionError: it is deeper than `DEEPEST`.
+        ValueError: a whole number has more than 64 bits.
+    """
+    level = [found]
+    for _ in range(DEEPEST):
+        if any(isinstance(value, int) and value.bit_length() > 64 for value in level):
+            raise ValueError("a whole number of more than 64 bits")
+        level = [
+            inner
+            for outer in level
+            if isinstance(outer, dict | list)
+            for inner in (outer.values() if isinstance(outer, dict) else outer)
+        ]
+        if not level:
+            return found
+    raise RecursionError
 
 
 def _umask() -> int:

@@ -66,7 +66,7 @@ def test_the_same_run_is_identical(
     ("paths", "options", "expected"),
     [
         (["run.mcap"], {}, "got 1 path, expected A and B, or --paper FIGURE"),
-        (["run.mcap", "nowhere.csv"], {}, "nowhere.csv: cannot be read: No such file or directory"),
+        (["run.mcap", "nowhere.csv"], {}, "nowhere.csv: no such file"),
         (["run.mcap", "empty.csv"], {}, "empty.csv: an empty file"),
         (["run.mcap", "damaged.mcap"], {}, "damaged.mcap: damaged at byte"),
         (["run.mcap", "robot.csv"], {}, "robot.csv: no column of time; it has stamp, Fz, state"),

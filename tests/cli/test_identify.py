@@ -24,4 +24,4 @@ def test_a_log_without_excitation_has_one_sentence_and_exit_code_1(tmp_path: Pat
 def test_what_is_no_log_is_one_sentence_and_exit_code_2(tmp_path: Path):
     done = twin("identify", "log.csv", cwd=tmp_path)
     assert done.returncode == 2
-    assert "log.csv: cannot be read" in done.stderr and "Traceback" not in done.stderr
+    assert "log.csv: no such file" in done.stderr and "Traceback" not in done.stderr

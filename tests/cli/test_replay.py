@@ -15,7 +15,7 @@ def test_a_robot_that_drifts_ends_with_exit_code_1(tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["nowhere.csv"], "nowhere.csv: cannot be read"),
+        (["nowhere.csv"], "nowhere.csv: no such file"),
         (["here.csv"], "here.csv: an empty file"),
     ],
 )

@@ -125,5 +125,5 @@ def test_every_mistake_is_told_at_once(tmp_path: Path):
 
 
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
-    with pytest.raises(LogRefused, match=r"nowhere.csv: cannot be read: No such file"):
+    with pytest.raises(LogRefused, match=r"nowhere.csv: no such file"):
         read_log(tmp_path / "nowhere.csv")

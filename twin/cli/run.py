@@ -84,6 +84,7 @@ def run(
         float | None,
         typer.Option(metavar="[=FACTOR]", min=0.0, help="Times real time; 1 with --live. 0: as fast as it goes."),
     ] = None,
+    yes: Annotated[bool, typer.Option("--yes", help="Run what takes more than an hour or 5 GB.")] = False,
 ) -> None:
     """Run experiments and record them.
 
@@ -117,6 +118,7 @@ def run(
         "isolate_drives": isolate == Isolation.DRIVE,
         "limit_step": limit_step,
         "factor": realtime if realtime is not None or not live else 1.0,
+        "sure": yes,
         **({"port": port} if live else {}),
     }
     job = LIVE_JOB if live else JOB

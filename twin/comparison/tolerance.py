@@ -13,13 +13,14 @@ TOML file, in texts on the command line, or both; of those that fit a signal the
 
 import math
 import re
-import tomllib
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
 
 from twin.comparison.errors import ComparisonRefused
+from twin.errors import InputRefused
+from twin.files import read_toml
 from twin.logs.units import Dimension, Unit, known_unit
 
 SECONDS = Dimension(s=1)
@@ -119,12 +120,9 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
 def _table(path: Path, mistakes: list[str]) -> dict[str, object]:
     """`"controller.F_z" = TEXT` of a TOML file; unquoted dots in a name have made tables of tables."""
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        mistakes.append(f"--tol {path}: cannot be read: {problem.strerror}")
-        return {}
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        mistakes.append(f"{path}: not a TOML file: {problem}")
+        content = read_toml(path)
+    except InputRefused as problem:
+        mistakes.append(f"--tol {problem}")
         return {}
     flat: dict[str, object] = {}
 

@@ -6,6 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+import numpy as np
+
 from twin.assembly.drives import DrivePlan, drive
 from twin.assembly.robot import Assembly, DriveMaker, assemble
 from twin.cosim.component import Component
@@ -13,6 +15,7 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 from twin.execution.block import Block
+from twin.execution.fastest_pole import too_fast
 from twin.execution.outcome import Outcome, Tally
 from twin.execution.pacing import Pace, Punctuality
 from twin.execution.provenance import driven, provenance
@@ -155,7 +158,7 @@ def _recorded(
         tuning.close()
         if simulation.failure:
             writer.write_event(simulation.next_tick, "ERROR", str(simulation.failure), "cosim")
-            raise _with_remedy(simulation, assembly, writer.abandon())
+            raise _with_remedy(experiment, simulation, assembly, writer.abandon())
         began = time.perf_counter()
         recording = writer.finish()
         writing += time.perf_counter() - began
@@ -213,12 +216,16 @@ def _span(system: System, position: int) -> slice:
     return slice(int(system.y_start[position]), int(system.y_start[position + 1]))
 
 
-def _with_remedy(simulation: Simulation, assembly: Assembly, partial: Path) -> ComponentFailed:
+def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, partial: Path) -> ComponentFailed:
     until = max(0, simulation.next_tick - 1) * simulation.system.tick
     sentences = [f"{simulation.failure}\nRecorded until then: {partial} ({until:.3f} s)."]
     culprits = dict(zip(("drive_1", "drive_2", "drive_3"), assembly.drives, strict=True)) | {
         "drive": assembly.drives[0]
     }
-    if simulation.culprit in culprits:
+    known = {component.name: component for component in simulation.system.components}
+    if simulation.culprit == "plant" or not np.isfinite(simulation.inputs(known[simulation.culprit])).all():
+        hint = too_fast(experiment)
+        sentences += [hint] if hint else []
+    elif simulation.culprit in culprits:
         sentences += [f"Try: twin drive check {fmu.path}" for fmu in culprits[simulation.culprit].parts.values()]
     return ComponentFailed("\n".join(sentences))

@@ -2,6 +2,7 @@
 
 import copy
 import difflib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -52,7 +53,8 @@ def _file(name: Any, folder: Path) -> Path:
     shelves = [located(shelf, folder) for shelf in FOLDERS]
     known = sorted({path.stem for shelf in shelves for path in shelf.glob("*.toml")})
     for shelf in shelves:
-        if (shelf / f"{name}.toml").is_file():
+        # not Path.is_file, which raises for a name that is too long
+        if os.path.isfile(shelf / f"{name}.toml"):
             return shelf / f"{name}.toml"
     close = difflib.get_close_matches(name, known, 1, cutoff=0.5)
     hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"

@@ -1,6 +1,8 @@
 """From [drive] to one complete table per joint: drive folders bring their own mapping, joints their differences."""
 
 import copy
+import difflib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +15,8 @@ from twin.experiment.source import located, read_source
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")
+MOST_MAPPINGS = 8
+"""Mappings that name another mapping as their drive."""
 
 
 def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
@@ -56,40 +60,48 @@ def lone_drive(fmu: str, folder: Path) -> schema.Drive:
 def shelved(fmu: str, folder: Path) -> str:
     """`fmu` as an absolute path: as seen from the current folder, else in fmus/ as seen from `folder` upwards."""
     path = Path(fmu)
-    if not path.exists():
+    # not Path.exists, which raises for a name that is too long
+    if not os.path.exists(path):
         on_shelf = located(f"fmus/{fmu}", folder)
-        path = on_shelf if on_shelf.exists() else path
+        path = on_shelf if os.path.exists(on_shelf) else path
     return str(path.absolute())
 
 
-def _complete(table: dict[str, Any], folder: Path) -> dict[str, Any]:
-    """`table` with its mapping file and absolute paths."""
+def _complete(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS) -> dict[str, Any]:
+    """`table` with its mapping file, which may name another one and so on, and absolute paths."""
     table = copy.deepcopy(table)
     if isinstance(table.get("fmu"), str):
         path = located(table["fmu"], folder)
-        mapping = path / MAPPING if path.is_dir() else path
-        if mapping.suffix == ".toml" and mapping.is_file():
+        mapping = path / MAPPING if os.path.isdir(path) else path
+        if mapping.suffix == ".toml" and os.path.isfile(mapping):
+            if not mappings:
+                raise InputRefused(f"{mapping}: more than {MOST_MAPPINGS} mappings name one another; expected an .fmu")
             del table["fmu"]
-            table = _laid_over(_complete(read_source(mapping).values, mapping.parent.resolve()), table)
+            named = _complete(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
+            table = _laid_over(named, table)
         else:
-            table["fmu"] = str(_archive(path))
+            table["fmu"] = str(_archive(path, folder))
     parts = table.get("parts")
     if isinstance(parts, dict):
         for part in parts.values():
             if isinstance(part, dict) and isinstance(part.get("fmu"), str):
-                part["fmu"] = str(_archive(located(part["fmu"], folder)))
+                part["fmu"] = str(_archive(located(part["fmu"], folder), folder))
     return table
 
 
-def _archive(path: Path) -> Path:
+def _archive(path: Path, folder: Path) -> Path:
     """The .fmu file meant by `path`: itself, or `<folder>/<folder>.fmu` for a drive's folder."""
-    if path.is_dir():
+    if os.path.isdir(path):
         inside = path / f"{path.name}.fmu"
-        if inside.is_file():
+        if os.path.isfile(inside):
             return inside
         raise InputRefused(f"{path}: a folder without {inside.name} or {MAPPING}; name the .fmu file itself")
-    if not path.is_file():
-        raise InputRefused(f"{path}: no such drive; expected an .fmu file or a folder of fmus/")
+    if not os.path.isfile(path):
+        shelf = located("fmus", folder)
+        known = [drive.name for drive in sorted(shelf.glob("*")) if os.path.isdir(drive)]
+        close = difflib.get_close_matches(path.stem, known, 1, cutoff=0.5)
+        hint = f"did you mean '{close[0]}'?" if close else "expected an .fmu file or a folder of fmus/"
+        raise InputRefused(f"{path}: no such drive; {hint}")
     return path
 
 

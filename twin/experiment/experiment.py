@@ -25,6 +25,8 @@ from twin.experiment.quantity import Section, quantity
 from twin.experiment.reach import geometry_of
 from twin.experiment.reference import Reference, WayPoints, way_points
 from twin.experiment.source import Source, override, read_source, replace_drive
+from twin.experiment.ticks import MOST_TICKS
+from twin.experiment.unit_hints import unit_hints
 from twin.faults.fault import Fault
 
 
@@ -52,6 +54,8 @@ OPTIONAL_TABLES: dict[str, type[Section]] = {
 }
 ARRAYS = ("task", "fault", "change", "measure")
 """Arrays of tables."""
+OUT_OF_REACH = "out of reach"
+"""What every sentence on a pose has in it where the robot cannot be."""
 OTHERS = ("drive", *ARRAYS)
 """What is checked elsewhere than `TABLES`."""
 
@@ -124,8 +128,8 @@ def load_experiment(
         InputRefused: with every mistake, one sentence each.
     """
     path = experiment_file(path)
-    folder = path.resolve().parent
     source = read_source(path)
+    folder = path.resolve().parent
     if drive is not None:
         replace_drive(source, shelved(drive, folder))
     if body is not None:
@@ -146,11 +150,14 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
     """
     fill_from_robot(source.values)
     mistakes: list[str] = []
+    values = source.values
     try:
         fill_from_body(source, folder)
     except InputRefused as problem:
         mistakes.append(str(problem))
-    checked = _checked(source.values, mistakes)
+        # all that the body would have said is missing now, and that is no second mistake
+        values = {**values, "contact": None}
+    checked = _checked(values, mistakes)
     tasks = task.checked_tasks(source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(checked, mistakes)
@@ -161,7 +168,10 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
     changes = checked_changes(source.values.get("change", ()), source.values, tick, length, mistakes)
     measures = checked_measures(source.values.get("measure", ()), length, mistakes)
     _expand_reference(checked, length, mistakes)
-    mistakes += disagreements(checked, tasks, source.values)
+    apart = disagreements(checked, tasks, source.values)
+    if any(OUT_OF_REACH in mistake for mistake in apart):
+        mistakes += unit_hints(source.values)
+    mistakes += apart
     if mistakes:
         raise InputRefused(_told(where, mistakes))
     head, (one, two, three) = checked["head"], drives
@@ -207,7 +217,7 @@ def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
     for name, model in models.items():
         table = head if name == "head" else values.get(name)
         if table is None:
-            if name in TABLES:
+            if name in TABLES and name not in values:
                 mistakes.append(f"missing table [{name}]")
             continue
         try:
@@ -252,6 +262,9 @@ def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
     for name, (table, attribute, key) in wanted.items():
         if table in checked:
             length = getattr(checked[table], attribute)
+            if length / tick > MOST_TICKS:
+                mistakes.append(f"{key}: {length:g} s are more than {MOST_TICKS:g} ticks of {tick:g} s; expected fewer")
+                continue
             ticks[name] = round(length / tick)
             if ticks[name] < 1 or abs(ticks[name] * tick - length) > 1e-9 * length:
                 mistakes.append(f"{key}: {length:g} s is not a whole number of ticks of {tick:g} s")

@@ -8,6 +8,7 @@ from pydantic import Field, ValidationError, create_model
 from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section, quantity
+from twin.experiment.ticks import whole_ticks
 from twin.faults.catalogue import kind_named, refuse_target
 from twin.faults.fault import NEVER, Fault
 from twin.faults.kind import Kind
@@ -90,10 +91,10 @@ def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, 
     lengths = {"onset_s": values["onset"], "duration_s": values["duration"], "ramp_s": values.get("ramp")}
     if known.unit == "ms":
         lengths["magnitude_ms"] = values["magnitude"]
-    ticks = {key: round((length or 0.0) / tick) for key, length in lengths.items()}
+    ticks = {}
     for key, length in lengths.items():
-        # a length in ms over a tick in ms is whole up to rounding of the two
-        if length is not None and abs(ticks[key] * tick - length) > 1e-9 * length:
+        ticks[key] = whole_ticks(length or 0.0, tick) or 0
+        if length and whole_ticks(length, tick) is None:
             mistakes.append(f"[[fault]] {number} {key}: {length:g} s is not a whole number of ticks of {tick:g} s")
     return Fault(
         kind=values["kind"],

@@ -122,7 +122,7 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
     measures: list[Measure] = []
     for number, table in enumerate(tables, start=1):
         kind = table.get("kind") if isinstance(table, Mapping) else None
-        if kind not in KINDS:
+        if not isinstance(kind, str) or kind not in KINDS:
             mistakes.append(f"[measure {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
             continue
         try:

@@ -33,15 +33,20 @@ def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry]) -> 
     """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`."""
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
-    lines = _lines(reference.p)
+    geometries = tuple(geometries)
     for geometry in geometries:
-        if unreachable(geometry, np.concatenate(lines)) is None:
+        if unreachable(geometry, np.array(reference.p)) is None:
             continue
         for number, point in enumerate(reference.p, start=1):
             if problem := unreachable(geometry, np.array(point)):
                 if reference.shape:
                     return [f"[reference.{reference.shape}] at {reference.t[number - 1]:g} s: {problem}"]
                 return [f"[reference] way point {number}: {problem}"]
+    # only now: between points beyond reach a line has any number of points
+    lines = _lines(reference.p)
+    for geometry in geometries:
+        if unreachable(geometry, np.concatenate(lines)) is None:
+            continue
         for number, line in enumerate(lines, start=1):
             if problem := unreachable(geometry, line):
                 return [f"[reference] between way points {number} and {number + 1}: {problem}"]

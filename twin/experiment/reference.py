@@ -18,6 +18,8 @@ from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
+MOST_POINTS = 2_000_000
+"""Of a shape; more than an hour at 2 ms."""
 SAMPLES_PER_PERIOD = 10
 """A sine through fewer way points per period is a polygon rather than a sine."""
 
@@ -113,7 +115,7 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
 
     Raises:
         Unreachable: the robot cannot be where a joint step begins or ends.
-        ValueError: a chirp too fast for the controller's samples, in one sentence.
+        ValueError: a chirp too fast for the controller's samples, or a shape of too many, in one sentence.
     """
     if reference.circle is not None:
         turns = reference.circle
@@ -133,7 +135,10 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
 
 def _sampled(path, shape, length: float, period: float, duration: float, name: str) -> WayPoints:  # type: ignore[no-untyped-def]
     """`path` (shape, times since its start) from `shape.start` on, for `length` (s)."""
-    last = math.ceil(min(length, max(period, duration - shape.start)) / period - 1e-9)
+    samples = min(length, max(period, duration - shape.start)) / period
+    if samples > MOST_POINTS:
+        raise ValueError(f"[reference.{name}] {samples:.3g} way points: expected at most {MOST_POINTS:,}; shorten it")
+    last = math.ceil(samples - 1e-9)
     since = np.minimum(period * np.arange(last + 1), length)
     t, p = shape.start + since, path(shape, since)
     if shape.start > 0.0:

@@ -1,14 +1,19 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`."""
 
+import contextlib
 import functools
-import tomllib
+import os
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
+from twin.files import DEEPEST, TOML_LIMIT, read_text, toml_of
 from twin.places import HOME
+
+LONGEST_CHAIN = 32
+"""Files that extend each other, the first included."""
 
 SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
@@ -89,9 +94,7 @@ def read_source(path: Path) -> Source:
         InputRefused: no such file, not TOML, a circle of `extends`.
     """
     source = Source()
-    for file in reversed(_chain(path)):
-        table = _table(file)
-        table.pop("extends", None)
+    for file, table in reversed(_chain(path)):
         drive = table.get("drive")
         if isinstance(drive, dict) and drive.keys() & {"fmu", "parts"}:
             # another drive has other parameters: nothing of the one before can stay
@@ -117,9 +120,10 @@ def override(source: Source, texts: Iterable[str]) -> None:
     """
     for text in texts:
         key, equals, value = text.partition("=")
-        if not equals or not key.strip():
+        parts = key.strip().split(".")
+        if not equals or not key.strip() or len(parts) > DEEPEST:
             raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
-        source.put(_nested(key.strip().split("."), _value(value.strip())), "set on the command line")
+        source.put(_nested(parts, _value(value.strip())), "set on the command line")
 
 
 def replace_drive(source: Source, fmu: str) -> None:
@@ -159,51 +163,59 @@ def located(name: str, start: Path) -> Path:
 
     What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
     """
-    wanted = Path(name).expanduser()
+    wanted = Path(name)
+    # of a user whom nobody knows
+    with contextlib.suppress(RuntimeError):
+        wanted = wanted.expanduser()
     if wanted.is_absolute():
         return wanted
     for folder in (start, *start.parents, Path.cwd(), HOME, HOME / "experiments"):
-        if (folder / wanted).exists():
+        # not Path.exists, which raises for a name that is too long
+        if os.path.exists(folder / wanted):
             return folder / wanted
     return start / wanted
 
 
-def _chain(path: Path) -> list[Path]:
-    chain = [path]
-    while (parent := _table(chain[-1]).get("extends")) is not None:
+def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
+    """The file at `path` and those that it extends, lowest last: (path, tables)."""
+    chain = [(path, _tables(path))]
+    met = {os.path.realpath(path)}
+    while (parent := chain[-1][1].pop("extends", None)) is not None:
+        last = chain[-1][0]
         if not isinstance(parent, str):
-            raise InputRefused(f"{chain[-1]}: extends = {parent!r}: expected the name of a TOML file")
-        following = located(parent, chain[-1].resolve().parent)
-        if any(following.resolve() == file.resolve() for file in chain):
+            raise InputRefused(f"{last}: extends = {parent!r}: expected the name of a TOML file")
+        following = located(parent, Path(os.path.realpath(last)).parent)
+        # read first: a name that is none has no real path either
+        tables = _tables(following)
+        if os.path.realpath(following) in met:
             raise InputRefused(f"{path}: its files extend each other in a circle; remove one 'extends'")
-        chain.append(following)
+        if len(chain) == LONGEST_CHAIN:
+            raise InputRefused(f"{path}: extends more than {LONGEST_CHAIN} files, one on another; put some together")
+        met.add(os.path.realpath(following))
+        chain.append((following, tables))
     return chain
 
 
-def _table(path: Path) -> dict[str, Any]:
-    try:
-        return dict(_parsed(path.read_text(encoding="utf-8")))
-    except FileNotFoundError:
-        raise InputRefused(f"{path}: no such experiment file") from None
-    except IsADirectoryError:
-        raise InputRefused(f"{path}: a folder; expected an experiment file (.toml)") from None
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise InputRefused(f"{path}: not valid TOML: {problem}") from None
+def _tables(path: Path) -> dict[str, Any]:
+    """The tables of the one TOML file at `path`, without those that it extends.
+
+    Raises:
+        InputRefused: as `read_toml`.
+    """
+    return dict(_parsed(read_text(path, TOML_LIMIT, "experiment file"), str(path)))
 
 
 @functools.lru_cache(maxsize=64)
-def _parsed(text: str) -> Mapping[str, Any]:
+def _parsed(text: str, where: str) -> Mapping[str, Any]:
     """The tables that `text` writes, not to be changed: a sweep reads the same files for each of its runs."""
-    return tomllib.loads(text)
+    return toml_of(text, where)
 
 
 def _value(text: str) -> Any:
     try:
-        return tomllib.loads(f"value = {text}")["value"]
+        return toml_of(f"value = {text}", "")["value"]
     # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
-    except tomllib.TOMLDecodeError:
+    except InputRefused:
         return text
 
 

@@ -100,7 +100,7 @@ def checked_tasks(tables: Any, mistakes: list[str]) -> dict[int, Task]:
     tasks = {}
     for number, table in enumerate(tables, start=1):
         kind = table.get("kind") if isinstance(table, dict) else None
-        if kind not in KINDS:
+        if not isinstance(kind, str) or kind not in KINDS:
             mistakes.append(f"[task {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
             continue
         try:

@@ -21,6 +21,8 @@ from twin.robot.jacobian import jacobian
 
 SPACING = 1e-3
 """How densely (m) paths are looked at."""
+LONGEST = 1.0
+"""Length (m) from which on a path is looked at less densely: no robot reaches all of it anyway."""
 DEEPEST = 0.1
 """No body gives way further than this (m)."""
 
@@ -104,7 +106,9 @@ def _path(task: Task) -> NDArray[np.float64]:
         return point + task.radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     if isinstance(task, Push):
         way = np.array(task.to) - point
-        return point + np.linspace(0.0, 1.0, 2 + int(np.linalg.norm(way) / SPACING))[:, None] * way
+        # a line that is longer than any robot needs no more points to be refused
+        count = 2 + int(min(np.linalg.norm(way), LONGEST) / SPACING)
+        return point + np.linspace(0.0, 1.0, count)[:, None] * way
     return point[None, :]
 
 
@@ -161,7 +165,8 @@ def _slope(plant: PlantParameters, x: float, y: float, z: float) -> float:
 
 def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:
     """Straight down from the travelling height to the floor, everywhere on the path."""
-    heights = np.arange(s.approach.floor, s.approach.height + SPACING, SPACING)
+    height, floor = s.approach.height, s.approach.floor
+    heights = np.arange(floor, height + SPACING, SPACING) if height - floor < LONGEST else np.array([floor, height])
     columns = np.array([[x, y, z] for x, y in path for z in heights])
     problems = (unreachable(geometry, columns) for geometry in s.geometries)
     return next((str(problem) for problem in problems if problem), None)

@@ -1,16 +1,22 @@
 """A table as comma-separated values (RFC 4180, but lines end with a line feed): one header, one row per instant."""
 
+import csv
 from pathlib import Path
 
 import numpy as np
 
+from twin.errors import visible
 from twin.export.table import Column, Table
 from twin.files import written
+
+FORMULA = ("=", "+", "-", "@", "\t", "\r")
+"""What a cell begins with that spreadsheets take for a formula."""
 
 
 def write_csv(path: Path, table: Table) -> None:
     """Write `table` to `path`; names carry the unit, numbers are the shortest that read back to the same float64.
 
+    A name with a comma or a quote is quoted, one that spreadsheets would take for a formula begins with an apostrophe.
     Truth values are 0 and 1. Not a number is `nan`.
 
     Raises:
@@ -18,7 +24,7 @@ def write_csv(path: Path, table: Table) -> None:
     """
     columns = [_texts(table.t), *(_texts(column.values) for column in table.columns)]
     with written(path) as beside, beside.open("w", encoding="utf-8", newline="\n") as file:
-        file.write(",".join(["t_s", *map(heading, table.columns)]) + "\n")
+        csv.writer(file, lineterminator="\n").writerow(["t_s", *(_harmless(heading(c)) for c in table.columns)])
         file.writelines(",".join(row) + "\n" for row in zip(*columns, strict=True))
 
 
@@ -27,6 +33,11 @@ def heading(column: Column) -> str:
     if column.unit == "1":
         return column.name
     return f"{column.name}_{column.unit.replace('N m', 'Nm').replace('/', '_per_').replace(' ', '_')}"
+
+
+def _harmless(name: str) -> str:
+    """`name` as a cell that no spreadsheet calculates and no terminal obeys: names may be another tool's."""
+    return f"'{visible(name)}" if name.startswith(FORMULA) else visible(name)
 
 
 def _texts(values: np.ndarray) -> list[str]:

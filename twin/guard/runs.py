@@ -6,6 +6,7 @@ from pathlib import Path
 
 from twin.errors import ComponentFailed, SafetyTrip
 from twin.execution import Run, execute
+from twin.execution.estimate import refuse_endless
 from twin.execution.viewer import Viewer
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.guard.guard import JobDied
@@ -25,6 +26,7 @@ def recorded_runs(
     isolate_drives: bool = False,
     limit_step: float = Limits.step,
     factor: float | None = None,
+    sure: bool = False,
     viewer: Viewer | None = None,
 ) -> None:
     """Run each experiment and record it.
@@ -37,13 +39,16 @@ def recorded_runs(
         out: the folder of the only run; None: results/<experiment>/<time>.
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
         factor, viewer: see `execute`.
+        sure: whether runs that take very long or fill the disk are meant.
 
     Raises:
-        InputRefused: a mistake in any of the experiments; none has been run.
+        InputRefused: a mistake in any of the experiments, or nobody says that so much is meant; none has been run.
         ComponentFailed, RecordingFailed: as `execute`.
         SafetyTrip: the monitor tripped in one without faults; all have been run.
     """
     loaded = [load_experiment(Path(path), settings, drive, body) for path in experiments]
+    if not sure:
+        refuse_endless(loaded, factor)
     unexpected: list[str] = []
     for experiment in loaded:
         voice.loading()

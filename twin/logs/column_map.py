@@ -15,12 +15,13 @@ name must carry it. A file that is read with a map gives the mapped signals and 
 
 import difflib
 import re
-import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twin.errors import InputRefused
+from twin.files import read_toml
 from twin.logs.errors import LogRefused
 from twin.logs.units import known_unit
 
@@ -104,12 +105,9 @@ def _column(source: str) -> Column:
 
 def _file(path: Path, mistakes: list[str]) -> dict[str, Column]:
     try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except OSError as problem:
-        mistakes.append(f"--map {path}: cannot be read: {problem.strerror}; expected NAME=COLUMN or a TOML file")
-        return {}
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        mistakes.append(f"{path}: not a TOML file: {problem}")
+        content = read_toml(path)
+    except InputRefused as problem:
+        mistakes.append(f"{problem}; expected NAME=COLUMN or a TOML file")
         return {}
     columns: dict[str, Column] = {}
     _gather(path, "", content, columns, mistakes)

@@ -1,11 +1,15 @@
 """Reading a log, whatever kind of file it is."""
 
+import os
+import sys
 from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
 
+from twin.errors import InputRefused
+from twin.files import open_regular
 from twin.logs.column_map import Column
 from twin.logs.csv_file import read_csv
 from twin.logs.errors import LogRefused
@@ -34,10 +38,10 @@ def read_log(path: str | Path, columns: Mapping[str, Column] | None = None) -> L
     if is_recording(path):
         return recorded(read(recording_in(path)))
     try:
-        with path.open("rb") as file:
+        with open_regular(path, sys.maxsize) as file:
             magic = file.read(len(MAGIC))
-    except OSError as problem:
-        raise LogRefused(f"{path}: cannot be read: {problem.strerror}") from None
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
     if magic == MAGIC:
         return _finished(read_mcap(path, columns or {}))
     if path.suffix == ".mcap" or path.name.endswith(".mcap.partial"):
@@ -48,9 +52,10 @@ def read_log(path: str | Path, columns: Mapping[str, Column] | None = None) -> L
 
 def is_recording(path: Path) -> bool:
     """Whether `path` means a recording of twin, which heeds no column map."""
-    if path.is_dir() or (not path.exists() and not path.suffix):
+    # not Path.exists, which raises for a name that is too long
+    if os.path.isdir(path) or (not os.path.lexists(path) and not path.suffix):
         return True
-    return path.is_file() and written_by_twin(path)
+    return os.path.isfile(path) and written_by_twin(path)
 
 
 def recorded(recording: Recording) -> Log:

@@ -98,11 +98,15 @@ _SI_NAMES = {
     _TORQUE._replace(rad=-1): "N m/rad",
     Dimension(s=-1): "1/s",
 }
+LONGEST = 40
+"""Characters of a unit; the words of a longer one would multiply to more than a float holds."""
 _WORD = re.compile(r"(.*?[^0-9^-])\^?(-?[1-9])?")
 
 
 def known_unit(text: str) -> Unit | None:
     """The unit that `text` spells; None if there is no such unit."""
+    if len(text) > LONGEST:
+        return None
     dimension: list[int] = list(_NUMBER)
     factor, pi, sign = Fraction(1), 0, 1
     words = [w for w in re.split(r"[ _*.\N{MIDDLE DOT}]+|(/)", text.strip()) if w]

@@ -3,7 +3,6 @@
 import hashlib
 import json
 import math
-import tomllib
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +13,7 @@ import numpy as np
 from twin import __version__
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.files import made_folder, write_text
+from twin.files import made_folder, read_toml, write_text
 from twin.places import HOME
 from twin.regression.measurement import POINTS, Measured, Sampled
 
@@ -142,7 +141,10 @@ def read_baseline(file: Path) -> Baseline:
         InputRefused: it cannot be read, or is no baseline.
     """
     try:
-        table = tomllib.loads(file.read_text(encoding="utf-8"))
+        table = read_toml(file)
+    except InputRefused as problem:
+        raise InputRefused(f"{problem}; mend it, or {_ANEW}") from None
+    try:
         return Baseline(
             experiment=_text(table, "experiment"),
             drive=_text(table, "drive"),
@@ -153,10 +155,6 @@ def read_baseline(file: Path) -> Baseline:
             metrics={name: _kept(name, kept) for name, kept in dict(table["metrics"]).items()},
             tubes={name: _tube(name, tube) for name, tube in dict(table.get("tubes", {})).items()},
         )
-    except OSError as problem:
-        raise InputRefused(f"{file}: cannot be read: {problem.strerror}") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise InputRefused(f"{file}: not valid TOML: {problem}; mend it, or {_ANEW}") from None
     except KeyError as missing:
         raise InputRefused(f"{file}: no baseline: missing key {missing}; {_ANEW}") from None
     except (TypeError, ValueError) as problem:

@@ -132,7 +132,8 @@ def _block_means(
     index = np.floor((t - t[0]) / block).astype(np.int64)
     # the last one is whole only by chance
     whole = index < index[-1]
-    count = np.bincount(index[whole], minlength=1)
-    full = np.flatnonzero((count > 0) & (count >= 0.5 * count.max()))
-    sums = np.bincount(index[whole], weights=r[whole], minlength=1)
-    return t[0] + (full + 1) * block, sums[full] / count[full]
+    # only blocks with samples: a log may have hours without one
+    blocks, member, count = np.unique(index[whole], return_inverse=True, return_counts=True)
+    full = count >= 0.5 * np.max(count, initial=0)
+    sums = np.bincount(member, weights=r[whole], minlength=len(blocks))
+    return t[0] + (blocks[full] + 1) * block, sums[full] / count[full]

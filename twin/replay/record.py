@@ -54,8 +54,9 @@ def record(replay: Replay, path: Path) -> Path:
     """
     tracks = _tracks(replay)
     with Writer(path, [track.topic for track in tracks], TICK, _metadata(replay)) as writer:
-        last = max(int(track.ticks[-1]) for track in tracks)
-        for start in range(0, last + 1, SPAN):
+        # a log may have hours without a sample
+        spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN)
+        for start in (spans * SPAN).tolist():
             for track in tracks:
                 track.write(writer, start, start + SPAN)
             writer.end_slice()

@@ -11,6 +11,8 @@ LONGEST_LAG = 0.5
 """s. Beyond that two courses of a repeated motion match by mistake."""
 FINEST_LAG = 5e-3
 """s. What a force that changes within tenths of a second, with noise on it, can tell at best."""
+MOST_LAGGED = 2_000_000
+"""Sample periods over which a lag is looked for: some hours."""
 STALE = 1.5
 """Sample periods after which an estimate is no longer the newest: one was lost."""
 
@@ -91,8 +93,11 @@ def statistics(residual: Residual) -> Statistics:
 
 
 def _lag(residual: Residual) -> float:
-    """The shift (s) under which value and measurement spread least about each other."""
+    """The shift (s) under which value and measurement spread least about each other; NaN: not known, because most of
+    what would be looked at is missing."""
     period = max(float(np.median(np.diff(residual.t))), FINEST_LAG)
+    if np.ptp(residual.t) > MOST_LAGGED * period:
+        return np.nan
     grid = np.arange(residual.t[0], residual.t[-1] + 0.5 * period, period)
     value = np.interp(grid, residual.t, residual.value)
     measured = np.interp(grid, residual.t, residual.measured)

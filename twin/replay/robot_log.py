@@ -14,6 +14,8 @@ from twin.logs.log import Log, Series
 SCALE = "scale.F_z"
 COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
 """The counts of the motor and joint encoders, and the angles that a log may have in their place."""
+LONGEST = 1e8
+"""s; three years, after which nobody replays a log."""
 MANY = 12
 """So many names are not listed in a sentence."""
 
@@ -67,6 +69,8 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     measured = _in_unit(log, SCALE, log[SCALE], "N") if SCALE in log.series else None
     if count_m.t[0] < 0.0:
         raise LogRefused(f"{log.path}: begins at {count_m.t[0]:g} s, before 0; count its time from its first sample")
+    if count_m.t[-1] > LONGEST:
+        raise LogRefused(f"{log.path}: ends at {count_m.t[-1]:g} s, expected at most {LONGEST:g} s; is its unit right?")
     # a count that never came is the estimator's business; before the first there is nothing to hold
     there = np.all(np.isfinite(count_m.values + count_l.values), axis=1)
     if not np.any(there):

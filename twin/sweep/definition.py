@@ -1,6 +1,5 @@
 """SWEEP.toml: which experiment, which keys of it vary and how, on which drives. Checked as one file."""
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
@@ -10,6 +9,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.source import located
+from twin.files import read_toml
 from twin.sweep.saltelli import why_not_saltelli
 from twin.sweep.vary import Vary, contradictions
 
@@ -48,7 +48,7 @@ def read_definition(path: Path) -> tuple[Definition, Path]:
     Raises:
         InputRefused: no such file, not TOML, or with every mistake in it, one sentence each.
     """
-    definition = _checked(_table(path), str(path))
+    definition = _checked(read_toml(path, "sweep file"), str(path))
     return definition, located(definition.experiment, path.resolve().parent)
 
 
@@ -116,14 +116,3 @@ def _disagreements(definition: Definition) -> list[str]:
 def _placed(sentence: str) -> str:
     """The sentence without the brackets of the nameless table that the file is."""
     return sentence.replace("[.vary.when]", "[[vary]] when:").replace("[.vary]", "[[vary]]").removeprefix("[] ")
-
-
-def _table(path: Path) -> dict[str, Any]:
-    try:
-        return tomllib.loads(path.read_text(encoding="utf-8"))
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputRefused(f"{path}: no such sweep file") from None
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be read: {problem.strerror}; expected a sweep file (.toml)") from None
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as problem:
-        raise InputRefused(f"{path}: not valid TOML: {problem}") from None

@@ -1,15 +1,16 @@
 """Where a digitised curve comes from and how far it can be trusted: the head of its file, checked."""
 
 import datetime
-import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
 from pydantic import ValidationError
 
+from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section
+from twin.files import toml_of
 from twin.logs.column_map import TIME_NAMES, split_unit
 from twin.logs.errors import LogRefused
 from twin.logs.log import Log
@@ -76,9 +77,9 @@ def provenance(log: Log) -> Provenance | None:
     if "[figure]" not in log.comments:
         return None
     try:
-        head = Head.model_validate(_by_column(tomllib.loads("\n".join(log.comments))))
-    except tomllib.TOMLDecodeError as problem:
-        raise LogRefused(f"{log.path}: its head is not TOML behind #: {problem}") from None
+        head = Head.model_validate(_by_column(toml_of("\n".join(log.comments), str(log.path))))
+    except InputRefused as problem:
+        raise LogRefused(f"{problem}; its head is not TOML behind #") from None
     except ValidationError as error:
         raise LogRefused("\n".join(f"{log.path}: {text}" for text in sentences(error, Head, "head"))) from None
     if len(log.series) != 1:

@@ -1,0 +1,49 @@
+"""What a run takes in time and on the disk, before it begins."""
+
+from collections.abc import Sequence
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+
+SECONDS_PER_TICK = 20e-6
+"""Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
+BYTES_PER_TICK = 350
+"""Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
+LONG, LARGE = 3600.0, 5e9
+"""Time (s) and size (bytes) beyond which nobody starts without having been asked."""
+
+
+def estimate(experiment: Experiment) -> tuple[float, float]:
+    """(s, bytes) that a run of `experiment` takes, about."""
+    ticks = experiment.duration_ticks
+    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
+    return ticks * SECONDS_PER_TICK, ticks / shortest * BYTES_PER_TICK
+
+
+def refuse_endless(experiments: Sequence[Experiment], factor: float | None = None) -> None:
+    """Ask whoever starts runs that take very long or fill the disk whether that is meant.
+
+    Args:
+        experiments: to be run one after the other. factor: simulated time per wall time; None or 0: as fast as it goes.
+
+    Raises:
+        InputRefused: more than `LONG` or `LARGE`; it says how much.
+    """
+    costs = [estimate(experiment) for experiment in experiments]
+    seconds, size = (sum(cost[i] for cost in costs) for i in (0, 1))
+    if factor:
+        seconds = max(seconds, sum(one.duration_ticks * one.cosim.tick for one in experiments) / factor)
+    if seconds <= LONG and size <= LARGE:
+        return
+    ticks = sum(experiment.duration_ticks for experiment in experiments)
+    raise InputRefused(
+        f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about {_time(seconds)} "
+        f"and {size / 1e9:,.0f} GB; shorten duration_s, or say --yes if that is meant"
+    )
+
+
+def _time(seconds: float) -> str:
+    for name, length in (("years", 365.25 * 86400.0), ("days", 86400.0), ("hours", 3600.0)):
+        if seconds >= 2.0 * length:
+            return f"{seconds / length:.2g} {name}"
+    return f"{seconds / 60.0:.0f} minutes"
