@@ -7,6 +7,7 @@ from typing import Any
 
 from twin.cli.progress import progress
 from twin.doctor.native import is_warm
+from twin.errors import plain
 from twin.guard.remains import seen_from_here
 from twin.recording.folder import LATEST
 from twin.report.run_text import run_facts, run_text
@@ -47,6 +48,9 @@ class Display:
             self._progress.clear()
             # not on standard output, which --json keeps for the result
             print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
+        elif "refused" in note:
+            self._progress.clear()
+            print(plain(f"refused: {note['refused']}"), file=sys.stderr, flush=True)
         else:
             self._name, self.folder = note["experiment"], Path(note["folder"])
             self._progress.begin(self._name, note["duration"])
