@@ -76,7 +76,7 @@ class Watched:
 
 @pytest.fixture(scope="module")
 def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
-    """Fig. 4 at ten times real time: a watcher turns knobs, a second one looks on, a third one vanishes; others attack."""
+    """Fig. 4 at ten times real time: a watcher turns knobs, a second one looks on, a third vanishes; others attack."""
     folder = tmp_path_factory.mktemp("live")
     process, address = served(root, folder, "--realtime=10", "--json")
     open_to_all = address.partition("?")[0]

@@ -40,6 +40,7 @@ class Broadcast:
         channels: what can be subscribed to. tuning: of the run.
 
     Attributes:
+        port: at which it listens.
         news: sentences about connections that were refused; None as soon as somebody has subscribed to something.
         newcomer: set when somebody has subscribed to something, for whoever clears it.
         wanted: channels that somebody has subscribed to.
@@ -52,7 +53,7 @@ class Broadcast:
         self.news: SimpleQueue[str | None] = SimpleQueue()
         self.newcomer = threading.Event()
         self.wanted: frozenset[int] = frozenset()
-        self._port, self._gate, self._tuning = port, gate, tuning
+        self.port, self._gate, self._tuning = port, gate, tuning
         self._numbers = {channel.number for channel in channels}
         self._greeting = (server_info("twin", str(time.time_ns())), advertisement(channels))
         self._clients: set[Client] = set()
@@ -77,7 +78,7 @@ class Broadcast:
             server = await serve(
                 self._attend,
                 HOST,
-                self._port,
+                self.port,
                 subprotocols=SUBPROTOCOLS,
                 process_request=self._admit,
                 # a small message that unpacks into a large one, and work for the thread that steps
@@ -90,6 +91,7 @@ class Broadcast:
             self._started.set_exception(problem)
             return
         async with server:
+            self.port = next(iter(server.sockets)).getsockname()[1]
             self._started.set_result(asyncio.get_running_loop())
             await self._over.wait()
             await asyncio.gather(*(client.farewell(FAREWELL) for client in self._clients))
