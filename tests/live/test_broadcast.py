@@ -2,6 +2,8 @@
 
 import time
 from collections.abc import Iterator
+from functools import partial
+from pathlib import Path
 
 import pytest
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -29,7 +31,7 @@ def address(served: Broadcast) -> str:
 
 
 @pytest.fixture
-def served(root) -> Iterator[Broadcast]:
+def served(root: Path) -> Iterator[Broadcast]:
     experiment = load_experiment(root / "experiments" / "fig4_position.toml")
     with assemble(experiment) as assembly:
         broadcast = Broadcast(0, Gate(), [CHANNEL], Tuning(experiment, assembly))
@@ -62,12 +64,16 @@ def test_a_viewer_that_does_not_read_loses_the_oldest_and_delays_nobody(served: 
         for moment in range(number):
             served.publish(moment, [Message(1, moment, content)])
             if moment % 64 == 0:
-                quick.until(lambda: quick.times[-1:] == [moment])
-        quick.until(lambda: quick.times[-1:] == [number - 1])
+                quick.until(partial(_has_come_to, quick, moment))
+        quick.until(partial(_has_come_to, quick, number - 1))
         assert time.monotonic() - began < 30.0
         assert len(quick.times) == number
-        idle.until(lambda: idle.times[-1:] == [number - 1])
+        idle.until(partial(_has_come_to, idle, number - 1))
         assert BACKLOG / 2 <= len(idle.times) < number
+
+
+def _has_come_to(viewer: Viewer, moment: int) -> bool:
+    return viewer.times[-1:] == [moment]
 
 
 def test_there_is_an_end_to_the_number_of_viewers(address: str, monkeypatch: pytest.MonkeyPatch):
