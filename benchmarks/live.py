@@ -25,15 +25,15 @@ ROUNDS = 15
 PACED_ROUNDS = 5
 FACTOR = 20.0
 """Times real time, of the run in which messages are counted."""
-NEEDED = ("foxglove", "websockets")
+NEEDED = "websockets"
 
 
 def measurements(path: Path) -> list[Measurement]:
     """The lines of the table for the experiment at `path`."""
     experiment = load_experiment(path)
     message, delay = "live: a published message", "live: unpaced Fig. 4, watched / not"
-    if missing := [name for name in NEEDED if find_spec(name) is None]:
-        remark = f"live view: {' and '.join(missing)} not installed"
+    if find_spec(NEEDED) is None:
+        remark = f"live view: {NEEDED} not installed"
         return [Measurement(name, None, "", remark=remark) for name in (message, delay)]
     rounds = Rounds({name: partial(unpaced, experiment, name == "live") for name in ("plain", "live")}, ROUNDS)
     costs = [_run(experiment, FACTOR, live=True) for _ in range(PACED_ROUNDS)]

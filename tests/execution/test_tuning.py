@@ -1,5 +1,6 @@
 """Parameters changed while a run goes on: where they act, from when on, what is written of it, what is refused."""
 
+import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
@@ -127,6 +128,11 @@ def test_a_value_that_is_there_already_is_no_change(tmp_path: Path):
     ("key", "number", "said"),
     [
         (REFERENCE, -1.0, "[controller.force] reference_N = -1.0: expected a number > 0"),
+        (REFERENCE, 50.5, "[controller.force] reference_N = 50.5: expected a number <= 50"),
+        (REFERENCE, 1e308, "expected a number <= 50"),
+        ("controller.force.kp_mm_per_N", 1e308, "expected a number <= 1000"),
+        ("controller.force.ki_mm_per_N_s", 1e308, "expected a number <= 10000"),
+        ("controller.position.kp_per_s", 1e308, "expected a number <= 1000"),
         (REFERENCE, "6", '[controller.force] reference_N = "6": expected a number'),
         (REFERENCE, True, "[controller.force] reference_N = true: expected a number"),
         (REFERENCE, None, f"{REFERENCE}: no value; expected a number"),
@@ -143,6 +149,26 @@ def test_what_the_schema_refuses_in_a_file_is_refused_here(tmp_path: Path, key: 
 
     run, _ = turned(tmp_path / "x", Knob(turn))
     assert not run.changed
+
+
+def test_with_every_value_at_its_bound_the_numbers_stay_finite(tmp_path: Path):
+    bounds = {
+        REFERENCE: 50.0,
+        "controller.force.kp_mm_per_N": 1000.0,
+        "controller.force.ki_mm_per_N_s": 10_000.0,
+        "controller.position.kp_per_s": 1000.0,
+    }
+
+    def turn(tuning: Tuning) -> None:
+        assert tuning.values().keys() == bounds.keys()
+        for key, number in bounds.items():
+            tuning.request(key, number)
+
+    run, recording = turned(tmp_path / "x", Knob(turn, 10 * SLICE_TICKS))
+    assert np.all(np.isfinite(recording["plant.F_ee_B"]))
+    # Infinity and NaN are no JSON
+    json.loads((tmp_path / "x" / "summary.json").read_text(), parse_constant=pytest.fail)
+    assert len([text for _, _, text in run.events if "live" in text]) == len(bounds)
 
 
 def test_after_the_end_nothing_can_be_changed(tmp_path: Path):

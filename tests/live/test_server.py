@@ -1,4 +1,4 @@
-"""The server by itself: ports, a missing SDK, one run after another."""
+"""The server by itself: ports, a missing package, one run after another."""
 
 import socket
 import sys
@@ -27,12 +27,12 @@ def test_a_port_that_is_taken_is_refused_in_one_sentence_before_anything_runs():
     assert "\n" not in str(refused.value)
 
 
-def test_without_the_sdk_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
-    for name in [name for name in sys.modules if name.startswith(("foxglove.", "twin.live."))]:
+def test_without_websockets_the_sentence_says_what_to_install(monkeypatch: pytest.MonkeyPatch):
+    for name in [name for name in sys.modules if name.startswith(("websockets.", "twin.live."))]:
         monkeypatch.delitem(sys.modules, name)
-    monkeypatch.setitem(sys.modules, "foxglove", None)
-    with pytest.raises(InputRefused, match=r"foxglove-sdk is not installed; pip install 'twin\[live\]'"):
-        served_runs(SILENT, 0)
+    monkeypatch.setitem(sys.modules, "websockets", None)
+    with pytest.raises(InputRefused, match=r"websockets is not installed; pip install 'twin\[live\]'"):
+        served_runs(SILENT, 0, [])
 
 
 def test_runs_follow_one_another_at_one_address_and_each_waits_for_a_viewer(tmp_path: Path):

@@ -1,23 +1,25 @@
 """A viewer of our own: Foxglove's WebSocket protocol, spoken with the `websockets` package.
 
-https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md; the subprotocol's name is the SDK's.
+https://github.com/foxglove/ws-protocol/blob/main/docs/spec.md.
 """
 
 import json
+import socket
 import struct
 from base64 import b64decode
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from typing import Any, NamedTuple
+from urllib.parse import urlsplit
 
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
+from websockets.exceptions import ConnectionClosedError
 from websockets.sync.client import ClientConnection, connect
-from websockets.typing import Subprotocol
+from websockets.typing import Origin, Subprotocol
 
-SUBPROTOCOL = Subprotocol("foxglove.sdk.v1")
 MESSAGE_DATA, TIME = 1, 2
 PATIENCE = 30.0
 """s; how long to wait for anything at all, on a machine that is busy."""
@@ -34,16 +36,28 @@ class Received(NamedTuple):
 class Viewer:
     """A connection to a live run; a context manager.
 
+    Args:
+        address: of the server. origin: of the page that it pretends to be; None: it is no page.
+        subprotocol: that it asks for.
+
     Attributes:
         channels: what the server has advertised, by topic. received: messages so far. times: server times so far (ns).
         told: JSON messages so far, without the advertisements.
         socket: the connection.
     """
 
-    def __init__(self, address: str):
+    def __init__(self, address: str, origin: str | None = None, subprotocol: str = "foxglove.sdk.v1"):
         self._open = ExitStack()
+        # whatever name the address has, the server is here
+        there = socket.create_connection(("127.0.0.1", urlsplit(address).port or 0), timeout=PATIENCE)
         self.socket: ClientConnection = self._open.enter_context(
-            connect(address, subprotocols=[SUBPROTOCOL], open_timeout=PATIENCE)
+            connect(
+                address,
+                sock=there,
+                origin=None if origin is None else Origin(origin),
+                subprotocols=[Subprotocol(subprotocol)],
+                open_timeout=PATIENCE,
+            )
         )
         self.channels: dict[str, dict[str, Any]] = {}
         self.received: list[Received] = []
@@ -91,9 +105,10 @@ class Viewer:
             self._take(self.socket.recv(timeout=PATIENCE))
 
     def to_the_end(self) -> None:
-        """Listen until the server says goodbye."""
-        for data in self.socket:
-            self._take(data)
+        """Listen until the server ends the connection."""
+        with suppress(ConnectionClosedError):
+            for data in self.socket:
+                self._take(data)
 
     def _take(self, data: str | bytes) -> None:
         if isinstance(data, str):

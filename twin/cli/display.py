@@ -6,6 +6,7 @@ from typing import Any
 
 from twin.cli.compiling import CompileWatch
 from twin.cli.progress import progress
+from twin.errors import plain
 from twin.files import json_text
 from twin.guard.remains import seen_from_here
 from twin.recording.folder import LATEST
@@ -49,6 +50,9 @@ class Display:
             self.clear()
             # not on standard output, which --json keeps for the result
             print(f"serving {note['serving']}; the run begins when a viewer subscribes", file=sys.stderr, flush=True)
+        elif "refused" in note:
+            self.clear()
+            print(plain(f"refused: {note['refused']}"), file=sys.stderr, flush=True)
         else:
             self._name, self.folder = note["experiment"], Path(note["folder"])
             self._progress.begin(self._name, note["duration"])

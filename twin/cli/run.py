@@ -80,6 +80,10 @@ def run(
         bool, typer.Option("--live", help="Serve the run to Lichtblick or Foxglove; starts with the first viewer.")
     ] = False,
     port: Annotated[int, typer.Option(min=0, max=65535, help="Of --live; 0: any that is free.")] = PORT,
+    origins: Annotated[
+        list[str] | None,
+        typer.Option("--origin", metavar="ORIGIN", help="Of --live; pages of it may watch, too, as https://host:port."),
+    ] = None,
     realtime: Annotated[
         float | None,
         typer.Option(metavar="[=FACTOR]", min=0.0, help="Times real time; 1 with --live. 0: as fast as it goes."),
@@ -119,7 +123,7 @@ def run(
         "limit_step": limit_step,
         "factor": realtime if realtime is not None or not live else 1.0,
         "sure": yes,
-        **({"port": port} if live else {}),
+        **({"port": port, "origins": origins or []} if live else {}),
     }
     job = LIVE_JOB if live else JOB
     with Reported(report, as_json) as reported, Display(as_json) as display:

@@ -133,7 +133,7 @@ class Drive(Section):
 class PositionLoop(Section):
     """[controller.position]: PID from position error (m) to platform speed (m/s), the same on x, y and z."""
 
-    kp: float = quantity("kp_per_s", ge=0, description="platform speed per position error")
+    kp: float = quantity("kp_per_s", ge=0, le=1000, description="platform speed per position error")
     ki: float = quantity("ki_per_s2", 0.0, ge=0, description="integral gain")
     kd: float = Field(0.0, ge=0, description="derivative gain")
     derivative_filter: float = quantity(
@@ -144,15 +144,17 @@ class PositionLoop(Section):
 class ForceLoop(Section):
     """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
 
-    reference: float | None = quantity("reference_N", None, gt=0, examples=[5.0], description="pressing force to hold")
+    reference: float | None = quantity(
+        "reference_N", None, gt=0, le=50, examples=[5.0], description="pressing force to hold"
+    )
     trigger: float | None = quantity(
         "trigger_N", None, ge=0, examples=[0.6], description="pressing force that starts the force loop"
     )
     trigger_time: float | None = quantity(
         "trigger_time_s", None, ge=0, examples=[6.0], description="when the force loop starts, whatever the force"
     )
-    kp: float = quantity("kp_mm_per_N", ge=0, description="shift of the z reference per force error")
-    ki: float = quantity("ki_mm_per_N_s", ge=0, description="integral gain")
+    kp: float = quantity("kp_mm_per_N", ge=0, le=1000, description="shift of the z reference per force error")
+    ki: float = quantity("ki_mm_per_N_s", ge=0, le=10_000, description="integral gain")
     kd: float = quantity("kd_mm_s_per_N", 0.0, ge=0, description="derivative gain")
     derivative_filter: float = quantity(
         "derivative_filter_Hz", 0.0, ge=0, description="low-pass of the derivative; 0: none"

@@ -1,56 +1,37 @@
 """One run on its way to the viewers.
 
 The thread that steps only leaves its newest row here; a thread of this class takes it away from time to time, whatever
-the pace of the run. Handing each message to the server from the thread that steps would cost that one a hundred times
-as much: every message wakes a thread of the server, and the processor is often given to that at once.
+the pace of the run. Making the messages in the thread that steps would cost that one much more, and more often.
 """
 
 import threading
 from collections import deque
 from collections.abc import Sequence
 
-import foxglove
 import numpy as np
 
-from twin.execution.viewer import Stream
 from twin.execution.watch import Event
-from twin.live.channels import EventChannel, SceneChannels, nanoseconds, stream_channels
-from twin.live.encoding import Encoder
-from twin.scene.scene import Scene
+from twin.live.broadcast import Broadcast
+from twin.live.topics import Topics
 
 SPACING = 0.02
 """Wall time (s) from one message of a topic to the next: 50 Hz, below the 60 Hz above which Lichtblick warns."""
 
 
 class Publisher:
-    """Publishes the rows of one run while it goes on.
+    """Publishes the rows of one run while it goes on; begins at once.
 
     Args:
-        context: in which the topics are announced at once.
-        streams, scene, tick: see `twin.execution.viewer.Viewer.begin`.
+        topics: of the run. broadcast: takes their messages.
     """
 
-    def __init__(self, context: foxglove.Context, streams: Sequence[Stream], scene: Scene, tick: float):
-        # the channels live as long as it does
-        self._context, self._tick = context, tick
-        self._encoder = Encoder(streams)
-        self._streams = stream_channels(context, [stream.topic for stream in streams])
-        self._scene = SceneChannels(context, scene)
-        self._events = EventChannel(context)
+    def __init__(self, topics: Topics, broadcast: Broadcast):
+        self._topics, self._broadcast = topics, broadcast
         self._happened: deque[Event] = deque()
         self._newest: tuple[int, np.ndarray] | None = None
         self._published = -1
         self._finished = threading.Event()
-        self._thread: threading.Thread | None = None
-
-    def start(self, server: foxglove.WebSocketServer, newcomer: threading.Event) -> None:
-        """Begin to publish.
-
-        Args:
-            server: told the time. newcomer: set when somebody has subscribed to something; cleared when what never
-                changes has been sent again.
-        """
-        self._thread = threading.Thread(target=self._work, args=(server, newcomer), daemon=True)
+        self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
     def put(self, tick: int, row: np.ndarray, events: Sequence[Event]) -> None:
@@ -63,29 +44,21 @@ class Publisher:
     def finish(self) -> None:
         """Publish the last row and stop."""
         self._finished.set()
-        if self._thread:
-            self._thread.join()
+        self._thread.join()
 
-    def _work(self, server: foxglove.WebSocketServer, newcomer: threading.Event) -> None:
+    def _work(self) -> None:
         while not self._finished.wait(SPACING):
-            self._publish(server, newcomer)
-        self._publish(server, newcomer)
+            self._publish()
+        self._publish()
 
-    def _publish(self, server: foxglove.WebSocketServer, newcomer: threading.Event) -> None:
+    def _publish(self) -> None:
         newest = self._newest
         if newest is None or newest[0] == self._published:
             return
         tick, row = newest
-        time = nanoseconds(tick, self._tick)
-        # first, because viewers stamp what they receive with it
-        server.broadcast_time(time)
-        while self._happened:
-            event = self._happened.popleft()
-            self._events.publish(nanoseconds(event.tick, self._tick), event)
-        # sampled outputs stay valid until the next sample, so all of the row is what is valid now
-        for channel, message in zip(self._streams, self._encoder.messages(row), strict=True):
-            channel.log(message, log_time=time)
-        still = newcomer.is_set()
-        newcomer.clear()
-        self._scene.publish(time, row, still)
+        events = [self._happened.popleft() for _ in range(len(self._happened))]
+        still = self._broadcast.newcomer.is_set()
+        self._broadcast.newcomer.clear()
+        messages = self._topics.messages(tick, row, events, still, self._broadcast.wanted)
+        self._broadcast.publish(self._topics.time(tick), list(messages))
         self._published = tick

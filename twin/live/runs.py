@@ -7,24 +7,32 @@ from twin.guard.runs import recorded_runs
 from twin.guard.voice import Voice
 
 
-def served_runs(voice: Voice, port: int, **arguments: Any) -> None:
+def served_runs(voice: Voice, port: int, origins: list[str], **arguments: Any) -> None:
     """Run experiments as `recorded_runs` does while viewers watch; each begins when somebody does.
 
-    Notes: {"serving": address} when a run waits for its first viewer; the others are those of `recorded_runs`.
+    Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} about a connection that
+    was, meanwhile; the others are those of `recorded_runs`.
 
     Args:
-        port: see `LiveServer`.
+        port, origins: see `LiveServer`.
         arguments: of `recorded_runs`.
 
     Raises:
-        InputRefused: foxglove-sdk is not installed, or the port is taken.
+        InputRefused: websockets is not installed, the port is taken, or an origin is none.
         TwinError: as `recorded_runs`.
     """
     try:
         from twin.live.server import LiveServer
     except ImportError as missing:
-        if missing.name != "foxglove":
+        if not (missing.name or "").startswith("websockets"):
             raise
-        raise InputRefused("--live: foxglove-sdk is not installed; pip install 'twin[live]'") from None
-    with LiveServer(port, lambda address: voice.note(serving=address)) as server:
+        raise InputRefused("--live: websockets is not installed; pip install 'twin[live]'") from None
+
+    def announce(address: str) -> None:
+        voice.note(serving=address)
+
+    def warn(sentence: str) -> None:
+        voice.note(refused=sentence)
+
+    with LiveServer(port, announce, warn, origins) as server:
         recorded_runs(voice, **arguments, viewer=server)

@@ -1,0 +1,49 @@
+"""What `make bench` says and ends with, with figures that nobody has measured."""
+
+import json
+from pathlib import Path
+
+import pytest
+
+from benchmarks import __main__ as bench
+from benchmarks.measurement import Measurement
+
+KEPT = Measurement("kept", 1.0, "s", at_most=1.0)
+SLOW = Measurement("slow", 1.001, "s", at_most=1.0)
+FEW = Measurement("few", 149.0, "x", at_least=150.0)
+BROKEN = Measurement("broken", float("nan"), "s", at_most=1.0)
+TOLD = Measurement("told", 7.0, "MB")
+ABSENT = Measurement("absent", None, "s", at_most=1.0, remark="no compiler here")
+
+
+@pytest.mark.parametrize(
+    ("measured", "code", "said"),
+    [
+        ([KEPT, TOLD], 0, ["no target missed"]),
+        ([KEPT, SLOW, TOLD], 1, ["missed: slow"]),
+        ([SLOW, FEW, BROKEN], 1, ["missed: slow, few, broken"]),
+        ([KEPT, ABSENT], 0, ["no target missed", "not measured: absent (no compiler here)"]),
+        ([ABSENT, FEW], 1, ["missed: few", "not measured: absent (no compiler here)"]),
+    ],
+)
+def test_a_missed_target_ends_it_with_1_and_what_was_not_measured_is_named(
+    measured: list[Measurement],
+    code: int,
+    said: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+):
+    monkeypatch.setattr(bench, "PARTS", (lambda: measured[:1], lambda: measured[1:]))
+    monkeypatch.setattr(bench, "RESULT", tmp_path / "results" / "bench.json")
+    assert bench.main() == code
+    lines = capsys.readouterr().out.splitlines()
+    assert lines[2 + len(measured) :] == said
+    written = json.loads(bench.RESULT.read_text())["measurements"]
+    assert [m["verdict"] for m in written] == [m.verdict for m in measured]
+
+
+def test_the_table_has_a_line_of_80_columns_for_each():
+    lines = [bench.line(m) for m in (KEPT, SLOW, FEW, TOLD, ABSENT)]
+    assert [line.split()[-1] for line in lines] == ["ok", "MISSED", "MISSED", "MB", "measured"]
+    assert max(map(len, lines)) <= 80
