@@ -14,7 +14,11 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.analysis.drive_model import Matrix
+from twin.assembly.computer import controller
 from twin.assembly.robot import assemble
+from twin.controller.controller import Controller
+from twin.controller.phase import Phase, PhaseKind
+from twin.controller.task_controller import TaskController
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
 from twin.experiment.reference import WayPoints
@@ -29,6 +33,8 @@ SLICE = 0.02
 """Time (s) between two changes of the gains."""
 FAR = 0.01
 """Distance (m) from where it is held at which no nudge leads a platform that comes to rest."""
+HOLDING = 1e9
+"""s. A phase that long does not end."""
 LEFT = 0.4
 """Share of a nudge that is left in the end from which on it lasts: at the limit of a linear loop that much is."""
 HUM = 3.0
@@ -54,12 +60,6 @@ class Aftermath(NamedTuple):
         return self.left > max(LEFT * nudge, min(HUM * self.hum, LOUDEST))
 
 
-def can_be_nudged(experiment: Experiment) -> bool:
-    """Whether its loops can be held at a point: [controller.damping] acts only in tasks, and tasks hold nowhere."""
-    damping = experiment.controller.damping
-    return not experiment.tasks or damping is None or damping.gain == 0.0
-
-
 def aftermath(experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float) -> Aftermath:
     """What a `nudge` (m) at `point` leaves with `factor` times the gains of `law`, "position" or "force".
 
@@ -67,7 +67,7 @@ def aftermath(experiment: Experiment, point: OperatingPoint, law: str, factor: f
         InputRefused: a drive FMU does not fit.
     """
     rows, tick = [], experiment.cosim.tick
-    with closing(_heights(held(experiment, point, nudge), law, factor)) as slices:
+    with closing(_path(held(experiment, point, nudge), point, law, factor, nudge)) as slices:
         for p_B in slices:
             rows.append(p_B)
             if not np.abs(p_B[-1] - point.p_B).max() < FAR:
@@ -86,7 +86,7 @@ def swing(p_B: Matrix) -> float:
 
 
 def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experiment:
-    """Held at `point` and nudged once; no faults, changes, monitor or moving surface."""
+    """Held at `point` and nudged once by the way points, which tasks do not heed; no faults, changes, monitor or moving surface."""
     x, y, z = point.p_B
     period = experiment.controller.period
     nudged = (x + nudge, y + nudge, z + nudge)
@@ -96,8 +96,6 @@ def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experim
     computer = c.model_copy(update={**NO_LIMIT, "mode": mode, "force": c.force.model_copy(update=force)})
     alone = replace(
         experiment,
-        tasks=(),
-        approach=None,
         faults=(),
         changes=(),
         monitor=None,
@@ -110,21 +108,33 @@ def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experim
     return exactly_measured(with_plant(alone, backlash=0.0))
 
 
-def _heights(experiment: Experiment, law: str, factor: float) -> Iterator[Matrix]:
+def _path(experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float) -> Iterator[Matrix]:
     """Slices of the platform's path (n, 3) while the gains go evenly, in their logarithm, to `factor` times theirs.
 
     Gains that are lowered are low from the beginning: with the higher ones the robot may shake.
     """
-    with assemble(experiment) as assembly:
+    substitutes = {"controller": holding_controller(experiment, point)} if experiment.tasks else {}
+    with assemble(experiment, substitutes) as assembly:
         system = assembly.system
-        gains = system.component("controller").memory[law]  # type: ignore[attr-defined]
-        as_set = {name: gains[name].copy() for name in GAINS}
-        ticks = max(1, round(SLICE / system.tick))
-        simulation = Simulation(system, experiment.duration_ticks, ticks)
+        memory = system.component("controller").memory  # type: ignore[attr-defined]
+        as_set = {name: memory[law][name].copy() for name in GAINS}
+        simulation = Simulation(system, experiment.duration_ticks, round(SLICE / system.tick))
         column = system.columns("plant.p_B")
         while not simulation.finished:
-            share = (simulation.next_tick * system.tick - SETTLED) / (RAISED - SETTLED)
-            now = factor ** min(max(share, 0.0), 1.0) if factor > 1.0 else factor
+            t = simulation.next_tick * system.tick
+            if experiment.tasks and t >= NUDGED:
+                memory["machine"]["start"] = memory["machine"]["end"] = np.add(point.p_B, nudge)
+            share = min(max((t - SETTLED) / (RAISED - SETTLED), 0.0), 1.0)
+            now = factor**share if factor > 1.0 else factor
             for name, gain in as_set.items():
-                gains[name][...] = now * gain
+                memory[law][name][...] = now * gain
             yield simulation.advance()[:, column].copy()
+
+
+def holding_controller(experiment: Experiment, point: OperatingPoint) -> Controller | TaskController:
+    """That of tasks, with all that acts only in them, which for ever does one thing: hold `point`."""
+    hold = Phase(PhaseKind.HOLD, 1, force_on=point.force_on, F_end=point.F_z, duration=HOLDING)
+    found = controller(experiment, [hold])
+    # as if it had pressed before
+    found.memory["F_z"], found.memory["machine"]["F_ref"] = point.F_z, point.F_z
+    return found

@@ -12,7 +12,6 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.loop_analysis.limit_check import LimitCheck, checked_limit
 from twin.loop_analysis.linear_point import Linearised, LinearPoint
-from twin.loop_analysis.nudge import can_be_nudged
 from twin.loop_analysis.operating_point import on_stiffness, operating_points
 
 POSITION, FORCE = LOOPS[:3], LOOPS[3:]
@@ -160,11 +159,9 @@ def stability(experiment: Experiment, tried: bool = False) -> Stability:
 def limit_checks(shared: Linearised, judged: list[PointStability]) -> list[LimitCheck]:
     """The limits of each law in air and in contact, each tried where it is lowest.
 
-    Where no gain of a law makes the robot stable there is nothing to try; nor where it cannot be nudged at all.
+    Where no gain of a law makes the robot stable there is nothing to try.
     """
     checks: list[LimitCheck] = []
-    if not can_be_nudged(shared.experiment):
-        return checks
     for law, loops in (("position", POSITION), ("force", FORCE)):
         for in_contact in (False, True):
             there = [p for p in judged if p.linear.point.in_contact == in_contact and loops[0] in p.linear.gains]

@@ -7,7 +7,6 @@ from collections.abc import Iterator
 
 from twin.analysis.margins import LARGEST_GAIN, Margins, Pole
 from twin.loop_analysis.limit_check import FARTHEST, HOLDS, LimitCheck
-from twin.loop_analysis.nudge import can_be_nudged
 from twin.loop_analysis.operating_point import OperatingPoint
 from twin.loop_analysis.stability import PointStability, Stability
 
@@ -36,7 +35,7 @@ def analysis_text(done: Stability) -> str:
     remarks = [f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark]
     lines += ["", *_drives(done)]
     if not done.checks:
-        remarks.append(UNTRIED if can_be_nudged(done.experiment) else f"{UNTRIED}: [controller.damping] acts in tasks only")
+        remarks.append(UNTRIED)
     for text in dict.fromkeys([*remarks, *(f"left out: {problem}" for problem in done.problems)]):
         lines += _wrapped("note  ", text)
     return "\n".join(line.rstrip() for line in lines)
@@ -63,9 +62,7 @@ def _verdict(done: Stability) -> Iterator[str]:
         points = f"{len(unstable)} of {count} operating points"
     elif not done.stable:
         points += " by the linear model, but not in the co-simulation"
-    yield from _wrapped(
-        "", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}"
-    )
+    yield from _wrapped("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
     for law in ("position", "force"):
         critical = done.critical(law)
         checks = [check for check in done.checks if check.law == law]
@@ -174,5 +171,7 @@ def _hertz(omega: float | None) -> str:
 def _wrapped(head: str, text: str) -> list[str]:
     """`text` after `head` in lines of `WIDTH`; numbers stay with their units, and what stands in brackets together."""
     kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
-    lines = textwrap.wrap(kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)), break_on_hyphens=False)
+    lines = textwrap.wrap(
+        kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)), break_on_hyphens=False
+    )
     return [line.replace(TIE, " ") for line in lines]
