@@ -1,5 +1,7 @@
 """The robot's computer: estimator, controller and safety monitor, each with what it believes."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from twin.controller.belief import Belief
@@ -7,6 +9,7 @@ from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator
 from twin.controller.feed_forward import FeedForward
+from twin.controller.phase import Phase
 from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.component import Component
@@ -39,10 +42,13 @@ def estimator(experiment: Experiment) -> Estimator:
     return Estimator(belief(experiment), experiment.controller.gravity_compensation, experiment.controller_ticks)
 
 
-def controller(experiment: Experiment) -> Controller | TaskController:
+def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -> Controller | TaskController:
     """The force-position law with the experiment's gains, led by way points or by tasks.
 
     In position mode nothing ever triggers the force loop.
+
+    Args:
+        program: phases that lead it instead of those of the experiment's tasks; only if it has tasks.
     """
     c = experiment.controller
     force_on = c.mode == "force_position"
@@ -58,10 +64,12 @@ def controller(experiment: Experiment) -> Controller | TaskController:
     position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
     force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
     ticks = experiment.controller_ticks
-    if experiment.reference is not None:
+    if experiment.reference is not None and program is None:
         return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks)
-    assert experiment.approach is not None and c.touch is not None
-    assert c.feed_forward is not None and c.damping is not None
+    if program is None:
+        assert experiment.approach is not None and c.touch is not None
+        program = program_of(experiment.approach, c.touch.contact, experiment.tasks)
+    assert c.touch is not None and c.feed_forward is not None and c.damping is not None
     return TaskController(
         law,
         position,
@@ -69,7 +77,7 @@ def controller(experiment: Experiment) -> Controller | TaskController:
         FeedForward(c.model.k_s, c.model.eta, c.feed_forward.friction, c.feed_forward.lag),
         Damping(c.damping.gain, c.damping.corner),
         Touch(c.touch.contact, c.touch.patience, c.touch.turn, c.touch.learning),
-        program_of(experiment.approach, c.touch.contact, experiment.tasks),
+        program,
         experiment.start,
         ticks,
     )

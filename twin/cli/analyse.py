@@ -24,6 +24,13 @@ def analyse(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where pictures and JSON go: results/analysis/EXPERIMENT.")
     ] = None,
+    tried: Annotated[
+        bool,
+        typer.Option(
+            "--try/--no-try",
+            help="Try the gain limits in the co-simulation; look there for those that do not hold.",
+        ),
+    ] = True,
     as_json: AsJson = False,
     isolate: Isolated = IN_A_PROCESS,
 ) -> None:
@@ -31,6 +38,7 @@ def analyse(
 
     Drives are identified through their FMUs; the rest is linearised at rest,
     in free air and pressing, and sampled as the co-simulation samples it.
+    The gain limits are then tried in the co-simulation, which decides.
     Exit code: 0 stable at every operating point, 1 unstable at one, 2 input
     refused or no linear model, 3 a drive failed, crashed or hung.
 
@@ -42,6 +50,7 @@ def analyse(
         "drive": drive,
         "body": body,
         "settings": settings or [],
+        "tried": tried,
         "out": str(folder),
     }
     facts, text = finished(analysed, arguments, isolate)
@@ -51,7 +60,7 @@ def analyse(
 
 
 def analysed(
-    voice: Any, experiment: str, drive: str | None, body: str | None, settings: list[str], out: str
+    voice: Any, experiment: str, drive: str | None, body: str | None, settings: list[str], tried: bool, out: str
 ) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of the loops, and the files of `out`; a job of the guard."""
     from twin.experiment.experiment import load_experiment
@@ -60,7 +69,7 @@ def analysed(
     from twin.report.analysis_map import draw_stability_maps
     from twin.report.analysis_text import analysis_text
 
-    done = stability(load_experiment(Path(experiment), settings, drive, body))
+    done = stability(load_experiment(Path(experiment), settings, drive, body), tried)
     folder = Path(out)
     draw_analysis(done, folder / PICTURE)
     if done.maps:

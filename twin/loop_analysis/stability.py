@@ -10,6 +10,7 @@ from twin.analysis.margins import Margins, Pole, gain_limit, margins, poles, wor
 from twin.analysis.sampled_law import LOOPS
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.loop_analysis.limit_check import LimitCheck, checked_limit
 from twin.loop_analysis.linear_point import Linearised, LinearPoint
 from twin.loop_analysis.operating_point import on_stiffness, operating_points
 
@@ -99,6 +100,7 @@ class Stability:
         experiment: what it is of. shared: drives, settings and stepping of all points.
         points: judged. problems: sentences about points that have no linear model.
         maps: empty where nothing is pressed on.
+        checks: the gain limits that were tried in the co-simulation.
     """
 
     experiment: Experiment
@@ -106,10 +108,12 @@ class Stability:
     points: list[PointStability]
     problems: list[str]
     maps: list[StabilityMap]
+    checks: list[LimitCheck]
 
     @property
     def stable(self) -> bool:
-        return all(point.stable for point in self.points)
+        """Whether the linear model is at every point, and no nudge lasts with the gains as they are set."""
+        return all(point.stable for point in self.points) and not any(check.shakes for check in self.checks)
 
     def critical(self, law: str) -> PointStability | None:
         """The point at which the gains of `law` can be raised least; None if nothing limits them."""
@@ -129,13 +133,17 @@ class Stability:
                 for label, model in zip(self.shared.labels, self.shared.drives, strict=True)
             ],
             "points": [point.facts() for point in self.points],
+            "gain_limits": [check.facts() for check in self.checks],
             "without_linear_model": self.problems,
             "maps": [chart.facts() for chart in self.maps],
         }
 
 
-def stability(experiment: Experiment) -> Stability:
+def stability(experiment: Experiment, tried: bool = False) -> Stability:
     """Judge the loops of `experiment`; its drives are run in this process, its faults are left out.
+
+    Args:
+        tried: whether the gain limits are tried in the co-simulation, too.
 
     Raises:
         InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
@@ -144,7 +152,24 @@ def stability(experiment: Experiment) -> Stability:
     points, problems = operating_points(experiment)
     shared = Linearised(experiment, points)
     judged = [judged_point(shared.at(point)) for point in points]
-    return Stability(experiment, shared, judged, problems, _maps(shared, judged))
+    checks = limit_checks(shared, judged) if tried else []
+    return Stability(experiment, shared, judged, problems, _maps(shared, judged), checks)
+
+
+def limit_checks(shared: Linearised, judged: list[PointStability]) -> list[LimitCheck]:
+    """The limits of each law in air and in contact, each tried where it is lowest.
+
+    Where no gain of a law makes the robot stable there is nothing to try.
+    """
+    checks: list[LimitCheck] = []
+    for law, loops in (("position", POSITION), ("force", FORCE)):
+        for in_contact in (False, True):
+            there = [p for p in judged if p.linear.point.in_contact == in_contact and loops[0] in p.linear.gains]
+            at = min(there, key=lambda point: _room(point, law), default=None)
+            if at is not None and at.limits[law] != 0.0:
+                limit, point = at.limits[law], at.linear.point
+                checks.append(checked_limit(shared.experiment, point, law, limit, shared.drives))
+    return checks
 
 
 def _maps(shared: Linearised, judged: list[PointStability]) -> list[StabilityMap]:

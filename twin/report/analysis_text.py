@@ -6,6 +6,7 @@ import textwrap
 from collections.abc import Iterator
 
 from twin.analysis.margins import LARGEST_GAIN, Margins, Pole
+from twin.loop_analysis.limit_check import FARTHEST, HOLDS, LimitCheck
 from twin.loop_analysis.operating_point import OperatingPoint
 from twin.loop_analysis.stability import PointStability, Stability
 
@@ -16,6 +17,7 @@ TURNING = (
     "measured while it turns: at rest its small signals drown in steps or sticking friction, "
     "so the numbers are those of swings that are larger than these"
 )
+UNTRIED = "the gain limits are the linear model's and were not tried in the co-simulation"
 TIE = "\xa0"
 BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
 
@@ -32,6 +34,8 @@ def analysis_text(done: Stability) -> str:
         ]
     remarks = [f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark]
     lines += ["", *_drives(done)]
+    if not done.checks:
+        remarks.append(UNTRIED)
     for text in dict.fromkeys([*remarks, *(f"left out: {problem}" for problem in done.problems)]):
         lines += _wrapped("note  ", text)
     return "\n".join(line.rstrip() for line in lines)
@@ -56,10 +60,16 @@ def _verdict(done: Stability) -> Iterator[str]:
     points = "the operating point" if count == 1 else f"all {count} operating points"
     if unstable:
         points = f"{len(unstable)} of {count} operating points"
-    yield f"{done.experiment.name}  {'UNSTABLE' if unstable else 'STABLE'} at {points}{left_out}"
+    elif not done.stable:
+        points += " by the linear model, but not in the co-simulation"
+    yield from _wrapped("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
     for law in ("position", "force"):
         critical = done.critical(law)
-        if critical is not None:
+        checks = [check for check in done.checks if check.law == law]
+        if checks:
+            for check in checks:
+                yield from _wrapped(f"  {law:8}  ", _checked(done, check))
+        elif critical is not None:
             yield from _wrapped(f"  {law:8}  ", _limit(done, law, critical))
         elif any(law in judged.limits for judged in done.points):
             yield f"  {law:8}  nothing limits its gains up to {LARGEST_GAIN:g} times what is set"
@@ -70,6 +80,30 @@ def _limit(done: Stability, law: str, critical: PointStability) -> str:
     if not factor:
         return f"no gain of it makes the robot stable {where}"
     return f"stable up to {_gains(done, law, factor)}, {factor:.3g} times what is set; beyond, it shakes {where}"
+
+
+def _checked(done: Stability, check: LimitCheck) -> str:
+    where, predicted = point_name(check.point), check.predicted
+    if check.holds and predicted is None:
+        return f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set, nor in the co-simulation, {where}"
+    if predicted is None:
+        linear = f"no limit up to {LARGEST_GAIN:g} times what is set"
+    else:
+        linear = f"{_gains(done, check.law, predicted)}, {predicted:.3g} times what is set"
+    if check.holds:
+        within = f"the co-simulation agrees within {100 * HOLDS:.0f} %"
+        return f"stable up to {linear}; beyond, it shakes {where}; {within}"
+    if check.high is None:
+        found = f"no nudge lasts up to {_gains(done, check.law, check.low or 0.0)}, {check.low or 0.0:.3g} times what is set"
+    elif check.simulated is None:
+        found = f"a nudge lasts down to a {FARTHEST:g}th of that"
+    else:
+        factor = check.simulated
+        found = f"a nudge lasts from {_gains(done, check.law, factor)} on, {factor:.3g} times what is set"
+    return (
+        f"not predicted for this drive {where}: in the co-simulation {found}; the linear model says {linear}. "
+        f"Why: {check.reason}"
+    )
 
 
 def _gains(done: Stability, law: str, factor: float) -> str:
@@ -137,5 +171,7 @@ def _hertz(omega: float | None) -> str:
 def _wrapped(head: str, text: str) -> list[str]:
     """`text` after `head` in lines of `WIDTH`; numbers stay with their units, and what stands in brackets together."""
     kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
-    lines = textwrap.wrap(kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)))
+    lines = textwrap.wrap(
+        kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)), break_on_hyphens=False
+    )
     return [line.replace(TIE, " ") for line in lines]
