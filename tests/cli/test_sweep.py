@@ -24,12 +24,17 @@ def rows(folder: Path) -> list[dict]:
     return sorted(({k: v for k, v in row.items() if k not in COST} for row in found), key=lambda row: row["run"])
 
 
+def long_text(root: Path, runs: int) -> str:
+    """A sweep file of runs of 20 s simulated."""
+    values = str([500 + 100 * number for number in range(runs)])
+    return stiffness_text(root, values).replace("0.02", "20.0")
+
+
 @pytest.fixture(scope="module")
 def long(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A sweep file of 24 runs of 20 s simulated, and beside it what they come to, in a folder "whole"."""
     folder = tmp_path_factory.mktemp("long")
-    values = str([500 + 100 * number for number in range(24)])
-    path = written(folder, stiffness_text(root, values).replace("0.02", "20.0"), "long.toml")
+    path = written(folder, long_text(root, 24), "long.toml")
     done = twin("sweep", path, "--out", "whole", "-j", 1, cwd=folder)
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("long  24 runs: least force_error_N ")
@@ -83,19 +88,21 @@ def test_a_sweep_that_is_killed_goes_on_where_it_was(long: Path, tmp_path: Path)
     assert rows(begun.out) == rows(long.parent / "whole")
 
 
-def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(long: Path, tmp_path: Path):
-    begun = Begun(long, tmp_path)
+def test_ctrl_c_keeps_what_is_finished_and_says_how_to_go_on(root: Path, long: Path, tmp_path: Path):
+    # begins as the long one does, and takes ten minutes: it cannot be over before the Ctrl-C, however late that comes
+    endless = written(tmp_path, long_text(root, 2000), "endless.toml")
+    begun = Begun(endless, tmp_path)
     begun.process.send_signal(signal.SIGINT)
     out, err = begun.process.communicate(timeout=60)
     finished = begun.finished()
     assert begun.process.returncode == 130 and out == ""
     assert err == (
-        f"interrupted; {finished} of 24 runs are kept in results/sweeps/long; the same command runs the others\n"
+        f"interrupted; {finished} of 2000 runs are kept in results/sweeps/endless; the same command runs the others\n"
     )
     assert begun.survivors() == 0
-    assert rows(begun.out) == [
-        row for row in rows(long.parent / "whole") if row["run"] in {r["run"] for r in rows(begun.out)}
-    ]
+    whole = {row["run"]: row for row in rows(long.parent / "whole")}
+    known = [row for row in rows(begun.out) if row["run"] in whole]
+    assert known and known == [whole[row["run"]] for row in known]
 
 
 def test_another_sweep_is_not_mixed_into_the_same_folder(root: Path, long: Path):

@@ -6,6 +6,7 @@ import pytest
 
 from tests.drive.archives import altered, redescribed
 from tests.drive.warning import warning_drive
+from twin.assembly import assemble
 from twin.assembly.drives import drive, planned
 from twin.cosim.component import Component, Port
 from twin.cosim.python_component import PythonComponent
@@ -13,6 +14,7 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
+from twin.experiment.experiment import load_experiment
 from twin.experiment.schema import Drive
 
 TICK = 1e-3
@@ -63,6 +65,29 @@ def test_the_shaft_is_coupled_at_the_angle_it_starts_with(root: Path):
     assert out["theta_m"][0] == 0.75
     # sums of 1,000 rounded increments
     assert out["theta_m"][-1] == pytest.approx(0.75 + 2.0 * 1.0, abs=1e-12)
+
+
+def test_a_drive_is_initialised_under_the_load_that_it_has(root: Path, servo: Path):
+    plain = drive("drive_1", planned(Drive.model_validate({"fmu": str(servo)})), TICK, 0.0, 0.25)
+    assert inside(plain, "tau_load") == 0.25
+    geared = planned(Drive.model_validate({"fmu": str(servo), "sign": -1, "gear_ratio": 10.0}))
+    # a shaft that turns ten times as fast, the other way, carries a tenth; exact but for rounding
+    assert inside(drive("drive_1", geared, TICK, 0.0, 0.25), "tau_load") == pytest.approx(-0.025, rel=1e-15)
+
+
+def test_each_drive_of_a_robot_starts_under_the_load_of_its_own_spring(root: Path):
+    with assemble(load_experiment(root / "experiments" / "step_joint_1_side.toml")) as assembly:
+        components = {component.name: component for component in assembly.system.components}
+        loads = components["plant"].initial("tau_load")
+        assert len(set(np.abs(loads).round(3))) == 3, "the pose makes three different loads"
+        assert [inside(components[f"drive_{i}"], "tau_load") for i in (1, 2, 3)] == loads.tolist()
+
+
+def inside(component: Component, name: str) -> float:
+    """The variable `name` of the FMU behind `component`, in its own unit."""
+    assert isinstance(component, FmuComponent)
+    instance = component.instance
+    return float(instance.read([instance.description.variables[name]])[0])
 
 
 def test_drives_of_one_file_do_not_share_their_state(servo: Path):

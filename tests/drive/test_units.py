@@ -1,9 +1,10 @@
 import math
+from fractions import Fraction
 from types import SimpleNamespace
 
 import pytest
 
-from twin.drive.units import NUMBER, SPEED, TEMPERATURE, TORQUE, TURN, conversion
+from twin.drive.units import KNOWN, NUMBER, SPEED, TEMPERATURE, TURN, conversion
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -14,12 +15,46 @@ def defined(name: str, factor: float = 1.0, offset: float = 0.0, **exponents: in
     return SimpleNamespace(name=name, baseUnit=base)
 
 
-@pytest.mark.parametrize(
-    ("unit", "dimension", "factor"),
-    [("rpm", SPEED, TURN / 60), ("deg", NUMBER, TURN / 360), ("mNm", TORQUE, 1e-3), ("rad/s", SPEED, 1.0)],
-)
-def test_well_known_names_need_no_definition(unit: str, dimension, factor: float):
-    assert conversion(unit, []) == (dimension, factor, 0.0)
+def times_pi(numerator: int, denominator: int = 1) -> float:
+    return float(Fraction(numerator, denominator)) * math.pi
+
+
+BY_DEFINITION = {
+    "1": (NUMBER, 1.0), "": (NUMBER, 1.0), "rad": (NUMBER, 1.0),
+    # a turn is 2 pi rad, 360 degrees
+    **dict.fromkeys(("rev", "r", "turn"), (NUMBER, times_pi(2))),
+    **dict.fromkeys(("deg", "degree", "\N{DEGREE SIGN}"), (NUMBER, times_pi(1, 180))),
+    "rad/s": (SPEED, 1.0),
+    "deg/s": (SPEED, times_pi(1, 180)),
+    # turns per second, and per 60 seconds
+    **dict.fromkeys(("rev/s", "r/s", "Hz"), (SPEED, times_pi(2))),
+    **dict.fromkeys(("rpm", "1/min", "rev/min", "r/min", "U/min"), (SPEED, times_pi(1, 30))),
+    # N m = kg m2/s2; a centimetre is a hundredth, milli a thousandth
+    **dict.fromkeys(("N.m", "N m", "Nm", "N*m"), ((1, 2, -2, 0, 0, 0, 0), 1.0)),
+    **dict.fromkeys(("N.cm", "Ncm"), ((1, 2, -2, 0, 0, 0, 0), 1 / 100)),
+    **dict.fromkeys(("mN.m", "mN m", "mNm", "mN*m"), ((1, 2, -2, 0, 0, 0, 0), 1 / 1000)),
+    "A": ((0, 0, 0, 1, 0, 0, 0), 1.0), "mA": ((0, 0, 0, 1, 0, 0, 0), 1 / 1000),
+    # W = J/s = kg m2/s3, V = W/A
+    "W": ((1, 2, -3, 0, 0, 0, 0), 1.0),
+    "V": ((1, 2, -3, -1, 0, 0, 0), 1.0), "mV": ((1, 2, -3, -1, 0, 0, 0), 1 / 1000),
+    # the only ones with another zero
+    **dict.fromkeys(("K", "degC", "\N{DEGREE SIGN}C"), ((0, 0, 0, 0, 1, 0, 0), 1.0)),
+}  # fmt: skip
+"""Exponents of kg, m, s, A, K, mol, cd, and the SI value of one of each: SI Brochure, 9th edition."""
+
+
+@pytest.mark.parametrize("unit", sorted({*KNOWN, *BY_DEFINITION}))
+def test_a_well_known_name_means_what_the_si_says(unit: str):
+    dimension, one = BY_DEFINITION[unit]
+    found = conversion(unit, [])
+    assert found is not None and found.dimension == dimension
+    # rounding of pi and of one product
+    assert found.factor == pytest.approx(one, rel=1e-15)
+    assert found.offset == (273.15 if "C" in unit else 0.0)
+
+
+def test_hertz_counts_turns_though_it_is_defined_as_one_per_second():
+    assert conversion("Hz", [defined("Hz", s=-1)]) == conversion("rev/s", [])
 
 
 def test_the_models_own_definition_decides():

@@ -5,10 +5,16 @@ from hypothesis import strategies as st
 
 from tests.cosim.models import sampled
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, run
+from tests.laws.runs import PARAMETERS as REAL
+from twin.cosim.component import Port
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
 from twin.errors import InputRefused
 from twin.faults.fault import NEVER, Fault
 from twin.faults.inject import inject
 from twin.faults.parameter_fault import PARAMETERS
+from twin.plant.component import Plant
+from twin.plant.equilibrium import resting
 
 ONSET, END, LAST = 40, 80, 120
 NOMINAL = {
@@ -66,6 +72,28 @@ def test_a_ramp_grows_evenly_from_the_nominal_value():
     expected = 0.5 * np.clip((np.arange(LAST + 1) - ONSET) / 20, 0.0, 1.0)
     # two roundings of numbers below 1
     np.testing.assert_allclose(value, expected, atol=1e-15)
+
+
+def test_a_joint_that_gets_play_at_rest_lets_go_of_its_load_and_sinks_until_the_spring_carries_it_again():
+    """At once the spring loses what the play takes of its wind-up; the motors stand, so the joint follows by play/N."""
+    play, onset, home = np.radians(0.5), 10, (0.0, 0.0, -0.090)
+    x, theta_m = resting(REAL, home)
+    held = sampled("held", lambda t, h, u: theta_m, outputs=(Port("theta_m", 3, "rad"),))
+    growth = [Fault("backlash_growth", f"joint_{leg}", onset, NEVER, play) for leg in (1, 2, 3)]
+    parts, wires = [held, Plant(REAL, x, theta_m)], [("held.theta_m", "plant.theta_m")]
+    system = System(*inject(parts, wires, growth, TICK, COUNTS, SPEED_LIMIT), TICK)
+    rows = Simulation(system, 3000).run()
+    tau_l, theta_l = (rows[:, system.columns(f"plant.{name}")] for name in ("tau_l", "theta_l"))
+    np.testing.assert_array_equal(tau_l[onset], tau_l[0])
+    # within the first tick nothing has moved by more than a t^2/2, 1 um
+    lost = REAL.k_s * REAL.N * REAL.eta * play
+    np.testing.assert_allclose(np.abs(tau_l[0]) - np.abs(tau_l[onset + 1]), lost, rtol=0.02)
+    # as wound up as before but for the weight, which pulls a little less in the lower pose
+    worn = REAL._replace(backlash_added=(play, play, play))
+    end = rows[-1, system.columns("plant.p_B")]
+    np.testing.assert_allclose(resting(worn, end)[1], theta_m, rtol=0, atol=1e-9)
+    np.testing.assert_allclose(theta_l[-1] - theta_l[0], play / REAL.N, rtol=0.02)
+    assert end[2] < home[2]
 
 
 windows = st.tuples(st.integers(0, 30), st.integers(1, 30)).map(lambda w: (w[0], w[0] + w[1]))

@@ -10,7 +10,7 @@ from twin.experiment.true_parameters import plant_parameters
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
 FORCE, POSITION = "fig4_force_position", "fig4_position"
-EVERY_EXPERIMENT = sorted(path.stem for path in EXPERIMENTS.glob("fig4_*.toml"))
+EVERY_EXPERIMENT = sorted(path.stem for path in EXPERIMENTS.glob("*.toml"))
 
 __all__ = [
     "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "Rows", "Sampled",

@@ -68,6 +68,32 @@ def test_without_friction_coefficient_the_surface_pushes_along_its_normal_only(F
     assert bristle_rate(smooth, F_n, 0.0, 0.0, v[0], v[1]) == (0.0, 0.0)
 
 
+@given(speeds, bristles)
+def test_a_bristle_that_sticks_is_a_spring_and_a_damper(v, z_b):
+    """sigma_0 z_b + sigma_1 v_t of Canudas de Wit's bristle, with a cone that neither 5 kN/m nor 9 N s/m can fill."""
+    parameters = PARAMETERS._replace(sigma_0=5000.0, sigma_1=9.0)
+    found = friction(parameters, 1e3, *z_b, v[0], v[1])
+    # rounding of a sum of two products
+    np.testing.assert_allclose(found, 5000.0 * z_b + 9.0 * v[:2], rtol=1e-14, atol=1e-13)
+
+
+def test_a_platform_that_sticks_swings_on_its_bristle_as_an_oscillator_does():
+    """m x'' + sigma_1 x' + sigma_0 x = 0 from a push: the decay of one swing to the next is the damping's."""
+    m, sigma_0, sigma_1, h = 0.2, 5000.0, 12.0, 1e-5
+    parameters = PARAMETERS._replace(sigma_0=sigma_0, sigma_1=sigma_1)
+    x, v, peaks = 0.0, 0.1, []
+    for _ in range(12_000):
+        before = v
+        v -= h / m * friction(parameters, 100.0, x, 0.0, v, 0.0)[0]
+        x += h * bristle_rate(parameters, 100.0, x, 0.0, v, 0.0)[0]
+        if before > 0.0 >= v:
+            peaks.append(x)
+    rate = sigma_1 / (2.0 * m)
+    period = 2.0 * np.pi / np.sqrt(sigma_0 / m - rate**2)
+    # a semi-implicit step of 10 us errs by h sigma_0/(2 m) = 0.13 1/s of 30 1/s, half a per cent
+    np.testing.assert_allclose(np.log(np.array(peaks[:-1]) / peaks[1:]), rate * period, rtol=0.01)
+
+
 @given(coefficients, forces, bristles)
 def test_settling_keeps_a_bristle_inside_the_cone_and_its_direction(mu, F_n, z_b):
     settled = np.array(settled_bristle(PARAMETERS._replace(mu=mu), F_n, *z_b))

@@ -71,6 +71,18 @@ def test_a_slipped_belt_shifts_its_joint_by_the_slip_over_the_belt_ratio(p_B, sh
         assert behind == pytest.approx(same, abs=1e-15)
 
 
+@given(positions(), fractions, fractions, st.tuples(share, share, share))
+def test_worn_joints_rest_too(p_B, springs, wear, slip):
+    worn = PARAMETERS._replace(
+        k_s_share=tuple(1.0 - 0.9 * gone for gone in springs),
+        backlash_added=scaled(0.1, wear),
+        b_j_added=scaled(0.02, wear),
+        slip=scaled(0.1, slip),
+    )
+    # rounding of forces up to 20 N, on 0.2 kg, through angles of 10 rad
+    np.testing.assert_allclose(acceleration(worn, *resting(worn, p_B)), 0.0, rtol=0, atol=1e-11)
+
+
 @given(st.integers(0, 2), share)
 def test_added_backlash_widens_the_dead_zone_of_its_joint_alone(leg, deflection):
     added = scaled(0.3, np.eye(3)[leg])

@@ -74,12 +74,12 @@ def test_nothing_runs_if_one_drive_is_refused():
         trials(FIG4, ["velocity_servo", "nowhere"])
 
 
-def position_run(z: np.ndarray, z_ref: np.ndarray) -> dict[str, float | None]:
-    """Measures of a made-up run without contact and without drives that tell anything."""
+def made_up(rows: int, **signals: object) -> dict[str, float | None]:
+    """Measures of a made-up run of `rows` ticks without contact; `signals` by port, 0 where nothing is said."""
     plant = (Port("p_B", 3), Port("F_ee_B", 3), Port("tau_load", 3))
     controller = (Port("p_ref_B", 3), Port("triggered"), Port("F_z_ref"))
-    drive = (Port("omega_m", 3),)
-    ports = {"plant": plant, "controller": controller, "drive": drive}
+    told = (Port("current", 3), Port("power", 3)) if "power" in signals else ()
+    ports = {"plant": plant, "controller": controller, "drive": (Port("omega_m", 3), *told)}
     system = System(
         [
             Component(name, (), outputs, True, 0, 0, np.zeros(sum(p.size for p in outputs)))
@@ -88,10 +88,31 @@ def position_run(z: np.ndarray, z_ref: np.ndarray) -> dict[str, float | None]:
         [],
         1e-3,
     )
-    rows = np.zeros((len(z), system.outputs_width))
-    rows[:, system.columns("plant.p_B[2]")] = z[:, None]
-    rows[:, system.columns("controller.p_ref_B[2]")] = z_ref[:, None]
-    return {measure.name: measure.value for measure in TrueRun(system, rows).measures(cost=0.0)}
+    values = np.zeros((rows, system.outputs_width))
+    for name, outputs in ports.items():
+        for port in outputs:
+            if port.name in signals:
+                values[:, system.columns(f"{name}.{port.name}")] = signals[port.name]
+    return {measure.name: measure.value for measure in TrueRun(system, values).measures(cost=0.0)}
+
+
+def position_run(z: np.ndarray, z_ref: np.ndarray) -> dict[str, float | None]:
+    """Measures of a made-up run of heights alone."""
+    return made_up(len(z), p_B=z[:, None] * [0.0, 0.0, 1.0], p_ref_B=z_ref[:, None] * [0.0, 0.0, 1.0])
+
+
+def test_work_and_energy_are_power_times_time():
+    found = made_up(
+        2001,
+        tau_load=[0.5, 0.5, -0.2],
+        omega_m=[2.0, -1.0, -3.0],
+        current=[1.0, -4.0, 2.0],
+        power=[1.5, -0.25, 1.0],
+    )
+    # over 2 s: 1 W and 0.6 W of two shafts that drive, the one that is driven left out; all three are fed
+    assert found["shaft_work"] == pytest.approx(3.2, rel=1e-12)
+    assert found["energy"] == pytest.approx(4.5, rel=1e-12)
+    assert found["peak_current"] == 4.0
 
 
 def test_without_force_control_the_height_is_what_settles_and_overshoots():

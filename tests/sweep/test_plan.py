@@ -48,6 +48,44 @@ def test_keys_know_the_experiments_values_and_the_drives_binary(root: Path, tmp_
     assert key("[controller.force]\nkp_mm_per_N = 1.75\n") != same
 
 
+SAMPLED = """design = "random"
+runs = 3
+seed = 7
+drives = ["velocity_servo"]
+[limits]
+peak_N = 9
+[[vary]]
+key = "contact.stiffness_N_per_m"
+from = 500
+to = 900
+"""
+
+
+@pytest.mark.parametrize(
+    ("line", "other"),
+    [
+        ('design = "random"', 'design = "latin_hypercube"'),
+        ("runs = 3", "runs = 4"),
+        ("seed = 7", "seed = 8"),
+        ('drives = ["velocity_servo"]', 'drives = ["velocity_servo"]\nreuse = "reset"'),
+        ('drives = ["velocity_servo"]', 'drives = ["ideal_velocity"]'),
+        ("peak_N = 9", "peak_N = 8"),
+        ("to = 900", "to = 800"),
+    ],
+)
+def test_a_sweep_with_another_line_is_another_configuration(root: Path, tmp_path: Path, line: str, other: str):
+    """Rows of two seeds in one folder would be one design's no more."""
+    head = f'experiment = "{root}/experiments/fig4_force_position.toml"\n'
+
+    def configuration(text: str) -> dict[str, str]:
+        return planned(written(tmp_path, head + text)).configuration
+
+    before, same = configuration(SAMPLED), configuration(SAMPLED + "# a comment\n")
+    after = configuration(SAMPLED.replace(line, other))
+    assert before == same
+    assert before["the sweep"] != after["the sweep"]
+
+
 def refused(root: Path, folder: Path, text: str) -> str:
     with pytest.raises(InputRefused) as refusal:
         planned(written(folder, f'experiment = "{root}/experiments/fig4_force_position.toml"\n{text}'))

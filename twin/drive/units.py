@@ -42,7 +42,8 @@ KNOWN = {
     "rad/s": Conversion(SPEED),
     "deg/s": Conversion(SPEED, TURN / 360.0),
     **dict.fromkeys(("rpm", "1/min", "rev/min", "r/min", "U/min"), Conversion(SPEED, TURN / 60.0)),
-    **dict.fromkeys(("rev/s", "r/s"), Conversion(SPEED, TURN)),
+    # SI Brochure, 2.3.4: hertz is for frequencies, what turns has rad/s; in hertz it counts turns
+    **dict.fromkeys(("rev/s", "r/s", "Hz"), Conversion(SPEED, TURN)),
     **dict.fromkeys(("N.m", "N m", "Nm", "N*m"), Conversion(TORQUE)),
     **dict.fromkeys(("mN.m", "mN m", "mNm", "mN*m"), Conversion(TORQUE, 1e-3)),
     **dict.fromkeys(("N.cm", "Ncm"), Conversion(TORQUE, 1e-2)),
@@ -54,13 +55,14 @@ KNOWN = {
     "K": Conversion(TEMPERATURE),
     **dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0, 273.15)),
 }
-"""What a unit's name means where the FMU does not define it, or defines it in turns instead of radians."""
+"""What a unit's name means where the FMU does not define it, or defines it in turns instead of radians. Factors: SI
+Brochure, 9th edition, tables 4, 7 and 8."""
 
 
 def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
     """How values in `unit` become SI; None if neither the FMU's `definitions` (FMPy's) nor custom knows the unit.
 
-    A definition as 1/s with the factor 1/60 (rpm as a frequency) counts turns; the well-known name decides.
+    A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
     """
     known = KNOWN.get(unit.strip())
     for definition in definitions:

@@ -4,6 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.plant.contact import contact_force
+from twin.plant.dynamics import joint_torque
 from twin.plant.parameters import STATES, PlantParameters
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import arm_gravity_torque, platform_weight
@@ -15,7 +16,8 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
 
     The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
-    its backlash, an unloaded one in the middle. No spring may be broken: nothing else would carry its share.
+    its backlash, an unloaded one in the middle. Springs are as wound up as `joint_torque` asks at speed zero, where
+    losses in the direction of the power flow (P1) vanish. No spring may be broken: nothing else would carry its share.
 
     Raises:
         Unreachable: `p_B` is outside the workspace.
@@ -27,8 +29,7 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     wrench = F_ee_B + np.array([0.0, 0.0, platform_weight(parameters)])
     arms = np.array([arm_gravity_torque(parameters, parameters, theta) for theta in theta_l])
     tau_l = np.linalg.solve(jacobian(geometry, p).T, wrench) - arms
-    k_s = parameters.k_s * np.array(parameters.k_s_share)
-    d = tau_l / (k_s * parameters.N * parameters.eta)
+    d = tau_l / np.array([joint_torque(parameters, leg, 1.0, 0.0) for leg in range(3)])
     backlash = parameters.backlash + np.array(parameters.backlash_added)
     theta_m = parameters.N * theta_l + d + np.sign(d) * backlash + np.array(parameters.slip)
     x = np.zeros(STATES)

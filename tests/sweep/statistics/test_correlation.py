@@ -1,5 +1,9 @@
 """Rank correlation: scipy's numbers, intervals that hold the truth as often as they say."""
 
+import math
+from fractions import Fraction
+from statistics import NormalDist
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -49,6 +53,20 @@ def test_the_interval_holds_the_true_correlation_in_95_percent_of_samples():
         held += found is not None and found.low <= true_rho <= found.high
     # three standard deviations of a share of 400 are 0.033
     assert held / 400 == pytest.approx(0.95, abs=0.033)
+
+
+def test_the_interval_is_bonett_and_wrights():
+    """n = 10 and one pair exchanged, rho = 1 - 6 * 2 / 990: tanh(atanh(rho) -+ 1.96 sqrt((1 + rho^2/2) / 7))."""
+    order = [1, 2, 3, 4, 6, 5, 7, 8, 9, 10]
+    found = rank_correlation(rows_of(enumerate(order)), "a", "y")
+    assert found is not None
+    rho = Fraction(163, 165)
+    z = 0.5 * math.log((1 + rho) / (1 - rho))
+    half = NormalDist().inv_cdf(0.975) * math.sqrt(float((1 + rho * rho / 2) / 7))
+    ends = [(math.exp(2.0 * end) - 1.0) / (math.exp(2.0 * end) + 1.0) for end in (z - half, z + half)]
+    # rounding
+    assert [found.low, found.high] == pytest.approx(ends, rel=1e-12)
+    assert found.rho == pytest.approx(float(rho), rel=1e-15)
 
 
 def test_runs_without_the_number_are_left_out_and_too_few_say_nothing():
