@@ -18,7 +18,7 @@ def test_mean_error_counts_both_sides():
 
 
 def test_a_step_is_where_the_level_changes_most_and_as_large():
-    times, changes = level_changes(t, 4.9 + 0.05 * (t > 13.7), 0.2)
+    times, changes = level_changes(t, 4.9 + np.where(t > 13.7, 0.05, 0.0), 0.2)
     largest = int(np.argmax(np.abs(changes)))
     # the first sample after it
     assert times[largest] == pytest.approx(13.702, abs=1e-9)

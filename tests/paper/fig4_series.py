@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.metrics.response import Curve
 from twin.paper.fig4_runs import BEFORE, FINAL, SWEEP, Fig4Run, Fig4Runs
@@ -15,11 +16,11 @@ AFTER = T > SWEEP[1]
 class WrittenSeries:
     """Series of one run, all at the same times `T` (s)."""
 
-    def __init__(self, **series: Curve):
+    def __init__(self, **series: NDArray[Any]):
         self.metadata: dict[str, dict[str, str]] = {}
         self._series = series
 
-    def __getitem__(self, key: str) -> Curve:
+    def __getitem__(self, key: str) -> NDArray[Any]:
         return self._series[key.replace(".", "_")]
 
     def time(self, topic: str) -> Curve:
