@@ -1,6 +1,5 @@
 """The command `twin`, and how every error becomes one message and an exit code."""
 
-import os
 import sys
 from typing import Annotated
 
@@ -72,8 +71,6 @@ app.command("doctor")(doctor.doctor)
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
-    # for every Python that this one starts, also through other packages: never import from the current folder
-    os.environ["PYTHONSAFEPATH"] = "1"
     try:
         code = app(prog_name="twin", standalone_mode=False)
         # Typer makes this of Ctrl-C where no command has more to say about it
