@@ -146,8 +146,8 @@ class Bar:
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         # never full: more than foretold may be needed
-        share = {"total": float(about), "completed": min(done, 0.98 * about)} if about else {}
-        self._line.update(self._task, clock=compiling(done, about, seconds), **share)
+        completed = min(done, 0.98 * about)
+        self._line.update(self._task, clock=compiling(done, about, seconds), total=about or None, completed=completed)
         self._line.start()
 
     def say(self, what: str) -> None:
