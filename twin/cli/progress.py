@@ -46,9 +46,9 @@ def clock(share: float, duration: float) -> str:
 
 
 def compiling(done: int, about: int, seconds: float) -> str:
-    """`compiling, once: 12 of about 90 pieces, 9 s`."""
+    """`compiling, once: 12 of about 90, 9 s`; pieces of machine code."""
     of = f" of about {about}" if about else ""
-    return f"compiling, once: {done}{of} pieces, {seconds:.0f} s"
+    return f"compiling, once: {done}{of}, {seconds:.0f} s"
 
 
 class Speed:
