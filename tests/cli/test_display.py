@@ -69,6 +69,7 @@ def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Hear
         shown.show(1, 10)
         # the line belongs to the run from now on
         before = len(heard.told)
+        time.sleep(0.02)
         shown.show(2, 10)
         assert heard.told[before:] == [0.2]
     said = [entry for entry in heard.told if isinstance(entry, tuple)]
