@@ -6,6 +6,7 @@ import sys
 import threading
 import time
 from collections import deque
+from collections.abc import Iterable
 from pathlib import Path
 from subprocess import PIPE, STDOUT
 
@@ -41,6 +42,11 @@ class Progress:
         elif line.startswith("Installing collected packages"):
             self.current = "unpacking"
 
+    def listen(self, lines: Iterable[str]) -> None:
+        """Take `lines` until there are no more."""
+        for line in lines:
+            self.take(line.rstrip())
+
     def text(self, packages: int, seconds: float) -> str:
         """One line of less than 80 columns; `packages`: about how many there will be, 0 if nobody knows."""
         unpacking = self.current == "unpacking"
@@ -59,9 +65,10 @@ def main() -> int:
     print(f"Setting up, once: downloading packages{size} and installing them in {sys.prefix}", flush=True)
     wanted = f".[{extras}]" if extras else "."
     command = [sys.executable, "-m", "pip", "install", "--disable-pip-version-check", "--progress-bar", "off"]
-    pip = subprocess.Popen([*command, "-c", "constraints.txt", "-e", wanted], stdout=PIPE, stderr=STDOUT, text=True)
+    command += ["-c", "constraints.txt", "-e", wanted]
+    pip = subprocess.Popen(command, stdout=PIPE, stderr=STDOUT, encoding="utf-8", errors="replace")
     progress, began = Progress(), time.monotonic()
-    reader = threading.Thread(target=lambda: [progress.take(line.rstrip()) for line in pip.stdout or ()])
+    reader = threading.Thread(target=progress.listen, args=(pip.stdout,))
     reader.start()
     while pip.poll() is None:
         if sys.stdout.isatty():
@@ -78,4 +85,7 @@ def main() -> int:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    try:
+        sys.exit(main())
+    except KeyboardInterrupt:
+        sys.exit("\ninterrupted; the next make goes on")

@@ -10,6 +10,7 @@ from twin.cli import compiling, display
 from twin.cli.compiling import PIECES
 from twin.cli.display import Display
 from twin.cli.progress import Silent, Speed, clock
+from twin.cli.progress import compiling as compiling_text
 
 
 class Heard(Silent):
@@ -68,6 +69,7 @@ def test_what_is_compiled_is_told_piece_by_piece_until_the_run_moves(heard: Hear
         shown.show(1, 10)
         # the line belongs to the run from now on
         before = len(heard.told)
+        time.sleep(0.02)
         shown.show(2, 10)
         assert heard.told[before:] == [0.2]
     said = [entry for entry in heard.told if isinstance(entry, tuple)]
@@ -111,3 +113,8 @@ def test_speed_is_simulated_over_wall_time(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("twin.cli.progress.time.monotonic", lambda: next(now))
     speed = Speed()
     assert [speed.text(simulated) for simulated in (1.0, 2.0, 801.0)] == ["", "", "400 x real time"]
+
+
+def test_what_is_compiled_leaves_room_for_a_bar():
+    assert compiling_text(12, 90, 9.2) == "compiling, once: 12 of about 90, 9 s"
+    assert compiling_text(12, 0, 9.2) == "compiling, once: 12, 9 s"

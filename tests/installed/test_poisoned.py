@@ -28,7 +28,6 @@ COMMANDS = {
         "drive",
     ),
     "the doctor's run": ("doctor", "--run"),
-    "workers of a sweep": ("sweep", "sweep.toml", "-j", "1"),
     "workers of a cluster": ("sweep", "sweep.toml", "-j", "1", "--engine", "dask", "--out", "elsewhere"),
 }
 

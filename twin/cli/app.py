@@ -1,6 +1,5 @@
 """The command `twin`, and how every error becomes one message and an exit code."""
 
-import os
 import sys
 from typing import Annotated
 
@@ -73,8 +72,6 @@ app.command("doctor")(doctor.doctor)
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
-    # for every Python that this one starts, also through other packages: never import from the current folder
-    os.environ["PYTHONSAFEPATH"] = "1"
     with standard_streams():
         code, told = _ended()
         if told:

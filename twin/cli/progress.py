@@ -46,9 +46,9 @@ def clock(share: float, duration: float) -> str:
 
 
 def compiling(done: int, about: int, seconds: float) -> str:
-    """`compiling, once: 12 of about 90 pieces, 9 s`."""
+    """`compiling, once: 12 of about 90, 9 s`; pieces of machine code."""
     of = f" of about {about}" if about else ""
-    return f"compiling, once: {done}{of} pieces, {seconds:.0f} s"
+    return f"compiling, once: {done}{of}, {seconds:.0f} s"
 
 
 class Speed:
@@ -146,8 +146,8 @@ class Bar:
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         # never full: more than foretold may be needed
-        share = {"total": float(about), "completed": min(done, 0.98 * about)} if about else {}
-        self._line.update(self._task, clock=compiling(done, about, seconds), **share)
+        completed = min(done, 0.98 * about)
+        self._line.update(self._task, clock=compiling(done, about, seconds), total=about or None, completed=completed)
         self._line.start()
 
     def say(self, what: str) -> None:

@@ -22,7 +22,10 @@ WIDTH = 80
 
 def examined(here: Path, with_run: bool) -> list[Finding]:
     """What this installation has and lacks, for who works in the folder `here`; `with_run`: run something, too."""
-    findings = [home_finding(), *package_findings(project_table(), is_clone())]
+    home = home_finding()
+    if home.state == "bad":
+        return [home]
+    findings = [home, *package_findings(project_table(), is_clone())]
     findings += [compiled_finding(), drives_finding(here), unpacked_finding(), isolation_finding()]
     findings += [disk_finding(here), *([browser_finding()] if is_clone() else [])]
     return [*findings, smoke_finding(HOME)] if with_run else findings

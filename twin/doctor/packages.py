@@ -9,15 +9,16 @@ from packaging.specifiers import SpecifierSet
 
 from twin.doctor.finding import Finding
 from twin.files import read_toml
-from twin.places import HOME, is_clone
+from twin.places import HOME
 
 PURPOSES = {"dask": "twin sweep --engine dask", "live": "twin run --live", "parquet": "twin export --parquet"}
 """What users need an extra for; all others are for who develops twin."""
 
 
 def project_table() -> dict[str, Any]:
-    """[project] of the clone's pyproject.toml; without a clone, what the installed package says in its place."""
-    return read_toml(HOME / "pyproject.toml")["project"] if is_clone() else installed_table()
+    """[project] of the clone's pyproject.toml; without one, what the installed package says in its place."""
+    project = HOME / "pyproject.toml"
+    return read_toml(project)["project"] if project.is_file() else installed_table()
 
 
 def installed_table(package: str = "twin") -> dict[str, Any]:

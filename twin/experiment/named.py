@@ -1,6 +1,7 @@
 """Experiments that come with twin, and the file that is meant by a name or a path."""
 
 import difflib
+import os
 from pathlib import Path
 
 from twin.errors import InputRefused
@@ -8,9 +9,9 @@ from twin.experiment.source import located
 from twin.places import HOME
 
 
-def known_experiments(home: Path = HOME) -> dict[str, Path]:
+def known_experiments() -> dict[str, Path]:
     """The files of the experiments that come with twin, by name."""
-    return {path.stem: path for path in sorted(home.glob("experiments/*.toml"))}
+    return {path.stem: path for path in sorted(HOME.glob("experiments/*.toml"))}
 
 
 def experiment_file(experiment: str | Path) -> Path:
@@ -24,15 +25,16 @@ def experiment_file(experiment: str | Path) -> Path:
         InputRefused: nothing has that name. Else a path that leads nowhere is returned, for whoever reads it to refuse.
     """
     path = Path(experiment)
-    if path.is_file():
+    # not Path.is_file, which raises where a name is too long
+    if os.path.isfile(path):
         return path
     if path.suffix == ".toml" or len(path.parts) > 1:
-        return HOME / path if (HOME / path).is_file() else path
+        return HOME / path if os.path.isfile(HOME / path) else path
     candidates = (Path(f"{path}.toml"), located(f"experiments/{path}.toml", Path.cwd()))
     for candidate in candidates:
-        if candidate.is_file():
+        if os.path.isfile(candidate):
             return candidate
-    if path.is_dir():
+    if os.path.isdir(path):
         return path
     raise InputRefused(f"{path}: no such experiment; {did_you_mean(path.name)}")
 

@@ -12,6 +12,7 @@ from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING
 
 from twin.errors import InputRefused
+from twin.guard.interpreter import others_safe
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -88,7 +89,7 @@ def _local_cluster(processes: int) -> Iterator[object]:
     import dask.config
     from distributed import LocalCluster
 
-    with tempfile.TemporaryDirectory(prefix="twin_dask_") as folder:
+    with others_safe(), tempfile.TemporaryDirectory(prefix="twin_dask_") as folder:
         # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers, which
         # inherit what is blocked while they are started, do not hear it. It is heard here as soon as they are there.
         # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before.
