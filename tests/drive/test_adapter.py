@@ -10,9 +10,9 @@ from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.adapter import ITEM_SIZES, KINDS, _load, _store
-from twin.drive.unpacked import unpacked
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.description import described
+from twin.drive.unpacked import unpacked
 
 DTYPES = {"Float64": np.float64, "Float32": np.float32, "Boolean": np.uint8} | {
     name: np.dtype(name.lower()).type for name in KINDS if name.startswith(("Int", "UInt"))

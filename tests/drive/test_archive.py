@@ -4,7 +4,6 @@ from pathlib import Path
 
 import pytest
 
-from tests.drive.archives import altered
 from twin.drive import archive
 from twin.drive.archive import entries
 from twin.errors import InputRefused

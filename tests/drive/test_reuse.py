@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.drive.unpacked import unpacked
 from twin.drive.description import FmuDescription, described
 from twin.drive.instance import Instance
 from twin.drive.reuse import free_kept, instance, keep_instances, let_go
+from twin.drive.unpacked import unpacked
 
 TICK = 1e-3
 

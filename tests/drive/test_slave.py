@@ -5,10 +5,10 @@ from pathlib import Path
 import pytest
 from fmpy import fmi2, fmi3
 
-from twin.drive.unpacked import unpacked
 from twin.drive.description import described
 from twin.drive.instance import Instance
 from twin.drive.slave import FMU2Drive, FMU3Drive
+from twin.drive.unpacked import unpacked
 
 
 @pytest.mark.parametrize(

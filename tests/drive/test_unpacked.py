@@ -18,7 +18,7 @@ from twin.drive import unpacked as module
 from twin.drive.archive import sha256
 from twin.drive.description import described
 from twin.drive.instance import Instance
-from twin.drive.unpacked import CONTENT, KEPT, SEAL, shelf, unpacked
+from twin.drive.unpacked import KEPT, SEAL, shelf, unpacked
 from twin.errors import InputRefused
 
 CONTENTS = {
@@ -71,7 +71,7 @@ def test_other_content_of_the_same_name_is_unpacked_apart(tmp_path: Path, servo:
 def test_a_cache_that_cannot_be_written_is_a_sentence(tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "file"))
-    with pytest.raises(InputRefused, match="not a folder.*set TWIN_CACHE"):
+    with pytest.raises(InputRefused, match=r"not a folder.*set TWIN_CACHE"):
         unpacked(servo, sha256(servo))
 
 
@@ -88,7 +88,9 @@ def attacked(fmu: Path, draw: random.Random, say: Callable[[], str]) -> None:
     for _ in range(draw.randrange(1, 4)):
         name = draw.choice(sorted(CONTENTS))
         if draw.random() < 0.1:
-            damaged_folder(draw.choice([content, content / "binaries", content / "resources/deep", content.parent]), draw)
+            damaged_folder(
+                draw.choice([content, content / "binaries", content / "resources/deep", content.parent]), draw
+            )
             break
         if (content / name).is_file() and os.path.getsize(content / name):
             damage(content / name, draw.choice(KINDS), draw)
@@ -110,9 +112,7 @@ def test_whatever_is_damaged_is_mended(tmp_path: Path, capsys: pytest.CaptureFix
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_every_kind_of_damage_is_seen_and_said_once(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str
-):
+def test_every_kind_of_damage_is_seen_and_said_once(tmp_path: Path, capsys: pytest.CaptureFixture[str], kind: str):
     fmu = archived(tmp_path / "servo.fmu")
     content = unpacked(fmu, sha256(fmu))
     damage(content / "binaries/linux64/servo.so", kind, random.Random(1))
@@ -133,7 +133,12 @@ def test_what_was_only_touched_is_no_damage_and_read_once(
     content = unpacked(fmu, sha256(fmu))
     os.utime(content / "modelDescription.xml", (0.0, 0.0))
     read, same = [], module._is_same
-    monkeypatch.setattr(module, "_is_same", lambda a, entry, p: read.append(entry.filename) or same(a, entry, p))
+
+    def noted(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:
+        read.append(entry.filename)
+        return same(archive, entry, path)
+
+    monkeypatch.setattr(module, "_is_same", noted)
     for _ in range(3):
         unpacked(fmu, sha256(fmu))
     assert read == ["modelDescription.xml"]
@@ -241,6 +246,6 @@ def test_a_relative_cache_is_one_sentence_and_leaves_no_folder(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TWIN_CACHE", "cache")
-    with pytest.raises(InputRefused, match="^TWIN_CACHE=cache: relative"):
+    with pytest.raises(InputRefused, match=r"^TWIN_CACHE=cache: relative"):
         unpacked(servo, sha256(servo))
     assert list(tmp_path.iterdir()) == []

@@ -11,13 +11,13 @@ from twin.controller.pid import Gains
 from twin.controller.velocity_loop import VelocityLoop
 from twin.cosim.component import Component, Port
 from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.unpacked import unpacked
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable, described
 from twin.drive.instance import Setting
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.units import NUMBER, Conversion
+from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 

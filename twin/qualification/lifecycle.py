@@ -5,9 +5,9 @@ from collections.abc import Callable
 import numpy as np
 
 from twin.assembly.drives import DrivePlan
-from twin.drive.unpacked import unpacked
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Instance, Setting
+from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
 from twin.qualification.finding import Check, Finding, judged
 from twin.qualification.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
