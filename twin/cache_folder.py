@@ -52,7 +52,8 @@ def cache_base() -> Path:
     try:
         base = Path(given).expanduser() if given else _usual_base()
     except RuntimeError:
-        raise InputRefused(f"{VARIABLE}={given}: there is no such user's home folder; {REMEDY}") from None
+        unknown = f"{VARIABLE}={given}: no such user" if given else "no home folder is known to keep anything in"
+        raise InputRefused(f"{unknown}; {REMEDY}") from None
     if not base.is_absolute():
         # the processes of a run are in different folders
         place = f"{VARIABLE}={given}" if given else f"cache folder {base}"
@@ -81,8 +82,8 @@ def private_folder(folder: Path) -> Path:
         others = owners - {os.geteuid()}
         if others:
             raise InputRefused(
-                f"{folder}: belongs to user {others.pop()}, not to you (user {os.geteuid()}), and what is kept there is "
-                f"run; remove it, or {REMEDY}"
+                f"{folder}: belongs to user {others.pop()}, not to you (user {os.geteuid()}), and what is kept there "
+                f"is run; remove it, or {REMEDY}"
             )
         if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             raise InputRefused(

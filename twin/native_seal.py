@@ -83,7 +83,7 @@ def _change(caching: Any, folder: Path) -> None:
     plain = caching.IndexDataCacheFile
     inside = str(folder) + os.sep
 
-    class SealedFile(plain):  # type: ignore[misc]
+    class SealedFile(plain):  # type: ignore[misc, valid-type]
         def load(self, key: Any) -> Any:
             kept = super().load(key)
             if kept is None or not self._index_path.startswith(inside):

@@ -28,7 +28,7 @@ def test_without_asserts_a_component_moves_all_the_same(root: Path):
 
 
 def test_another_number_of_inputs_is_an_error():
-    with pytest.raises(ValueError, match="^scale: 2 inputs; expected 3$"):
+    with pytest.raises(ValueError, match=r"^scale: 2 inputs; expected 3$"):
         Sampled(Scale(0.05))(np.zeros(2))
 
 
@@ -44,5 +44,5 @@ class Broken:
 
 
 def test_a_step_that_fails_is_an_error():
-    with pytest.raises(ComponentFailed, match="^part raised RuntimeError: no more$"):
+    with pytest.raises(ComponentFailed, match=r"^part raised RuntimeError: no more$"):
         Sampled(PythonComponent("part", Broken()))(np.zeros(1))

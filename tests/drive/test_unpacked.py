@@ -71,7 +71,7 @@ def test_other_content_of_the_same_name_is_unpacked_apart(tmp_path: Path, servo:
 def test_a_cache_that_cannot_be_written_is_a_sentence(tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch):
     (tmp_path / "file").touch()
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "file"))
-    with pytest.raises(InputRefused, match="not a folder.*set TWIN_CACHE"):
+    with pytest.raises(InputRefused, match=r"not a folder.*set TWIN_CACHE"):
         unpacked(servo, sha256(servo))
 
 
@@ -133,7 +133,12 @@ def test_what_was_only_touched_is_no_damage_and_read_once(
     content = unpacked(fmu, sha256(fmu))
     os.utime(content / "modelDescription.xml", (0.0, 0.0))
     read, same = [], module._is_same
-    monkeypatch.setattr(module, "_is_same", lambda a, entry, p: read.append(entry.filename) or same(a, entry, p))
+
+    def noted(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:
+        read.append(entry.filename)
+        return same(archive, entry, path)
+
+    monkeypatch.setattr(module, "_is_same", noted)
     for _ in range(3):
         unpacked(fmu, sha256(fmu))
     assert read == ["modelDescription.xml"]
@@ -241,6 +246,6 @@ def test_a_relative_cache_is_one_sentence_and_leaves_no_folder(
 ):
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("TWIN_CACHE", "cache")
-    with pytest.raises(InputRefused, match="^TWIN_CACHE=cache: relative"):
+    with pytest.raises(InputRefused, match=r"^TWIN_CACHE=cache: relative"):
         unpacked(servo, sha256(servo))
     assert list(tmp_path.iterdir()) == []

@@ -37,7 +37,7 @@ def unpacked_finding() -> Finding:
     except InputRefused as refused:
         return Finding("unpacked", "bad", f"no drive can be unpacked: {refused}")
     place = f"{kept.folder}, {SAFE}{_told(kept.changed, 'taken from the FMU again')}"
-    return Finding("unpacked", "ok", f"{kept.count} FMUs, {kept.size / 1e6:.0f} MB, in {place}")
+    return Finding("unpacked", "ok", f"{kept.drives} FMUs, {kept.size / 1e6:.0f} MB, in {place}")
 
 
 def _told(damaged: Sequence[Path], remedy: str) -> str:

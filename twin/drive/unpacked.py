@@ -32,7 +32,7 @@ class Shelf(NamedTuple):
     """What is kept in `folder`: FMUs, bytes of their files, and the files that are not as they were last found."""
 
     folder: Path
-    count: int
+    drives: int
     size: int
     changed: tuple[Path, ...]
 
