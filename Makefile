@@ -27,8 +27,10 @@ lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
 	$(VENV)/bin/mypy
 	$(VENV)/bin/lint-imports
 
-endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests
-	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m endurance
+endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests, and new examples of every property; SEED=n draws those of n again
+	@seed=$(or $(SEED),$$(date +%s)); echo "draws the same examples again: make endurance SEED=$$seed"; \
+	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "endurance or hypothesis" \
+	  --hypothesis-profile endurance --hypothesis-seed $$seed || { echo "failed with SEED=$$seed"; exit 1; }
 
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)

@@ -1,7 +1,7 @@
 """What many tests stand on: the repository's files, and the paper's experiment run once."""
 
-import os
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import settings
@@ -12,11 +12,20 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 
 ROOT = Path(__file__).parents[1]
+USUAL = 100
+"""Examples of a property."""
 
-# Loading a compiled function for the first time takes longer than hypothesis grants one example. CI draws the same
-# examples every time; elsewhere they differ from run to run, and find what CI has not seen.
-settings.register_profile("compiled", deadline=None, derandomize="CI" in os.environ)
-settings.load_profile("compiled")
+# Loading a compiled function for the first time takes longer than hypothesis grants one example. Everywhere the same
+# examples are drawn; `make endurance` draws new ones, twenty times as many, which its seed draws again.
+settings.register_profile("same", deadline=None, max_examples=USUAL, derandomize=True)
+settings.register_profile("endurance", deadline=None, max_examples=20 * USUAL, database=None)
+settings.load_profile("same")
+
+
+def examples(count: int, **options: Any) -> settings:
+    """Settings of a test that affords `count` examples where others have a hundred; more in `make endurance`."""
+    drawn = settings().max_examples
+    return settings(max_examples=count * drawn // USUAL, **options)
 
 
 @pytest.fixture(scope="session")

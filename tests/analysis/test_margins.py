@@ -1,9 +1,10 @@
 import control
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from twin.analysis.loops import closed_loops, closed_poles, spectral_radius
 from twin.analysis.margins import (
     Margins,
@@ -27,7 +28,7 @@ def integrators(k: float) -> control.StateSpace:
     )
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.floats(0.01, 1.5))
 def test_margins_of_an_integrator_are_those_of_its_formula(k):
     found = margins(integrators(k), CLOSED, "force")

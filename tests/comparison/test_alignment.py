@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from twin.comparison.alignment import alignment, shift
 from twin.comparison.errors import ComparisonRefused
 
@@ -15,7 +16,7 @@ def bump(t: np.ndarray) -> np.ndarray:
     return np.exp(-((t - 4.0) ** 2))
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(st.floats(-0.9, 0.9))
 def test_a_fit_finds_the_shift_between_two_samplings_of_one_curve(delay: float):
     found = shift(log_of(T, F=bump(T)), log_of(T + 0.003, F=bump(T + 0.003 - delay)), alignment("fit", "F"))

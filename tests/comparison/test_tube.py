@@ -1,8 +1,9 @@
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from tests.conftest import examples
 from twin.comparison.tube import reach
 
 VALUES = st.floats(-10.0, 10.0)
@@ -61,7 +62,7 @@ def test_up_and_down_are_alike(polygon: tuple[np.ndarray, np.ndarray], dt: float
     np.testing.assert_array_equal(up.upper, -down.lower)
 
 
-@settings(max_examples=30)
+@examples(30)
 @given(polygons(), st.floats(0.0, 1.0), st.floats(0.0, 1.0))
 def test_a_wider_window_reaches_no_less(polygon: tuple[np.ndarray, np.ndarray], dt: float, more: float):
     t, values = polygon

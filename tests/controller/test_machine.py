@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.controller.soft_floor import (
     APPROACH,
     FLOOR,
@@ -50,7 +51,7 @@ def call_of(rows, kind, nth=0, task=1):
     return [first for number, found, first in phases_of(rows) if (number, found) == (task, kind)][nth]
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(st.lists(any_task, min_size=1, max_size=3), st.floats(0.0, 0.2), st.booleans())
 def test_no_sequence_of_tasks_makes_the_command_jump(tasks, noise, floor_goes):
     world = World(noise=noise, gone=(3.0, 3.6) if floor_goes else (0.0, 0.0))

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from tests.drive.three_axes import three_axes_drive
 from twin.assembly.drives import drive, planned
@@ -18,6 +19,7 @@ from twin.experiment.schema import Drive
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 
+Numbers = NDArray[np.float64]
 SPEEDS, LOADS, ANGLES = np.array([1.0, 2.0, 4.0]), np.array([0.1, -0.3, 0.5]), np.array([0.2, 0.7, -0.4])
 DROOP = 0.6
 """rad/s per N m, of three_axes.c."""
@@ -47,11 +49,11 @@ def test_three_axes_in_one_fmu_move_the_robot_like_three_drives(root: Path, fmu:
     )
 
 
-def stepped(component: Component, omega_ref: np.ndarray, tau_load: np.ndarray, ticks: int) -> dict[str, np.ndarray]:
+def stepped(component: Component, omega_ref: Numbers, tau_load: Numbers, ticks: int) -> dict[str, Numbers]:
     """Outputs (3,) after `ticks` of 1 ms with these inputs (3,)."""
     given = {"omega_ref": omega_ref, "tau_load": tau_load}
     u = np.tile(np.concatenate([given[port.name] for port in component.inputs]), (ticks, 1))
-    rows, status = play(component, 1e-3 * np.arange(ticks), np.full(ticks, 1e-3), u)
+    rows, status = play(component, 1e-3 * np.arange(ticks, dtype=float), np.full(ticks, 1e-3), u)
     assert status == 0
     return {name: values[0] for name, values in columns(component, rows[-1:]).items()}
 

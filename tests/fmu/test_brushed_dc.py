@@ -5,10 +5,12 @@ from math import copysign, hypot, pi
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+
+from tests.conftest import examples
 
 from .rig import Rig, described, mapping
 from .spring_sweep import mapped_loop
@@ -83,7 +85,7 @@ def state(drive: Rig) -> list[float]:
     return [drive["i_a"], drive["n"] * RPM * MOTOR.G, drive["phi"] * DEG, drive["T_w"]]
 
 
-@settings(max_examples=25, deadline=None)
+@examples(25)
 @given(
     u_cmd=st.floats(-9.0, 9.0),
     M_load=st.floats(-0.6, 0.6),

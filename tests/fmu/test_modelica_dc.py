@@ -11,9 +11,11 @@ import numpy as np
 import pytest
 from builder.modelica import pack_modelica_drive
 from fmpy.fmi1 import FMICallException
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+
+from tests.conftest import examples
 
 from .rig import FMUS, Rig, described, fmu_path
 from .spring_sweep import mapped_loop, mapping, swept
@@ -52,7 +54,7 @@ def from_rest() -> np.ndarray:
     return np.array([0.0, 0.1, 0.0, 0.0, T_0])
 
 
-@settings(max_examples=40, deadline=None)
+@examples(40)
 @given(v_a=volts, v_f=st.floats(0.0, 24.0), tau_load=loads, h=st.floats(1e-5, 2e-3))
 def test_a_step_is_ten_forward_euler_steps(v_a: float, v_f: float, tau_load: float, h: float) -> None:
     x = from_rest()

@@ -16,10 +16,12 @@ from builder.python_slave import pack_python_drive
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Discard
 from fmpy.validation import validate_fmu
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from numba import njit
 from scipy.integrate import solve_ivp
+
+from tests.conftest import examples
 
 from .rig import FMUS, Rig, described, fmu_path
 from .spring_sweep import swept
@@ -88,7 +90,7 @@ def compared(drive: Rig, servo: Servo, omega_ref: float, tau_load: float, ticks:
     return np.abs([drive[name] - getattr(servo, name) for name in ("omega_m", "theta_m", "tau_motor")])
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(speed=numbers(4.0, 8.0), sign=st.sampled_from([-1.0, 1.0]), tau_load=numbers(-0.1, 0.1))
 def test_at_speed_the_servo_is_its_firmware_and_the_integral_of_its_machine(
     speed: float, sign: float, tau_load: float
@@ -100,7 +102,7 @@ def test_at_speed_the_servo_is_its_firmware_and_the_integral_of_its_machine(
         assert np.max(compared(drive, servo, omega_ref, tau_load, 20)) < 1e-8
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(omega_ref=numbers(-10.0, 10.0), tau_load=numbers(-0.7, 0.7))
 def test_through_standstill_the_error_is_less_than_what_friction_does_in_a_tick(
     omega_ref: float, tau_load: float

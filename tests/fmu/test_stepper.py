@@ -5,10 +5,12 @@ from math import floor, pi, sin, sqrt
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
 from scipy.optimize import brentq
+
+from tests.conftest import examples
 
 from .rig import Rig
 
@@ -69,7 +71,7 @@ STEPPER = Stepper()
 ELECTRICAL_CYCLE = 2 * pi / STEPPER.N_r
 
 
-@settings(max_examples=10, deadline=None)
+@examples(10)
 @given(omega_ref=st.floats(-10.0, 10.0), tau_load=st.floats(-0.5, 0.5), omega_m=st.floats(-2.0, 2.0))
 def test_drive_follows_its_equations(omega_ref: float, tau_load: float, omega_m: float) -> None:
     reference = Stepper(x=np.array([0.0, omega_m]))

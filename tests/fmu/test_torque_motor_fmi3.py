@@ -5,9 +5,11 @@ from math import cos, exp, hypot, sin
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+
+from tests.conftest import examples
 
 from .rig_fmi3 import Rig3
 from .spring_sweep import mapped_loop, mapping, swept
@@ -70,7 +72,7 @@ def compare_with_scipy(
         assert drive["temperature"] == pytest.approx(x[3], rel=1e-7)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(
     tau_cmd=numbers(-0.3, 0.3),
     tau_load=numbers(-0.1, 0.1),
@@ -87,7 +89,7 @@ def test_at_speed_a_step_is_the_integral_of_the_equations(
     compare_with_scipy(tau_cmd, tau_load, sign * speed, theta_m, temperature, h, omega_error=1e-5)
 
 
-@settings(max_examples=30, deadline=None)
+@examples(30)
 @given(
     tau_cmd=numbers(-1.0, 1.0),
     tau_load=numbers(-0.6, 0.6),

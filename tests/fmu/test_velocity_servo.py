@@ -6,9 +6,11 @@ from itertools import pairwise
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
+from hypothesis import example, given
 from hypothesis import strategies as st
 from scipy.integrate import solve_ivp
+
+from tests.conftest import examples
 
 from .rig import Rig
 
@@ -71,7 +73,7 @@ def integrated(omega_m: float, omega_ref: float, tau_load: float, h: float) -> t
     return float(x[0]), float(x[1])
 
 
-@settings(max_examples=60, deadline=None)
+@examples(60)
 @given(omega_ref=commands, tau_load=loads, omega_m=speeds, h=steps)
 @example(omega_ref=0.0, tau_load=0.25, omega_m=10.0, h=0.0164)  # leaves the acceleration limit on the way
 @example(omega_ref=0.0, tau_load=0.7, omega_m=35.0, h=0.01)  # torque against acceleration limit

@@ -49,7 +49,7 @@ def ran(name: str, *overrides: str) -> Run:
     return Run(experiment, rows, name.startswith(IN_AIR))
 
 
-@pytest.fixture(scope="module", params=RUNS.values(), ids=RUNS.keys())
+@pytest.fixture(scope="module", params=RUNS.values(), ids=list(RUNS))
 def run(request: pytest.FixtureRequest) -> Run:
     """One after the other: pytest takes all laws of one run before it goes on, and one run is in memory."""
     return ran(*request.param)

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.laws.runs import Sampled
 from tests.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, inputs, latched, ramp, standing, watched
 from twin.cosim.component import width
@@ -34,7 +35,7 @@ def swinging(share, frequency, stiffness):
 SHARES = st.tuples(*[st.floats(-1.0, 1.0)] * 8).map(np.array)
 
 
-@settings(max_examples=60)
+@examples(60)
 @given(SHARES, st.floats(0.1, 5.0), st.floats(1000.0, 1e5))
 def test_quantised_smooth_motion_within_the_limits_never_trips(share, frequency, stiffness):
     u = inputs(*swinging(share, frequency, stiffness))

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import share
 from twin.cosim.component import Port
@@ -31,7 +32,7 @@ def motions(draw: st.DrawFn) -> Motion:
     return Motion(draw(st.sampled_from([BREATHING, SHIFT])), vector, onset, onset + lasting, rate, rise)
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(st.lists(motions(), min_size=1, max_size=3), times)
 def test_velocity_is_the_rate_of_the_displacement_and_neither_jumps(table, t):
     body, step = Body(table), 1e-5

@@ -1,9 +1,10 @@
 """Energy with the drives locked: it never grows, and without any loss it stays."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
 from tests.plant.states import SURFACES, moving
 from twin.plant.component import STILL, integrate
@@ -58,7 +59,7 @@ def energies(parameters, x, theta_m, duration=0.05):
     return np.array(found)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(moving(), st.sampled_from([0.0, 0.2]))
 def test_energy_never_grows_while_the_drives_are_locked(state, tilt):
     parameters = PARAMETERS._replace(tilt=tilt)
@@ -67,7 +68,7 @@ def test_energy_never_grows_while_the_drives_are_locked(state, tilt):
     assert np.diff(E).max() <= 1e-7
 
 
-@settings(max_examples=40)
+@examples(40)
 @given(
     moving(),
     st.sampled_from(sorted(SURFACES)),
@@ -80,7 +81,7 @@ def test_energy_never_grows_on_any_surface(state, law, shape, tilt_x):
     assert np.diff(energies(parameters, *state)).max() <= 1e-7
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(moving(parameters=LOSSLESS))
 def test_energy_stays_without_friction_and_damping(state):
     E = energies(LOSSLESS, *state)
@@ -88,7 +89,7 @@ def test_energy_stays_without_friction_and_damping(state):
     assert np.ptp(E) <= 1e-7
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(moving(), st.floats(0.7, 0.95), st.floats(0.1, 1.0))
 def test_a_belt_whose_efficiency_depends_on_direction_only_loses_energy(state, eta, eta_rate):
     lossy = LOSSLESS._replace(eta=eta, eta_rate=eta_rate)

@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import positions
 from twin.errors import Unreachable
@@ -25,7 +26,7 @@ def test_nothing_accelerates_at_rest(p_B, tilt, lost):
     np.testing.assert_allclose(dx, 0.0, rtol=0, atol=1e-12)
 
 
-@settings(max_examples=20)
+@examples(20)
 @given(positions(), tilts, losses)
 def test_a_robot_at_rest_stays_at_rest(p_B, tilt, lost):
     parameters = PARAMETERS._replace(tilt=tilt, eta=lost[0], eta_rate=lost[1])

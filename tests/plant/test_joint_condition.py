@@ -2,9 +2,10 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import moving, positions, share
 from tests.plant.test_energy import energies
@@ -113,7 +114,7 @@ def mobility(parameters, x, theta_m, force):
     return turned - acceleration(free, x, theta_m)
 
 
-@settings(max_examples=15)
+@examples(15)
 @given(moving(), fractions, fractions, st.tuples(share, share, share))
 def test_energy_never_grows_in_worn_joints(state, springs, wear, slip):
     worn = PARAMETERS._replace(

@@ -6,9 +6,10 @@ derivatives of energies are central differences in 50 digits.
 
 import numpy as np
 import pytest
-from hypothesis import Phase, given, settings
+from hypothesis import Phase, given
 from mpmath import mp, mpf
 
+from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
 from tests.plant.states import moving
 from twin.plant.component import STILL
@@ -123,7 +124,7 @@ def acceleration(parameters, x, theta_m):
 
 
 # a random example finds a wrong term just as well as a hundred, and costs a tenth of a second; shrinking takes minutes
-UNSHRUNK = settings(max_examples=12, phases=[Phase.explicit, Phase.generate])
+UNSHRUNK = examples(12, phases=[Phase.explicit, Phase.generate])
 
 
 @UNSHRUNK

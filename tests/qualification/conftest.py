@@ -3,15 +3,10 @@ from functools import cache
 from pathlib import Path
 
 import pytest
-from hypothesis import settings
 
 from tests.conftest import ROOT
 from twin.experiment.drive_files import lone_drive
 from twin.qualification.qualification import Qualification, qualified
-
-# loading a compiled function for the first time takes longer than hypothesis grants one example
-settings.register_profile("compiled", deadline=None)
-settings.load_profile("compiled")
 
 
 @cache

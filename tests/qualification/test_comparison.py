@@ -1,6 +1,7 @@
 """The paper's experiment with several drives; for velocity_servo against an independent computation of Fig. 4."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -74,7 +75,7 @@ def test_nothing_runs_if_one_drive_is_refused():
         trials(FIG4, ["velocity_servo", "nowhere"])
 
 
-def made_up(rows: int, **signals: object) -> dict[str, float | None]:
+def made_up(rows: int, **signals: Any) -> dict[str, float | None]:
     """Measures of a made-up run of `rows` ticks without contact; `signals` by port, 0 where nothing is said."""
     plant = (Port("p_B", 3), Port("F_ee_B", 3), Port("tau_load", 3))
     controller = (Port("p_ref_B", 3), Port("triggered"), Port("F_z_ref"))

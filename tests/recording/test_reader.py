@@ -4,11 +4,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from mcap.writer import Writer as McapWriter
 
+from tests.conftest import examples
 from twin.errors import InputRefused
 from twin.recording.errors import RecordingRefused, UnknownSeries
 from twin.recording.layout import Field, Topic
@@ -28,7 +29,7 @@ def test_a_finished_recording_gives_back_every_value_and_time(finished: Path, tr
     assert (recording.complete, recording.note) == (True, "")
 
 
-@settings(max_examples=50)
+@examples(50)
 @given(arrays(np.uint64, (7, 2), elements=st.integers(0, 2**64 - 1)))
 def test_doubles_come_back_bit_for_bit_whatever_they_are(
     tmp_path_factory: pytest.TempPathFactory, bits: np.ndarray

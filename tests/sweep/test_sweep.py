@@ -5,9 +5,10 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.recording.test_output import largest_file
 from tests.sweep.definitions import STIFFNESS, stiffnesses
 from twin.errors import InputRefused
@@ -66,7 +67,7 @@ def undisturbed(plan: Plan, tmp_path_factory: pytest.TempPathFactory) -> list[di
     return kept(folder).rows
 
 
-@settings(max_examples=25, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@examples(25, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(st.permutations(range(RUNS)), st.integers(1, RUNS), st.lists(st.integers(0, RUNS), max_size=3))
 def test_rows_do_not_depend_on_order_batches_and_interruptions(
     plan: Plan, undisturbed: list[dict], tmp_path_factory: pytest.TempPathFactory, order, batch: int, cuts: list[int]

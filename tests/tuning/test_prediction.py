@@ -1,8 +1,9 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
+from tests.conftest import examples
 from tests.tuning.corners import fig4_corners
 from twin.analysis.loops import closed_loops, closed_poles
 from twin.analysis.margins import margins
@@ -28,7 +29,7 @@ def shared() -> Linearised:
 
 
 @given(ONE_OF, GAINS)
-@settings(max_examples=15)
+@examples(15)
 def test_the_poles_are_those_of_the_compiled_laws(shared, i, gains):
     corner = fig4_corners()[i]
     shared.experiment = with_gains(corner.experiment, gains)
@@ -79,7 +80,7 @@ def test_gains_beyond_the_limit_of_free_air_are_unstable():
 
 
 @given(ONE_OF, GAINS, st.floats(0.2, 5.0))
-@settings(max_examples=20)
+@examples(20)
 def test_a_factor_on_every_loop_of_a_law_is_one_on_its_gains(i, gains, factor):
     corner = fig4_corners()[i]
     for factors, scaled in (

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from twin.report.figure import save
 from twin.report.sweep_front import COLORS
 from twin.sweep.folder import Kept
-from twin.sweep.statistics.distribution import BINS, spread
+from twin.sweep.statistics.distribution import spread
 from twin.sweep.statistics.ranking import drives_in, metrics_in, value
 
 COLUMNS = 3
@@ -29,11 +29,10 @@ def draw_spreads(kept: Kept, path: Path) -> None:
     for axes, metric in zip(panels, metrics, strict=False):
         found = spread(kept.rows, metric)
         assert found is not None
-        edges = np.histogram_bin_edges(found.numbers, BINS)
         for number, drive in enumerate(drives):
             values = [value(row, metric) for row in kept.rows if row["drive"] == drive]
             axes.hist(
-                [one for one in values if np.isfinite(one)], edges, color=COLORS[number % len(COLORS)],
+                [one for one in values if np.isfinite(one)], found.edges, color=COLORS[number % len(COLORS)],
                 histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
             )  # fmt: skip
         axes.axvline(found.quantiles[2], color="#1c1c1c", lw=1.0, ls="--")
