@@ -25,6 +25,7 @@ from twin.cli import (
     sweep,
     tune,
 )
+from twin.cli.terminal import guard_terminal
 from twin.errors import InputRefused, TwinError, plain
 
 INTERRUPTED = 130
@@ -71,6 +72,7 @@ app.command("doctor")(doctor.doctor)
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
+    guard_terminal()
     try:
         code = app(prog_name="twin", standalone_mode=False)
         # Typer makes this of Ctrl-C where no command has more to say about it

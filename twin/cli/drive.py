@@ -3,6 +3,7 @@
 import json
 import math
 import os
+import shlex
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -98,7 +99,7 @@ def new(fmu: Fmu) -> None:
     except OSError as problem:
         raise InputRefused(f"{mapping}: cannot be written: {problem.strerror}") from None
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
-    print(f"then: twin drive check {mapping}")
+    print(f"then: {shlex.join(['twin', 'drive', 'check', str(mapping)])}")
 
 
 @app.command()
