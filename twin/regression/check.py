@@ -1,5 +1,6 @@
 """An experiment checked against its baselines, for programs and tests."""
 
+import os
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
@@ -66,7 +67,7 @@ def check(experiment: Path | str, drive: str | None = None, baselines: Path | st
 def experiment_file(experiment: Path | str) -> Path:
     """The file meant by a path, or by the name of an experiment in experiments/."""
     path = Path(experiment)
-    if path.suffix == ".toml" or path.exists():
+    if path.suffix == ".toml" or os.path.exists(path):
         return path
     return located(f"experiments/{experiment}.toml", Path.cwd())
 
