@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 
 from tests.recording.test_output import largest_file
+from tests.sweep.statistics import rows as made_up
 from twin.errors import InputRefused
 from twin.sweep.rows import DiskFailed, Rows, read_rows
 
 
 def row(number: int) -> dict:
-    return {"run": number, "key": f"k{number}", "metrics": {"peak_N": 0.1 * number, "end_N": None}, "reason": "ü\n"}
+    return {**made_up.row(number, {}, peak_N=0.1 * number, end_N=None), "key": f"k{number}", "reason": "ü\n"}
 
 
 @pytest.fixture

@@ -26,6 +26,7 @@ from twin.cli import (
     tune,
 )
 from twin.cli.streams import READER_GONE, Unread, standard_streams
+from twin.cli.terminal import guard_terminal
 from twin.errors import InputRefused, NotWritten, TwinError, plain
 
 INTERRUPTED = 130
@@ -73,6 +74,7 @@ app.command("doctor")(doctor.doctor)
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
     with standard_streams():
+        guard_terminal()
         code, told = _ended()
         if told:
             print(plain(told), file=sys.stderr)

@@ -1,5 +1,6 @@
 """What `twin run` shows while it runs and says when it is done."""
 
+import shlex
 import sys
 from pathlib import Path
 from typing import Any
@@ -36,7 +37,7 @@ class Display:
     def __exit__(self, *failure: object) -> None:
         self.clear()
         if self._done and not self._as_json:
-            print(f"  next       twin report {' '.join(map(str, self._done))}")
+            print(f"  next       {shlex.join(['twin', 'report', *map(str, self._done)])}")
 
     def hear(self, note: dict[str, Any]) -> None:
         """Take a note of `recorded_runs`."""

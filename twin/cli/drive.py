@@ -2,6 +2,7 @@
 
 import math
 import os
+import shlex
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -93,7 +94,7 @@ def new(fmu: Fmu) -> None:
         raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
     write_text(mapping, text)
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
-    print(f"then: twin drive check {mapping}")
+    print(f"then: {shlex.join(['twin', 'drive', 'check', str(mapping)])}")
 
 
 @app.command()

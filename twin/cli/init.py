@@ -1,5 +1,6 @@
 """`twin init`: an experiment to start from."""
 
+import shlex
 from pathlib import Path
 from typing import Annotated
 
@@ -27,4 +28,4 @@ def init(
 
     for written in start_experiment(file, start):
         print(written)
-    print(f"next: twin run {file}")
+    print(f"next: {shlex.join(['twin', 'run', str(file)])}")

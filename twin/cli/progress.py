@@ -6,6 +6,8 @@ import sys
 import time
 from typing import Any, Protocol
 
+from twin.errors import visible
+
 NARROW = 60
 """A line of so many columns has no room for a bar."""
 
@@ -95,7 +97,7 @@ class PlainLine:
         self.say(compiling(done, about, seconds))
 
     def begin(self, name: str, duration: float) -> None:
-        self._name, self._duration, self._speed = name, duration, Speed()
+        self._name, self._duration, self._speed = visible(name), duration, Speed()
         self.say("loading")
 
     def move(self, share: float) -> None:
@@ -127,7 +129,8 @@ class Bar:
         self._roomy = console.width > NARROW
         name = Column(no_wrap=True, overflow="ellipsis", ratio=None if self._roomy else 1)
         text = rich_progress.TextColumn
-        columns: list[Any] = [text("{task.description}", table_column=name)]
+        # a name is no markup
+        columns: list[Any] = [text("{task.description}", table_column=name, markup=False)]
         if self._roomy:
             columns.append(rich_progress.BarColumn(bar_width=None, table_column=Column(ratio=1, min_width=8)))
         columns += [text("{task.fields[clock]}", table_column=Column(no_wrap=True))]
@@ -156,7 +159,7 @@ class Bar:
 
     def begin(self, name: str, duration: float) -> None:
         self._duration, self._speed, self._moving = duration, Speed(), False
-        self._line.reset(self._task, total=None, description=name, clock="loading", speed="")
+        self._line.reset(self._task, total=None, description=visible(name), clock="loading", speed="")
         self._line.start()
 
     def move(self, share: float) -> None:

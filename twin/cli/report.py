@@ -10,7 +10,7 @@ import typer
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, Isolated
 from twin.cli.progress import progress
-from twin.errors import InputRefused
+from twin.errors import InputRefused, plain
 from twin.files import json_text
 from twin.guard.remains import seen_from_here
 
@@ -103,7 +103,7 @@ class Reported:
             if kind is None:
                 raise
             # why the run itself ended is what the user has to hear last
-            print(problem, file=sys.stderr)
+            print(plain(str(problem)), file=sys.stderr)
 
 
 def _tell(path: Path, headline: str, as_json: bool) -> None:

@@ -105,7 +105,7 @@ def run(
                 "--sweep: takes one experiment and --drive, --set, --out, --limit-step, --json; "
                 "for more, write a sweep file for twin sweep"
             )
-        _sweep(experiments[0], ranges, drive, settings or [], out, limit_step, as_json)
+        _sweep(experiments[0], ranges, drive, settings or [], out, limit_step, as_json, yes)
         return
     if out is not None and len(experiments) > 1:
         raise InputRefused(f"--out {out}: names the folder of one run; {len(experiments)} experiments were given")
@@ -162,6 +162,7 @@ def _sweep(
     out: Path | None,
     limit_step: float,
     as_json: bool,
+    sure: bool,
 ) -> None:
     from twin.cli.sweep import How, carry_out, check_start, cores
     from twin.experiment.named import experiment_file
@@ -172,8 +173,8 @@ def _sweep(
     experiment = experiment_file(experiment)
     definition = short_definition(experiment, ranges, drive)
     place = f"--sweep {' '.join(ranges)}"
-    check_start(place, definition, sure=False)
+    check_start(place, definition, sure)
     plan = plan_of(definition, experiment, experiment.stem, place, settings)
     # other ranges are another sweep; the same command goes on with its own
     folder = out or HOME / f"{plan.name}-{plan.configuration['the sweep'][:8]}"
-    carry_out(lambda: plan, How(folder, cores(), "none", limit_step, False, False, None, as_json))
+    carry_out(lambda: plan, How(folder, cores(), "none", limit_step, False, False, None, as_json, sure))

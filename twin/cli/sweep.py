@@ -1,6 +1,7 @@
 """`twin sweep`: many runs of one experiment."""
 
 import os
+import shlex
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -82,7 +83,7 @@ def run(
         float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")
     ] = 10.0,
     parquet: Annotated[bool, typer.Option("--parquet", help="In the end, write rows.parquet, too.")] = False,
-    yes: Annotated[bool, typer.Option("--yes", help=f"Do not ask before {MANY:,} runs or more.")] = False,
+    yes: Annotated[bool, typer.Option("--yes", help=f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
     engine: Annotated[
         EngineName, typer.Option(help="Who runs them: processes here, or the workers of a Dask cluster.")
     ] = EngineName.LOCAL,
@@ -114,7 +115,7 @@ def run(
     if scheduler and processes:
         raise InputRefused(f"--processes {processes}: the cluster of {scheduler} has the workers it has; leave it out")
     how = How(
-        folder, processes or cores(), record.value, limit_step, dry, parquet, by, as_json, engine.value, scheduler
+        folder, processes or cores(), record.value, limit_step, dry, parquet, by, as_json, yes, engine.value, scheduler
     )
     carry_out(lambda: planned(sweep), how)
 
@@ -131,6 +132,7 @@ class How:
     parquet: bool
     by: str | None
     as_json: bool
+    sure: bool = False
     engine: str = "local"
     scheduler: str | None = None
 
@@ -169,6 +171,8 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
         plan = plan_made()
         if how.by:
             checked_rank("--by", how.by, plan.metrics)
+        if not how.sure:
+            _refuse_endless(plan)
         if how.dry:
             _estimate(plan, how, limits)
             return
@@ -206,6 +210,20 @@ def cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def _refuse_endless(plan: "Plan") -> None:
+    """Ask whoever starts a sweep whose runs take hours each; also the estimate makes two of them."""
+    from twin.execution.estimate import LONG, estimate
+    from twin.experiment.experiment import load_experiment
+
+    first = plan.tasks[0]
+    seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
+    if seconds > LONG:
+        raise InputRefused(
+            f"{plan.name}: each run takes about {seconds / 3600.0:.2g} hours; shorten duration_s, or say --yes if that "
+            "is meant"
+        )
+
+
 def _engine(how: How) -> "Engine":
     if how.engine == "local":
         from twin.sweep.pool import Pool
@@ -236,4 +254,4 @@ def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
         print(json_text(as_facts(found)))
         return
     answer = headline_text(found, by or usual_metric(found.rows))
-    print(f"{answer}\n  rows  {folder / ROWS}\n  next  twin sweep show {folder}")
+    print(f"{answer}\n  rows  {folder / ROWS}\n  next  {shlex.join(['twin', 'sweep', 'show', str(folder)])}")

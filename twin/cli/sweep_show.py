@@ -1,5 +1,6 @@
 """`twin sweep show`: what a sweep came to."""
 
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -49,7 +50,7 @@ def show(
 
     folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():
-        print(f"{sweep.stem}  not begun; run it with: twin sweep {sweep}")
+        print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
     found = kept(folder)
     claims = claims_in(found.rows)

@@ -1,6 +1,7 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
 import re
+import shlex
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass
@@ -227,5 +228,6 @@ def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assem
         hint = too_fast(experiment)
         sentences += [hint] if hint else []
     elif simulation.culprit in culprits:
-        sentences += [f"Try: twin drive check {fmu.path}" for fmu in culprits[simulation.culprit].parts.values()]
+        fmus = [str(fmu.path) for fmu in culprits[simulation.culprit].parts.values()]
+        sentences += [f"Try: {shlex.join(['twin', 'drive', 'check', fmu])}" for fmu in fmus]
     return ComponentFailed("\n".join(sentences))

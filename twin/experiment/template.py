@@ -5,6 +5,7 @@ Made of the models that check an experiment, so that no key is missing and none 
 
 import json
 import math
+import shlex
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
@@ -67,7 +68,7 @@ def commented_experiment(name: str, base: Path) -> str:
     models: dict[str, type[BaseModel]] = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
     lines = [
         f"#:schema {SCHEMA_FILE}",
-        f"# Run this: twin run {name}",
+        f"# Run this: {shlex.join(['twin', 'run', name])}",
         "#",
         "# A key's unit is in its name. What stands behind a # is not set; the value there is the default, if there is",
         '# one. Instead of any value, { value = 5.0, source = "where it comes from" } may stand.',

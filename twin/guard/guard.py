@@ -5,7 +5,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from twin.errors import ComponentFailed, InputRefused, TwinError
+from twin.errors import ComponentFailed, InputRefused, TwinError, visible
 from twin.guard.account import Account
 from twin.guard.child import STOP
 from twin.guard.limits import Limits
@@ -76,7 +76,8 @@ def _followed(
                 listen(report["note"])
             elif "finished" in report:
                 process.end()
-                sys.stderr.write(process.printed)
+                # whatever an FMU has printed is shown, and never obeyed
+                sys.stderr.write("".join(f"{visible(line)}\n" for line in process.printed.splitlines()))
                 return report["finished"]
         stepped = watch.account.stepped
         if stepped:

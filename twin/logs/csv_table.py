@@ -26,7 +26,7 @@ from twin.logs.errors import LogRefused
 SEPARATORS = ",;\t"
 LARGEST_FILE = 2**30
 """Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
-MOST_COLUMNS = 10_000
+MOST_COLUMNS = 2_000
 LARGEST = 1e100
 """No quantity of a robot is larger, and its square is still a number."""
 _BLOCK = 2**20

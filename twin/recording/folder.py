@@ -1,5 +1,6 @@
 """Where runs live: results/<experiment>/<run>/run.mcap, and how to find one again."""
 
+import os
 from datetime import datetime
 from pathlib import Path
 
@@ -59,13 +60,14 @@ def recording_in(path: Path) -> Path:
     Raises:
         RecordingRefused: there is none.
     """
-    if path.is_file():
+    # not Path.is_file, which raises for a name that is too long
+    if os.path.isfile(path):
         return path
     runs = [path, path / LATEST]
-    if path.is_dir():
+    if os.path.isdir(path):
         runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
     for folder in runs:
         for name in (RECORDING, f"{RECORDING}.partial"):
-            if (folder / name).is_file():
+            if os.path.isfile(folder / name):
                 return folder / name
     raise RecordingRefused(f"{path}: no recording; expected an .mcap file, a run's folder or results/<experiment>")

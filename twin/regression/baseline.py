@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import os
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -80,7 +81,8 @@ def baseline_file(folder: Path, experiment: str, drive: str) -> Path:
 
 def stored_drives(folder: Path, experiment: str) -> list[str]:
     """The drives for which `experiment` has a baseline in `folder`, as they were named."""
-    return [read_baseline(file).drive for file in sorted((folder / experiment).glob("*.toml"))]
+    files = sorted((folder / experiment).glob("*.toml")) if os.path.isdir(folder) else []
+    return [read_baseline(file).drive for file in files]
 
 
 def fingerprint(experiment: Experiment) -> str:
@@ -123,7 +125,8 @@ def known_baseline(folder: Path, experiment: str, drive: str) -> Baseline | None
         InputRefused: the file that should be it cannot be read, is no baseline, or one of another pair.
     """
     file = baseline_file(folder, experiment, drive)
-    if not file.exists():
+    # not Path.exists, which raises for a name that is too long
+    if not os.path.exists(file):
         return None
     found = read_baseline(file)
     if (found.experiment, Path(found.drive).stem) != (experiment, Path(drive).stem):

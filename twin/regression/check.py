@@ -1,5 +1,7 @@
 """An experiment checked against its baselines, for programs and tests."""
 
+import os
+import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -92,8 +94,9 @@ def _loaded(file: Path, drive: str) -> Experiment:
 def _no_baseline(folder: Path, file: Path, drive: str) -> str:
     # what comes with twin is not written to
     folder = FOLDER if folder == HOME / FOLDER else folder
-    elsewhere = "" if folder == FOLDER else f" --baselines {folder}"
+    elsewhere = [] if folder == FOLDER else ["--baselines", str(folder)]
+    accept = shlex.join(["twin", "check", str(file), "--drive", drive, *elsewhere, "--update"])
     return (
         f"{baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
-        f'twin check {file} --drive {drive}{elsewhere} --update --reason "first"'
+        f'{accept} --reason "first"'
     )

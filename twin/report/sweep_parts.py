@@ -146,7 +146,7 @@ def _reasons(kept: Kept) -> Part | None:
     reasons: dict[tuple[str, str], list[int]] = {}
     for row in kept.rows:
         if row["status"] != "done":
-            reasons.setdefault((row["status"], row["reason"].splitlines()[0]), []).append(row["run"])
+            reasons.setdefault((row["status"], "".join(row["reason"].splitlines()[:1])), []).append(row["run"])
     if not reasons:
         return None
     most_first = sorted(reasons.items(), key=lambda item: -len(item[1]))

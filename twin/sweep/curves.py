@@ -15,6 +15,8 @@ from twin.metrics.response import Curve
 
 PERIOD = 0.04
 """Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
+LARGEST = 4_000_000
+"""Bytes of a curve: a million samples, eleven hours."""
 LEVEL = 6
 """Of zlib: higher ones take twice as long for one percent."""
 
@@ -30,8 +32,17 @@ def packed(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, A
 
 
 def unpacked(kept: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
-    """(times (s), values by name) of what `packed` made."""
-    values = {name: _values(text) for name, text in kept["of"].items()}
+    """(times (s), values by name) of what `packed` made.
+
+    Raises:
+        ValueError: it did not make this.
+    """
+    try:
+        values = {name: _values(text) for name, text in kept["of"].items()}
+    except (zlib.error, KeyError) as problem:
+        raise ValueError(str(problem)) from None
+    if len({len(curve) for curve in values.values()}) != 1:
+        raise ValueError("curves of different lengths")
     samples = len(next(iter(values.values())))
     t: Curve = np.arange(samples, dtype=float) * float(kept["period_s"])
     return t, values
@@ -45,6 +56,7 @@ def _text(values: Curve) -> str:
 
 
 def _values(text: str) -> Curve:
-    planes = np.frombuffer(zlib.decompress(base64.b64decode(text)), np.uint8).reshape(4, -1)
+    deflated = zlib.decompressobj()
+    planes = np.frombuffer(deflated.decompress(base64.b64decode(text), LARGEST), np.uint8).reshape(4, -1)
     steps = np.ascontiguousarray(planes.T).view("<u4")[:, 0]
     return np.asarray(np.cumsum(steps, dtype="<u4").view("<f4"), dtype=np.float64)

@@ -6,13 +6,13 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.files import made_folder, write_json
+from twin.files import made_folder, read_bytes, write_json
 from twin.sweep.plan import Plan
 from twin.sweep.rows import ROWS, Row, read_rows
+from twin.sweep.shapes import Facts, parsed
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
-KEYS = {"sweep", "runs", "design", "drives", "labels", "metrics", "limits", "configuration"}
 
 
 @dataclass(frozen=True)
@@ -86,16 +86,9 @@ def kept(folder: Path) -> Kept:
 def _read(folder: Path) -> dict[str, Any]:
     """The facts of `folder`; empty if there are none."""
     path = folder / FACTS
-    try:
-        facts = json.loads(path.read_text())
-        return facts if facts.keys() >= KEYS else _refuse(path)
-    except (FileNotFoundError, NotADirectoryError):
+    if not os.path.lexists(path):
         return {}
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
-    except (ValueError, AttributeError):
-        return _refuse(path)
-
-
-def _refuse(path: Path) -> dict[str, Any]:
-    raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
+    facts = parsed(read_bytes(path), Facts)
+    if facts is None:
+        raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
+    return facts

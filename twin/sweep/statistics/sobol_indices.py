@@ -65,7 +65,10 @@ def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric:
     start = first - (first - 1) % runs
     blocks = np.full((planned, width), np.nan)
     for row in rows:
-        blocks[divmod(row["run"] - start, width)] = value(row, metric)
+        block, place = divmod(row["run"] - start, width)
+        # of another drive, somebody has changed the rows
+        if 0 <= block < planned:
+            blocks[block, place] = value(row, metric)
     whole = blocks[np.isfinite(blocks).all(axis=1)]
     if len(whole) < LEAST_BLOCKS:
         return Indices((), f"{len(whole)} whole blocks of {width} runs; needs {LEAST_BLOCKS}", len(whole), planned)
