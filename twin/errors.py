@@ -54,5 +54,9 @@ class Unreachable(InputRefused, ValueError):
 
 def plain(text: str) -> str:
     """`text` fit for a terminal: control characters written out, words of more than `LONGEST_WORD` cut short."""
-    visible = "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
-    return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", visible)
+    return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", visible(text))
+
+
+def visible(text: str) -> str:
+    """`text` with control characters written out, which a terminal would obey."""
+    return "".join(c if c.isprintable() or c == "\n" else repr(c)[1:-1] for c in text)
