@@ -11,7 +11,7 @@ from mcap.opcode import Opcode
 
 from tests.recording.forgery import Record, content_of, joined, records, sealed, with_content, with_metadata
 
-ODD = (
+ODD: tuple[Any, ...] = (
     None, True, False, 0, -1, 1e308, -1e308, 1e-300, float("inf"), float("nan"), "", "x", "\0", "\x1b[31m", "x" * 5000,
     [], {}, [[]], [{}], {"a": {}}, [1, 2, 3], 10**400, "../../x", -(10**30), [1, [2, [3]]],
 )  # fmt: skip

@@ -125,7 +125,8 @@ class Contents:
         """
         offsets: dict[int, list[int]] = {}
         events = []
-        passed, heard = dict(self.passed), {}
+        passed = dict(self.passed)
+        heard: dict[int, int] = {}
         place = 0
         while place < len(content):
             opcode, length, channel = FRONT.unpack_from(content, place)
