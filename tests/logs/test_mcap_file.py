@@ -1,18 +1,24 @@
 import json
+import os
 from collections.abc import Sequence
 from pathlib import Path
 
+import lz4.frame
 import numpy as np
 import pytest
+import zstandard
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
+from mcap.records import Chunk, Header
 from mcap.writer import CompressionType, Writer
 
 from twin.logs.column_map import column_map
 from twin.logs.errors import LogRefused
+from twin.logs.mcap_file import MAGIC
 from twin.logs.reader import read_log
+from twin.recording.chunks import FEW_BYTES, encoded
 
 F = [4.0, 5.0, 6.5]
 # a schema whose first file imports its second: readers must not rely on the order
@@ -166,3 +172,41 @@ def test_a_log_without_messages_is_refused(tmp_path: Path):
 
 def test_one_message_is_no_series(tmp_path: Path):
     assert "has 1 message, expected" in refusal(json_log(tmp_path / "a.mcap", wrenches([1.0])), "F=/wrench.force.z[N]")
+
+
+def one_chunk(path: Path, size: int, compression: str = "zstd") -> Path:
+    """Another tool's file with a chunk of zeros that declares `size` bytes."""
+    pack = {"zstd": zstandard.ZstdCompressor().compress, "lz4": lz4.frame.compress}[compression]
+    chunk = Chunk(compression, pack(bytes(FEW_BYTES + 1)), 0, 0, 0, size)
+    path.write_bytes(MAGIC + encoded(Header("", "robot's own")) + encoded(chunk))
+    return path
+
+
+@pytest.mark.parametrize("compression", ["zstd", "lz4"])
+def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, compression: str):
+    for size, said in ((FEW_BYTES + 1, "would unpack to 67 MB"), (1000, "sizes disagree")):
+        with pytest.raises(LogRefused, match=said):
+            read_log(one_chunk(tmp_path / "log.mcap", size, compression), column_map(["F=/wrench.force.z[N]"]))
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [("[" * 100_000, "nested too deeply"), (f'{{"z": {10**400}}}', "a number of more than 300 digits")],
+)
+def test_json_that_means_harm_is_refused_in_a_sentence(tmp_path: Path, text: str, said: str):
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(library="robot's own")
+        channel = writer.register_channel("/wrench", "json", writer.register_schema("W", "jsonschema", b"{}"))
+        for k in range(3):
+            writer.add_message(channel, k, text.encode(), k)
+        writer.finish()
+    with pytest.raises(LogRefused, match=said):
+        read_log(path, column_map(["F=/wrench.z[N]"]))
+
+
+def test_a_pipe_is_not_waited_for(tmp_path: Path):
+    os.mkfifo(tmp_path / "log.mcap")
+    with pytest.raises(LogRefused, match="a pipe, socket or device"):
+        read_log(tmp_path / "log.mcap")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from twin.cli.options import AsJson
-from twin.errors import InputRefused
+from twin.errors import InputRefused, visible
 from twin.files import json_text, made_folder, write_json
 
 if TYPE_CHECKING:
@@ -93,10 +93,9 @@ def compare(
     if as_json:
         print(json_text(verdict.facts))
     else:
-        print(verdict.text)
-        print(
-            "\n".join([f"  note     {note}" for note in verdict.notes] + [f"  picture  {picture}\n  verdict  {facts}"])
-        )
+        notes = [f"  note     {note}" for note in verdict.notes]
+        # names in a recording are anybody's
+        print(visible("\n".join([verdict.text, *notes, f"  picture  {picture}\n  verdict  {facts}"])))
     if verdict.failed:
         raise SystemExit(1)
 

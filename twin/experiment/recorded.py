@@ -11,6 +11,7 @@ from pydantic import BaseModel, ValidationError
 from twin.errors import InputRefused
 from twin.experiment.experiment import ARRAYS, OPTIONAL_TABLES, TABLES, Experiment, Head, checked_experiment
 from twin.experiment.mistakes import sentences, type_mistakes
+from twin.experiment.quantity import Section
 from twin.experiment.schema import Drive
 from twin.experiment.source import Source, located
 from twin.files import json_of
@@ -160,10 +161,12 @@ def _depth(values: Any) -> int:
 
 
 def _wrong_types(values: dict[str, Any]) -> list[str]:
-    source, mistakes = Source(), []
+    source = Source()
+    mistakes: list[str] = []
+    models: dict[str, type[Section]] = {"head": Head, **TABLES, **OPTIONAL_TABLES}
     source.put(values, "recorded")
     head = {key: value for key, value in source.values.items() if not isinstance(value, dict)}
-    for name, model in {"head": Head, **TABLES, **OPTIONAL_TABLES}.items():
+    for name, model in models.items():
         try:
             model.model_validate(head if name == "head" else source.values.get(name, {}))
         except ValidationError as error:

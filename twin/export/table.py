@@ -14,6 +14,10 @@ LARGEST_RATE = 1e6
 """Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
 
 
+MOST_ROWS = 50_000_000
+"""Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
+
+
 @dataclass(frozen=True)
 class Column:
     """One number per row.
@@ -96,4 +100,6 @@ def row_times(times: Sequence[np.ndarray], rate: float | None) -> np.ndarray:
     last = max(t[-1] for t in times)
     # each from its own number, so that nothing accumulates
     count = int((last - first) * rate / NANOSECONDS + 1e-9) + 1
+    if count > MOST_ROWS:
+        raise InputRefused(f"--rate {rate:g}: makes {count} rows, more than {MOST_ROWS}; choose a lower one")
     return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)

@@ -25,12 +25,13 @@ def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
     The decoder raises ValueError for bytes that are no such message; this function raises it for such a schema.
     """
     if channel.message_encoding == "json":
-        return json.loads
+        return _json
     if channel.message_encoding != "protobuf" or schema is None or schema.encoding != "protobuf":
         return None
     try:
         message_type = GetMessageClass(_pool(schema.data).FindMessageTypeByName(schema.name))
-    except (DecodeError, KeyError, TypeError) as problem:
+    # the last two: what a schema asks for that contradicts itself, or imports itself
+    except (DecodeError, KeyError, TypeError, RecursionError) as problem:
         raise ValueError(f"its schema {schema.name} cannot be used: {problem}") from None
 
     def decoded(data: bytes) -> Message:
@@ -40,6 +41,13 @@ def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
             raise ValueError(str(problem)) from None
 
     return decoded
+
+
+def _json(data: bytes) -> Any:
+    try:
+        return json.loads(data)
+    except RecursionError:
+        raise ValueError("nested too deeply") from None
 
 
 def field(message: Any, path: str) -> Any:
@@ -62,7 +70,10 @@ def field(message: Any, path: str) -> Any:
                 raise LookupError(f"it has {', '.join(names)}" if names else f"nothing lies below '{path}'")
             value = value[name] if isinstance(value, Mapping) else getattr(value, name)
     if isinstance(value, bool | int | float):
-        return float(value)
+        try:
+            return float(value)
+        except OverflowError:
+            raise ValueError("a number of more than 300 digits") from None
     names = _names(value)
     parts = [next((name for name in words if name in names), None) for words in (SECONDS, NANOSECONDS)]
     if all(parts):

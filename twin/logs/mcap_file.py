@@ -2,15 +2,14 @@
 
 import difflib
 import struct
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
-import zstandard
-from mcap.exceptions import EndOfFile, McapError, UnsupportedCompressionError
-from mcap.records import Channel, Header, Message, Schema, Statistics
-from mcap.stream_reader import StreamReader
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema, Statistics
+from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
 from twin.logs import decoding
@@ -18,10 +17,11 @@ from twin.logs.column_map import TIME, Column, split_unit
 from twin.logs.errors import LogRefused
 from twin.logs.log import Log, Series
 from twin.logs.units import Dimension, unit
+from twin.recording.chunks import allowance, unpacked
 
 MAGIC = MCAP0_MAGIC
 NANOSECONDS = 1e9
-LONGEST_RECORD = 2**30
+LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
 """Bytes; a damaged length must not ask for any amount of memory."""
 
 
@@ -45,7 +45,7 @@ def written_by_twin(path: Path) -> bool:
     """Whether the header of an MCAP file says that `twin.recording` wrote it; a damaged header does not."""
     with path.open("rb") as file:
         try:
-            header = next(StreamReader(file, record_size_limit=LONGEST_RECORD).records)
+            header = next(StreamReader(file, record_size_limit=LONGEST_HEADER).records)
         except (McapError, ValueError, struct.error, StopIteration, OverflowError, MemoryError):
             return False
     return isinstance(header, Header) and header.library.startswith("twin ")
@@ -90,10 +90,10 @@ def _topics(path: Path) -> tuple[dict[str, Topic], str]:
         file.seek(-len(MAGIC), 2)
         finished = file.read() == MAGIC and file.tell() > len(MAGIC)
         file.seek(0)
-        reader = StreamReader(file, validate_crcs=True, record_size_limit=LONGEST_RECORD)
+        reader = StreamReader(file, emit_chunks=True, validate_crcs=True, record_size_limit=LONGEST_RECORD)
         note, expected = "", None
         try:
-            for record in reader.records:
+            for record in _records(reader, allowance(path.stat().st_size)):
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
@@ -103,9 +103,7 @@ def _topics(path: Path) -> tuple[dict[str, Topic], str]:
                     channels[record.channel_id].data.append(record.data)
                 elif isinstance(record, Statistics):
                     expected = record.message_count
-        except UnsupportedCompressionError as problem:
-            raise LogRefused(f"{path}: {problem}; store it again with zstd") from None
-        except (McapError, ValueError, LookupError, struct.error, zstandard.ZstdError, MemoryError) as problem:
+        except (McapError, ValueError, LookupError, OverflowError, struct.error, MemoryError) as problem:
             if finished or not isinstance(problem, EndOfFile | struct.error):
                 raise LogRefused(
                     f"{path}: damaged near byte {file.tell()}: {problem or 'a record is cut short'}; "
@@ -128,6 +126,17 @@ def _topics(path: Path) -> tuple[dict[str, Topic], str]:
     return topics, f"{note}: read {(last - first) / NANOSECONDS:.3f} s of it" if note else ""
 
 
+def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
+    """Records of a file, those in its chunks among them, which may unpack to `most` bytes in all."""
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            content = unpacked(record, most)
+            most -= len(content)
+            yield from breakup_chunk(replace(record, compression="", data=content), validate_crc=True)
+        else:
+            yield record
+
+
 def _series(path: Path, topics: Mapping[str, Topic], signal: str, column: Column, time: Column | None) -> Series:
     name = max((n for n in topics if column.name.startswith(f"{n}.")), key=len, default=None)
     if name is None:
@@ -138,7 +147,7 @@ def _series(path: Path, topics: Mapping[str, Topic], signal: str, column: Column
     topic, field_path = topics[name], column.name.removeprefix(f"{name}.")
     factor = unit(column.unit or split_unit(field_path)[1] or "1", f"{path}: {column.name}")
     values = column.sign * factor.in_si(_numbers(path, name, topic, field_path))
-    t = np.array(topic.times, dtype=np.int64) / NANOSECONDS
+    t = np.array(topic.times, dtype=np.uint64) / NANOSECONDS
     if time is not None:
         stamp = unit(time.unit or split_unit(time.name)[1] or "s", f"{path}: {time.name}")
         if stamp.dimension != Dimension(s=1):

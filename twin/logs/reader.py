@@ -37,6 +37,8 @@ def read_log(path: str | Path, columns: Mapping[str, Column] | None = None) -> L
     path = Path(path)
     if is_recording(path):
         return recorded(read(recording_in(path)))
+    if path.exists() and not path.is_file():
+        raise LogRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
     try:
         with open_regular(path, sys.maxsize) as file:
             magic = file.read(len(MAGIC))

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.errors import visible
 from twin.recording.errors import UnknownSeries
 from twin.recording.layout import Field
 from twin.recording.messages import MessageLayout
@@ -88,7 +89,7 @@ class Recording:
         ]
         if "changed" in self.metadata:
             said.append("changed by hand while it ran: the experiment alone does not make this run")
-        return tuple(said)
+        return tuple(visible(text) for text in said)
 
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the file."""

@@ -86,6 +86,9 @@ def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]
         comment = comments.get((MESSAGE_TYPE, position, FIELD, index))
         if comment is None or field.number != index + 1 or field.type not in KINDS:
             raise ValueError(f"field {field.name} of {message_name} is not one that twin writes")
+        # protobuf hands out what is not UTF-8 as bytes
+        if not all(isinstance(text, str) for text in (field.name, comment.leading_comments, comment.trailing_comments)):
+            raise ValueError(f"a field of {message_name} has a name or comment that is not UTF-8")
         unit, _, meaning = comment.leading_comments.partition(": ")
         repeated = field.label == FieldDescriptorProto.LABEL_REPEATED
         size = int(comment.trailing_comments.split()[0]) if repeated else 1

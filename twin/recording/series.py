@@ -12,7 +12,7 @@ from mcap.records import Channel, Message, Schema
 
 from twin.recording.chunks import record_windows
 from twin.recording.layout import Field, check_stream
-from twin.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
+from twin.recording.messages import HEAD_SIZE, RECORD_PREFIX, MessageLayout, message_layout
 from twin.recording.scan import Damage
 from twin.recording.schema import described_fields
 
@@ -22,6 +22,8 @@ FOREIGN = "foxglove."
 MISSING = "a chunk before which messages are missing"
 # in the body of a Message record, behind the channel
 SEQUENCE, SEQUENCE_OFFSET = struct.Struct("<I"), 2
+# channel, sequence number and two times: no message is shorter
+MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
 # opcode, length and, in messages, channel: the front of every record in a chunk
 FRONT = struct.Struct("<BQH")
 
@@ -123,13 +125,16 @@ class Contents:
         """
         offsets: dict[int, list[int]] = {}
         events = []
-        passed, heard = dict(self.passed), {}
+        passed = dict(self.passed)
+        heard: dict[int, int] = {}
         place = 0
         while place < len(content):
             opcode, length, channel = FRONT.unpack_from(content, place)
             body = content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
-            if opcode != Opcode.MESSAGE:
+            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
                 self._declare(opcode, body)
+            elif opcode != Opcode.MESSAGE or length < MESSAGE_FRONT:
+                raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")
             elif channel in self.series:
                 offsets.setdefault(channel, []).append(place)
             elif channel in self._event_channels:

@@ -37,7 +37,7 @@ def shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str,
                 f"samples of {topic} are missing or moved: after {t[at] / NANOSECONDS:.3f} s comes "
                 f"{t[at + 1] / NANOSECONDS:.3f} s, though one is due every {period / NANOSECONDS:g} s"
             )
-        if len(steps) and end - t[-1] >= period + ROUNDING:
+        if len(steps) and end - t[-1] >= period - ROUNDING:
             return f"samples of {topic} are missing: the last is at {t[-1] / NANOSECONDS:.3f} s"
     # a duration is a whole number of ticks to a billionth
     if abs(end - duration * NANOSECONDS) > ROUNDING + duration:

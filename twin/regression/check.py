@@ -1,6 +1,5 @@
 """An experiment checked against its baselines, for programs and tests."""
 
-import os
 import shlex
 from dataclasses import dataclass
 from pathlib import Path

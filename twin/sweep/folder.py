@@ -1,6 +1,6 @@
 """A sweep's folder: what it is of, its rows, its recordings; and whether it may go on."""
 
-import json
+import os
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any

@@ -1,16 +1,25 @@
 import json
 import shlex
+from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
 import pytest
 
-from twin.execution import execute
+from twin.assembly.robot import assemble
+from twin.cosim.component import Component
+from twin.cosim.python_component import PythonComponent
+from twin.errors import InputRefused
+from twin.execution import SUMMARY, execute
 from twin.experiment.experiment import load_experiment
+from twin.experiment.recorded import recorded_experiment
+from twin.logs.reader import recorded
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.report.page.provenance import command, drives
-from twin.report.page.run import ReportRun
+from twin.report.page.page import report_page
+from twin.report.page.provenance import command, drives, provenance
+from twin.report.page.run import ReportRun, report_runs
 
 
 def settings_of(words: list[str]) -> list[str]:
@@ -35,6 +44,75 @@ def test_the_command_makes_the_same_recording_again(root: Path, tmp_path: Path, 
     assert words[:3] == ["twin", "run", "experiments/fig4_force_position.toml"]
     again = execute(load_experiment(path, settings_of(words)), folders[1]).recording
     assert again.read_bytes() == first.read_bytes()
+
+
+class Idle:
+    """A controller that never moves."""
+
+    sampled = True
+
+    def __init__(self, original: Component):
+        self.inputs, self.outputs = original.inputs, original.outputs
+
+    def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
+        y[:] = 0.0
+
+
+@pytest.fixture(scope="module")
+def substituted(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a run with a controller of somebody's own."""
+    experiment = load_experiment(root / "experiments/fig4_position.toml", ["duration_s=0.1"])
+    with assemble(experiment) as own:
+        model = Idle(next(c for c in own.system.components if c.name == "controller"))
+    mine = PythonComponent("controller", model, experiment.controller_ticks)
+    folder = tmp_path_factory.mktemp("substituted")
+    execute(experiment, folder, substitutes={"controller": mine})
+    return folder
+
+
+def test_a_substitute_is_named_wherever_the_run_is_told_of(substituted: Path):
+    assert json.loads((substituted / SUMMARY).read_text())["substituted"] == {"controller": "Idle (PythonComponent)"}
+    recording = read(substituted / "run.mcap")
+    assert recording.metadata["substituted"] == {"controller": "Idle (PythonComponent)"}
+    said = "controller was substituted by Idle (PythonComponent): the experiment alone does not make this run"
+    assert recording.deviations == (said,)
+    assert said in recorded(recording).notes
+    page, _ = report_page(report_runs([substituted]))
+    assert said in page
+    assert f"C{said[1:]}." in page
+
+
+def test_a_run_with_a_substitute_is_not_promised_to_come_again(substituted: Path, force_position: Recording):
+    promise = "byte for byte"
+    assert promise in provenance(ReportRun("", force_position))
+    run = ReportRun("", read(substituted / "run.mcap"))
+    assert promise not in provenance(run)
+    assert "command of its experiment" in provenance(run)
+    with pytest.raises(InputRefused, match="was made with a substitute for controller"):
+        recorded_experiment(run.recording.metadata, run.recording.path)
+
+
+def test_a_run_that_was_changed_by_hand_is_not_promised_to_come_again_either(force_position: Recording):
+    changed = replace(force_position, metadata=force_position.metadata | {"changed": {"first": "x"}})
+    told = provenance(ReportRun("", changed))
+    assert "byte for byte" not in told
+    assert "Changed by hand while it ran" in told
+
+
+def test_an_fmu_that_was_substituted_is_not_said_to_have_run(root: Path, tmp_path: Path):
+    experiment = load_experiment(root / "experiments/fig4_position.toml", ["duration_s=0.1"])
+    with assemble(experiment) as own:
+        model = Idle(next(c for c in own.system.components if c.name == "drive_2"))
+    model.sampled = False
+    run = execute(experiment, tmp_path, substitutes={"drive_2": PythonComponent("drive_2", model)})
+    assert read(run.recording).metadata["fmu"].keys() == {"drive_1", "drive_3"}
+    assert len(run.drives) == 2
+
+
+def test_a_substitute_without_a_place_is_refused(root: Path, tmp_path: Path):
+    experiment = load_experiment(root / "experiments/fig4_position.toml", ["duration_s=0.1"])
+    with pytest.raises(InputRefused, match="no component 'contoller' in this experiment; did you mean 'controller'"):
+        execute(experiment, tmp_path, substitutes={"contoller": None})  # type: ignore[dict-item]
 
 
 def test_another_drive_and_another_body_are_in_the_command(root: Path, tmp_path: Path):

@@ -4,6 +4,7 @@ import base64
 import json
 import shlex
 from collections.abc import Sequence
+from typing import Any
 
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.measures import number
@@ -86,7 +87,8 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
         ("times as fast as the real robot", "real_time_factor", ""),
     ):
         rows.append((text, *(_told(run.summary.get(key), unit) for run in runs)))
-    shares = [told if isinstance(told := run.summary.get("microseconds"), dict) else {} for run in runs]
+    measured = [run.summary.get("microseconds") for run in runs]
+    shares: list[dict[str, Any]] = [share if isinstance(share, dict) else {} for share in measured]
     for name in dict.fromkeys(name for share in shares for name in share):
         rows.append((f"{name}, per tick", *(_told(share.get(name), "us") for share in shares)))
     text = "Time by component was not measured, or the run did not get to its end." if not any(shares) else ""

@@ -1,0 +1,126 @@
+"""Standard streams that are closed, full, or read by nobody any more."""
+
+import io
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from twin.cli import app
+from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
+from twin.errors import NotWritten
+from twin.guard.black_box import BlackBox
+
+FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a disk that is always full")
+
+
+class Refusing(io.StringIO):
+    """A stream that takes nothing."""
+
+    def __init__(self, problem: OSError):
+        super().__init__()
+        self.problem = problem
+
+    def write(self, text: str) -> int:
+        raise self.problem
+
+    def flush(self) -> None:
+        raise self.problem
+
+
+def shell(command: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    """`twin` as a shell runs it, with what it makes of the streams."""
+    full = command.replace("twin", f"'{sys.executable}' -P -m twin", 1)
+    return subprocess.run(["bash", "-c", full], cwd=cwd, capture_output=True, text=True, timeout=300)
+
+
+def test_output_that_is_not_taken_is_one_sentence_and_a_reader_that_has_gone_is_none() -> None:
+    full, gone = Outlet(Refusing(OSError(28, "No space left on device"))), Outlet(Refusing(BrokenPipeError(32, "gone")))
+    acts: list[Callable[[], object]] = [lambda: full.write("x"), full.flush]
+    for act in acts:
+        with pytest.raises(NotWritten, match=r"^standard output: cannot be written: No space left on device$"):
+            act()
+    for act in (lambda: gone.write("x"), gone.flush):
+        with pytest.raises(Unread):
+            act()
+
+
+def test_what_standard_error_does_not_take_is_lost() -> None:
+    aside = Aside(Refusing(OSError(28, "No space left on device")))
+    assert aside.write("four") == 4
+    aside.flush()
+    assert aside.encoding is None
+
+
+def test_streams_are_given_back() -> None:
+    before = sys.stdin, sys.stdout, sys.stderr
+    with standard_streams():
+        assert isinstance(sys.stdout, Outlet)
+        assert isinstance(sys.stderr, Aside)
+    assert (sys.stdin, sys.stdout, sys.stderr) == before
+
+
+@pytest.mark.parametrize(
+    ("problem", "code", "told"),
+    [
+        (Unread(), READER_GONE, ""),
+        (NotWritten("x: cannot be written: why"), 3, "x: cannot be written: why\n"),
+        (OSError(28, "No space left on device", "results/x"), 3, "results/x: No space left on device\n"),
+        (OSError(24, "Too many open files"), 3, "twin: Too many open files\n"),
+        (SystemExit(4), 4, ""),
+    ],
+)
+def test_every_end_has_its_code_and_no_traceback(
+    problem: BaseException, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def failing(**how: object) -> None:
+        raise problem
+
+    monkeypatch.setattr(app, "app", failing)
+    with pytest.raises(SystemExit) as end:
+        app.main()
+    assert end.value.code == code
+    assert capsys.readouterr() == ("", told)
+
+
+@FULL
+@pytest.mark.parametrize(
+    ("command", "code", "said"),
+    [
+        ("twin schema > /dev/full", 3, "standard output: cannot be written: No space left on device\n"),
+        ("twin --version > /dev/full", 3, "standard output: cannot be written: No space left on device\n"),
+        ("twin schema --out /dev/full", 2, "/dev/full: a pipe or device; expected the name of a file"),
+        ("twin run nowhere.toml 2> /dev/full", 2, ""),
+        ("twin schema >&- 2>&- <&-", 0, ""),
+        ("twin schema | head -c 9 > /dev/null; exit ${PIPESTATUS[0]}", 0, ""),
+    ],
+)
+def test_a_shell_sees_no_traceback(command: str, code: int, said: str, tmp_path: Path) -> None:
+    done = shell(command, tmp_path)
+    assert (done.returncode, done.stdout) == (code, "")
+    assert done.stderr.startswith(said)
+    assert len(done.stderr.splitlines()) == bool(said)
+
+
+def test_a_run_needs_no_stream_at_all(root: Path, tmp_path: Path) -> None:
+    """The guard's shared memory would get the number of one that is closed, and be another file in the child."""
+    experiment = root / "experiments/fig4_force_position.toml"
+    done = shell(f"twin run '{experiment}' --set duration_s=0.1 --out x <&- >&- 2>&-", tmp_path)
+    assert done.returncode == 0
+    assert (tmp_path / "x" / "run.mcap").exists()
+
+
+@pytest.mark.skipif(os.name != "posix", reason="processes are guarded on POSIX only")
+def test_the_guards_memory_never_takes_the_number_of_a_standard_stream() -> None:
+    kept = os.dup(0)
+    os.close(0)
+    try:
+        box = BlackBox()
+        assert box.fd > 2
+        box.close()
+    finally:
+        os.dup2(kept, 0)
+        os.close(kept)
