@@ -7,15 +7,14 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from tests.loop_analysis.gain_limits import row, tried
 from tests.laws.runs import shipped
+from tests.loop_analysis.gain_limits import row, tried
 from tests.loop_analysis.simulated import fig4
 from twin.analysis.margins import LARGEST_GAIN
 from twin.loop_analysis import limit_check
 from twin.loop_analysis.limit_check import CLOSE, FARTHEST, HOLDS, borders, bracket, lasting_nudges
 from twin.qualification.shelf import shelved_drives
 from twin.report.analysis_text import analysis_text
-
 
 AIR, PRESSING, BOTH = slice(1, 2), slice(2, 3), slice(1, 3)
 """Of Fig. 4's operating points those at one end of its line."""
