@@ -1,5 +1,6 @@
 """The whole default matrix of pressing.toml, measured once for all tests; and rows made by hand."""
 
+from collections.abc import Sequence
 from functools import cache
 
 from tests.laws.runs import shipped
@@ -8,9 +9,9 @@ from twin.fault_matrix.matrix import healthy_trial, onsets_of, rows
 from twin.fault_matrix.row import Outcome, Row
 
 
-def matrix(name: str, *kinds: str) -> list[Row]:
+def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[Row]:
     """Rows of an experiment of experiments/."""
-    experiment = shipped(name)
+    experiment = shipped(name, *overrides)
     healthy = healthy_trial(experiment)
     onsets = onsets_of(experiment, healthy, ())
     return list(rows(experiment, healthy, cases(experiment, known_kinds(kinds), onsets, None)))

@@ -16,8 +16,8 @@ def test_there_is_a_case_for_every_kind_magnitude_and_onset():
 
 def test_a_case_is_in_si_and_ticks_and_lasts_as_long_as_asked():
     (*_, case) = cases(shipped("pressing"), ("surface_jump",), (2.0,), 0.5)
-    assert case.magnitude == 5.0
-    assert (case.fault.magnitude, case.fault.onset, case.fault.end) == (5e-3, 2000, 2500)
+    assert case.magnitude == 10.0
+    assert (case.fault.magnitude, case.fault.onset, case.fault.end) == (10e-3, 2000, 2500)
     assert case.fault.target == CATALOGUE["surface_jump"].targets[0]
 
 

@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,22 +9,57 @@ from twin.errors import InputRefused, SafetyTrip
 from twin.fault_matrix.case import cases
 from twin.fault_matrix.matrix import healthy_trial, rows
 from twin.faults.catalogue import CATALOGUE
+from twin.faults.kind import NEVER
 from twin.report.fault_matrix_text import fault_matrix_table, fault_matrix_text
 
-CANNOT_BE_SEEN_IN_TIME = {"stiffness_change"}
-"""The only kind that goes beyond the bound; docs/faults.md says why nothing can be done."""
 
-
-def test_every_fault_that_can_be_seen_stays_below_the_force_limit_plus_a_fifth():
+def test_the_matrix_of_pressing_is_as_it_was_said_before():
     assert [row for row in pressing() if row.fails] == []
 
 
-def test_what_goes_beyond_the_bound_is_what_is_there_before_anything_can_be_seen():
-    assert {row.kind for row in pressing() if not row.safe} <= CANNOT_BE_SEEN_IN_TIME
+def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
+    broken = {(row.kind, row.magnitude) for row in pressing() if not row.safe}
+    assert broken == {
+        ("encoder_drift", 2.0),
+        ("stiffness_change", 3.0),
+        ("stiffness_change", 10.0),
+        ("surface_jump", 10.0),
+        ("belt_slip", -30.0),
+    }
+
+
+SAID = [kind for kind, known in CATALOGUE.items() if known.seen != NEVER and kind != "drive_failure"]
+"""Of `drive_failure` no monitor is needed: the run ends."""
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(kind):
+    said = [row for row in pressing() if row.kind == kind and row.said_to_be_seen]
+    assert said and all(replace(row, watched=row.unwatched).fails for row in said)
+
+
+@pytest.mark.parametrize(
+    ("kind", "check"),
+    [
+        ("encoder_bias", "monitor.jump_limit_rad_per_s=10000"),
+        ("sample_delay", "monitor.stale_time_ms=5000"),
+        ("drive_dead", "monitor.frozen_time_ms=13000 monitor.follow_time_ms=13000"),
+        ("surface_jump", "monitor.force_rate_limit_N_per_s=100000"),
+        ("drive_saturation", "monitor.follow_time_ms=13000"),
+    ],
+)
+def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(kind, check):
+    assert any(row.missed for row in matrix("pressing", kind, overrides=check.split()))
+
+
+@pytest.mark.parametrize("kind", ["encoder_drift", "stiffness_change", "surface_jump", "belt_slip"])
+def test_without_having_been_said_the_broken_bound_of_a_kind_fails(kind, monkeypatch):
+    monkeypatch.setitem(CATALOGUE, kind, replace(CATALOGUE[kind], beyond=None))
+    assert any(row.fails for row in pressing() if row.kind == kind)
 
 
 def test_without_the_monitor_the_matrix_is_visibly_worse():
-    detectable = [row for row in pressing() if row.detectable]
+    detectable = [row for row in pressing() if row.said_to_be_seen and not row.said_to_go_beyond]
     worst = max(row.watched.peak for row in detectable)
     worst_unwatched = max(row.unwatched.peak for row in detectable)
     # 64 N against 17.6 N were measured
@@ -70,7 +106,7 @@ def test_the_duration_ends_the_fault():
 
 def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
     lines = fault_matrix_text("pressing", pressing()).splitlines()
-    assert lines[0].startswith("pressing  PASSED: 158 of 160 cases stay below 18 N")
+    assert lines[0].startswith("pressing  PASSED: 155 of 160 cases stay below 18 N")
     assert max(map(len, lines)) <= 80
     assert set(CATALOGUE) <= {line.split()[0] for line in lines if line}
 

@@ -58,9 +58,11 @@ def faults(
 ) -> None:
     """Break everything once: each kind of fault, with the safety monitor and without.
 
-    Exit code: 0 every fault that can be seen stays below the force limit plus
-    20 %, 1 one does not, 2 input refused, 3 a drive crashed or hung (the rows
-    until then are kept), 4 the monitor tripped without any fault.
+    The catalogue of faults says before the run which ones the monitor sees, and
+    where the force goes beyond the force limit plus 20 % all the same.
+    Exit code: 0 it is so, 1 one is missed or goes beyond without having been
+    said to, 2 input refused, 3 a drive crashed or hung (the rows until then are
+    kept), 4 the monitor tripped without any fault.
 
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
     """

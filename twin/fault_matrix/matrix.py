@@ -10,6 +10,7 @@ from twin.fault_matrix.case import Case
 from twin.fault_matrix.onset import default_onsets, touching
 from twin.fault_matrix.row import End, Outcome, Row
 from twin.fault_matrix.trial import Trial, trial
+from twin.faults.fault import NEVER
 from twin.monitor.reasons import trip_sentence
 
 FAILURE = "FAILURE"
@@ -72,6 +73,7 @@ def rows(experiment: Experiment, healthy: Trial, cases: Sequence[Case]) -> Itera
             healthy_peak=float(healthy.force[fault.onset :].max()),
             watched=watched,
             unwatched=unwatched,
+            stays=fault.end == NEVER,
         )
 
 

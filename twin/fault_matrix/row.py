@@ -45,6 +45,7 @@ class Row:
         onset: (s). in_contact: whether the healthy robot touches then.
         limit: the monitor's force limit (N). healthy_peak: largest true force of the healthy run from the onset on (N).
         watched, unwatched: with the monitor and without.
+        stays: whether the fault lasts to the end of the run.
     """
 
     kind: str
@@ -56,6 +57,7 @@ class Row:
     healthy_peak: float
     watched: Outcome
     unwatched: Outcome
+    stays: bool = True
 
     @classmethod
     def of(cls, values: dict[str, Any]) -> Self:
@@ -93,23 +95,34 @@ class Row:
         return magnitudes is None or self.magnitude == magnitudes[-1]
 
     @property
-    def detectable(self) -> bool:
-        """Whether the monitor is answerable for this fault: by the catalogue, or because it saw it."""
-        stated = CATALOGUE[self.kind].detection
-        if stated == "no":
-            return self.in_time
-        return stated == "yes" or self.largest or self.detected
+    def said_to_be_seen(self) -> bool:
+        """Whether the catalogue said before the run that the monitor sees it; of a fault that ends it says nothing."""
+        return self.stays and CATALOGUE[self.kind].is_said_to_be_seen(self.magnitude, self.in_contact)
+
+    @property
+    def said_to_go_beyond(self) -> bool:
+        """Whether the catalogue said before the run that the force may go beyond the bound."""
+        return CATALOGUE[self.kind].is_said_to_go_beyond(self.magnitude)
+
+    @property
+    def missed(self) -> bool:
+        """Whether the monitor did not see what it was said to see."""
+        return self.said_to_be_seen and not self.detected
+
+    @property
+    def loose(self) -> bool:
+        """Whether the force went beyond the bound and was not said to."""
+        return not self.safe and not self.said_to_go_beyond
 
     @property
     def fails(self) -> bool:
-        """Whether a fault that can be seen went beyond the bound all the same."""
-        return self.detectable and not self.safe
+        """Whether the run did worse than was said before it."""
+        return self.missed or self.loose
 
     @property
     def as_stated(self) -> bool:
-        """Whether the run did what the catalogue says of its detection; "if large" leaves single rows free."""
-        stated = CATALOGUE[self.kind].detection
-        return self.detected if stated == "yes" else not self.in_time if stated == "no" else True
+        """Whether the run did what was said, no worse and no better: what is never seen was not seen in time."""
+        return not self.fails and not (CATALOGUE[self.kind].detection == "no" and self.in_time)
 
     def facts(self) -> dict[str, Any]:
         """For JSON: keys with units, and the judgements."""
@@ -124,7 +137,9 @@ class Row:
             "verdict": "safe" if self.safe else "unsafe",
             "detection_stated": CATALOGUE[self.kind].detection,
             "as_stated": self.as_stated,
-            "detectable": self.detectable,
+            "detectable": self.said_to_be_seen,
+            "said_to_go_beyond": self.said_to_go_beyond,
+            "failed": self.fails,
             "with_monitor": _facts(self.watched),
             "without_monitor": _facts(self.unwatched),
         }

@@ -3,7 +3,7 @@
 import difflib
 
 from twin.errors import InputRefused
-from twin.faults.kind import POSITIVE, SHARE, Kind
+from twin.faults.kind import ALWAYS, EVERY, NEVER, POSITIVE, SHARE, Kind, Seen
 
 MANY = 10
 """So many names are not listed in a sentence."""
@@ -20,70 +20,70 @@ _JUMP = "the deflection jumps faster than shaft and link can move"
 
 _ENCODER_KINDS = {
     "encoder_bias": Kind(
-        "counts", _ENCODERS, "the count is off by a constant angle", "if large",
+        "counts", _ENCODERS, "the count is off by a constant angle", Seen(2.0, 2.0),
         f"{_JUMP} at the onset; afterwards {_SAME_ENCODER}",
         "deg", (0.1, 0.5, 2.0),
     ),
     "encoder_drift": Kind(
-        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", "if large",
+        "counts", _ENCODERS, "the count runs away from the angle at a constant speed", Seen(2.0, 2.0),
         f"{_SAME_ENCODER}, and the force loop corrects what it believes; only once it is degrees off, the limit of "
         "deflection or of the workspace ends it",
-        "deg_per_s", (0.02, 0.1, 0.5),
+        "deg_per_s", (0.1, 0.5, 2.0), beyond=2.0,
     ),
     "encoder_quantisation": Kind(
-        "counts", _ENCODERS, "steps of the count are coarser", "if large",
+        "counts", _ENCODERS, "steps of the count are coarser", Seen(2.0, 2.0),
         f"{_JUMP} from step to step; fine steps look like a healthy encoder of less resolution",
         "deg", (0.2, 0.5, 2.0), POSITIVE,
     ),
     "encoder_dropout_hold": Kind(
-        "counts", _ENCODERS, "samples are lost at random, the last good count is repeated", "if large",
+        "counts", _ENCODERS, "samples are lost at random, the last good count is repeated", Seen(1.0, 1.0),
         "a count stands still although the command moves the shaft; single lost samples look like a slow shaft",
         "share", (0.02, 0.2, 1.0), SHARE,
     ),
     "encoder_dropout_zero": Kind(
-        "counts", _ENCODERS, "samples are lost at random and read 0", "yes",
+        "counts", _ENCODERS, "samples are lost at random and read 0", ALWAYS,
         f"{_JUMP}, unless the shaft is near 0",
         "share", (0.001, 0.02, 1.0), SHARE,
     ),
     "encoder_dropout_nan": Kind(
-        "counts", _ENCODERS, "samples are lost at random and read NaN", "yes", "a count that is no number",
+        "counts", _ENCODERS, "samples are lost at random and read NaN", ALWAYS, "a count that is no number",
         "share", (0.001, 0.02, 1.0), SHARE,
     ),
     "encoder_stuck": Kind(
-        "counts", _ENCODERS, "the count stays where it is", "if large",
+        "counts", _ENCODERS, "the count stays where it is", ALWAYS,
         "the count stands still although the command moves the shaft; at rest there is nothing to see",
     ),
     "encoder_glitch": Kind(
-        "counts", _ENCODERS, "a share of the samples, single ones at random, is off by an angle", "if large", _JUMP,
+        "counts", _ENCODERS, "a share of the samples, single ones at random, is off by an angle", Seen(5.0, 5.0), _JUMP,
         "deg", (0.5, 5.0, 90.0), has_share=True,
     ),
     "encoder_flip": Kind(
-        "counts", _ENCODERS, "the count has the other sign", "yes", f"{_JUMP}, unless the shaft is near 0",
+        "counts", _ENCODERS, "the count has the other sign", ALWAYS, f"{_JUMP}, unless the shaft is near 0",
     ),
     "encoder_swap": Kind(
-        "counts", _ENCODERS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", "if large",
-        f"{_JUMP} where the two angles differ; in a symmetric pose they do not",
+        "counts", _ENCODERS, "the channel and the next one (1-2, 2-3, 3-1) are exchanged", NEVER,
+        f"in a symmetric pose nothing jumps, and the matrix may well hit one; where the two angles differ, {_JUMP}",
     ),
 }  # fmt: skip
 
 _MESSAGE_KINDS = {
     "sample_delay": Kind(
-        "message", ("encoder",), "both encoders' messages arrive late", "if large",
+        "message", ("encoder",), "both encoders' messages arrive late", Seen(10.0, 10.0),
         "the counter stands still for the delay at the onset; later it runs evenly and only a common clock could tell",
         "ms", (2.0, 10.0, 50.0), POSITIVE,
     ),
     "sample_jitter": Kind(
-        "message", ("encoder",), "messages arrive after a random time up to the magnitude", "if large",
+        "message", ("encoder",), "messages arrive after a random time up to the magnitude", Seen(10.0, 10.0),
         "the counter stands still and then jumps",
         "ms", (2.0, 10.0, 50.0), POSITIVE,
     ),
     "sample_loss": Kind(
-        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", "if large",
+        "message", ("encoder",), "messages are lost at random; the reader keeps the last one", Seen(0.2, 0.2),
         "the counter stands still",
         "share", (0.02, 0.2, 1.0), SHARE,
     ),
     "controller_overrun": Kind(
-        "message", ("controller",), "commands leave the controller late", "no",
+        "message", ("controller",), "commands leave the controller late", NEVER,
         "a late command is a command like any other: it carries no counter; only what it does to the motion is seen",
         "ms", (2.0, 10.0, 50.0), POSITIVE,
     ),
@@ -91,76 +91,77 @@ _MESSAGE_KINDS = {
 
 _PARAMETER_KINDS = {
     "spring_softened": Kind(
-        "parameter", _JOINTS, "the spring of the joint has this factor of its stiffness", "no", _BELIEVED_SPRING,
+        "parameter", _JOINTS, "the spring of the joint has this factor of its stiffness", NEVER, _BELIEVED_SPRING,
         "factor", (0.9, 0.7, 0.4), POSITIVE,
     ),
     "spring_broken": Kind(
-        "parameter", _JOINTS, "the spring of the joint carries nothing", "if large",
+        "parameter", _JOINTS, "the spring of the joint carries nothing", ALWAYS,
         "in free air the link runs away from the motor at once and the deflection leaves the range of the force limit; "
         "in contact friction may hold the platform for seconds while the true force grows",
     ),
     "stiffness_change": Kind(
-        "parameter", ("contact",), "the surface has this factor of its stiffness", "no",
+        "parameter", ("contact",), "the surface has this factor of its stiffness", NEVER,
         "where the robot presses, the force is there in the same tick, before the springs have wound up by it; it is "
         "seen when the worst is over. A body that takes 20 ms to stiffen trips the force rate in time",
-        "factor", (1.5, 3.0, 10.0), POSITIVE,
+        "factor", (1.5, 3.0, 10.0), POSITIVE, beyond=3.0,
     ),
     "backlash_growth": Kind(
-        "parameter", _JOINTS, "the half width of the dead zone grows by this angle of the motor shaft", "no",
+        "parameter", _JOINTS, "the half width of the dead zone grows by this angle of the motor shaft", NEVER,
         "the estimator takes the way through the dead zone for deflection",
         "deg", (0.1, 0.5, 2.0), {"ge": 0.0},
     ),
     "joint_friction": Kind(
-        "parameter", _JOINTS, "viscous friction is added to the joint", "no",
+        "parameter", _JOINTS, "viscous friction is added to the joint", NEVER,
         "it acts between spring and platform: the spring's torque is right, the force at rest too",
         # the plant's explicit integration is stable up to 1.15 at the rim of the workspace, tick 1 ms, one substep
         "Nm_s_per_rad", (0.01, 0.05, 0.5), {"ge": 0.0, "le": 1.0},
     ),
     "belt_slip": Kind(
-        "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", "if large",
+        "parameter", _JOINTS, "the belt slips by this angle of the motor shaft and stays there", Seen(-10.0, -30.0),
         f"in free air the platform is thrown, which looks like a force; in contact the body holds it; afterwards "
         f"{_SAME_ENCODER}",
         # a negative slip winds the spring up: the platform presses harder
-        "deg", (-0.5, -2.0, -10.0),
+        "deg", (-2.0, -10.0, -30.0), beyond=-30.0,
     ),
     "belief_k_s": Kind(
-        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", "no", _NO_TRUE_FORCE,
+        "parameter", ("estimator",), "the believed spring stiffness is wrong by this factor", NEVER, _NO_TRUE_FORCE,
         "factor", (1.05, 1.2, 1.5), POSITIVE,
     ),
     "belief_eta": Kind(
-        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", "no", _NO_TRUE_FORCE,
+        "parameter", ("estimator",), "the believed belt efficiency is wrong by this factor", NEVER, _NO_TRUE_FORCE,
         "factor", (0.95, 0.85, 0.7), POSITIVE,
     ),
 }  # fmt: skip
 
 _DRIVE_KINDS = {
     "drive_runaway": Kind(
-        "drive", _DRIVES, "the shaft turns at this speed whatever is commanded, until the power goes", "yes",
+        "drive", _DRIVES, "the shaft turns at this speed whatever is commanded, until the power goes", ALWAYS,
         f"{_DOES_NOT_FOLLOW}; only taking the power away helps",
         "rad_per_s", (0.5, 2.0, 8.0),
     ),
     "drive_freewheel": Kind(
-        "drive", _DRIVES, "the drive has no torque: the spring turns its rotor", "yes",
+        "drive", _DRIVES, "the drive has no torque: the spring turns its rotor", ALWAYS,
         f"{_DOES_NOT_FOLLOW}, and the deflection is lost",
     ),
     "drive_dead": Kind(
-        "drive", _DRIVES, "the brake has fallen in: the shaft stays where it is", "if large",
+        "drive", _DRIVES, "the brake has fallen in: the shaft stays where it is", ALWAYS,
         f"{_DOES_NOT_FOLLOW}; at rest there is nothing to see",
     ),
     "joint_jam": Kind(
-        "drive", _DRIVES, "something is caught in the gear: the shaft turns no further down, only back up", "if large",
+        "drive", _DRIVES, "something is caught in the gear: the shaft turns no further down, only back up",
+        Seen(EVERY, None),
         f"{_DOES_NOT_FOLLOW}, as soon as it leads further down; a retraction still works",
     ),
     "drive_failure": Kind(
-        "drive", _DRIVES, "the drive's step fails and ends the run", "yes", "the run ends and names the fault",
+        "drive", _DRIVES, "the drive's step fails and ends the run", ALWAYS, "the run ends and names the fault",
     ),
     "drive_saturation": Kind(
-        "command", _DRIVES, "the drive runs no faster than this", "if large",
+        "command", _DRIVES, "the drive runs no faster than this", Seen(0.3, 0.3),
         f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
         "rad_per_s", (2.0, 0.3, 0.05), {"ge": 0.0},
     ),
     "brown_out": Kind(
-        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left", "if large",
+        "command", ("drives",), "the supply sags: this share of the drives' highest speed is left", Seen(0.05, 0.05),
         f"{_DOES_NOT_FOLLOW} while it asks for more; below that nothing is wrong",
         "share", (0.5, 0.05, 0.01), SHARE,
     ),
@@ -168,17 +169,17 @@ _DRIVE_KINDS = {
 
 _BODY_KINDS = {
     "surface_jump": Kind(
-        "body", ("contact",), "the surface jumps up by this much", "if large", "force and force rate jump",
-        "mm", (0.5, 2.0, 5.0),
+        "body", ("contact",), "the surface jumps up by this much", Seen(10.0, 5.0), "force and force rate jump",
+        "mm", (2.0, 5.0, 10.0), beyond=10.0,
     ),
     "contact_loss": Kind(
-        "body", ("contact",), "the surface drops away by this much", "if large",
-        "the springs throw the platform after it; after a light press not beyond the limit of speed, and the task "
+        "body", ("contact",), "the surface drops away by this much", NEVER,
+        "the springs throw the platform after it, beyond the limit of speed only after a firm press; the task "
         "gives up by itself",
         "mm", (1.0, 5.0, 20.0), POSITIVE,
     ),
     "breathing": Kind(
-        "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", "no",
+        "body", ("contact",), "the surface rises and falls with this amplitude at 0.25 Hz", NEVER,
         "it is what a healthy body does; the force loop follows it",
         "mm", (0.5, 2.0, 5.0), POSITIVE,
     ),

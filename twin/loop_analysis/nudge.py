@@ -86,7 +86,7 @@ def swing(p_B: Matrix) -> float:
 
 
 def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experiment:
-    """Held at `point` and nudged once by the way points, which tasks do not heed; no faults, changes, monitor or moving surface."""
+    """Held at `point` and nudged once, by way points, which tasks do not heed; nothing else moves or breaks."""
     x, y, z = point.p_B
     period = experiment.controller.period
     nudged = (x + nudge, y + nudge, z + nudge)

@@ -94,7 +94,8 @@ def _checked(done: Stability, check: LimitCheck) -> str:
         within = f"the co-simulation agrees within {100 * HOLDS:.0f} %"
         return f"stable up to {linear}; beyond, it shakes {where}; {within}"
     if check.high is None:
-        found = f"no nudge lasts up to {_gains(done, check.law, check.low or 0.0)}, {check.low or 0.0:.3g} times what is set"
+        tried = check.low or 0.0
+        found = f"no nudge lasts up to {_gains(done, check.law, tried)}, {tried:.3g} times what is set"
     elif check.simulated is None:
         found = f"a nudge lasts down to a {FARTHEST:g}th of that"
     else:

@@ -40,6 +40,12 @@ def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
         f"{first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
         f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
     )
+    claimed, allowed = [r for r in rows if r.said_to_be_seen], [r for r in rows if r.said_to_go_beyond]
+    lines += _wrapped(
+        f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
+        f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "
+        f"and in {sum(r.loose for r in rows)} others."
+    )
     ended = sum(r.unwatched.end == "run ended" and r.watched.end != "run ended" for r in rows)
     if ended:
         lines += _wrapped(
@@ -97,16 +103,16 @@ def _line(cells: Sequence[str]) -> str:
 
 def _exceptions(rows: Sequence[Row]) -> Iterator[str]:
     kinds = list(dict.fromkeys(row.kind for row in rows))
-    failing = [row for row in rows if row.fails]
-    yield from _block("! beyond the bound although it can be seen:", [_named(row) for row in failing])
-    beyond = [row for row in rows if not row.safe and not row.fails]
-    yield from _block("! beyond the bound before anything can be seen:", [_named(row) for row in beyond])
+    yield from _block("! said to be seen, and not seen:", [_named(row) for row in rows if row.missed])
+    yield from _block("! beyond the bound, and not said to go there:", [_named(row) for row in rows if row.loose])
+    beyond = [row for row in rows if not row.safe and not row.loose]
+    yield from _block("! beyond the bound, as was said:", [_named(row) for row in beyond])
     unseen = [kind for kind in kinds if CATALOGUE[kind].detection == "no"]
     yield from _block("cannot be seen:", [f"{kind}: {CATALOGUE[kind].reason}" for kind in unseen])
-    otherwise = [f"{_named(row)}, stated: {CATALOGUE[row.kind].detection}" for row in rows if not row.as_stated]
-    yield from _block("not as the catalogue states:", otherwise)
-    missed = [row for row in rows if CATALOGUE[row.kind].detection == "if large" and row.largest and not row.detected]
-    yield from _block("unseen at their largest magnitude:", [_named(row) for row in missed])
+    otherwise = [row for row in rows if not row.as_stated and not row.fails]
+    yield from _block("seen in time, and not said to be:", [_named(row) for row in otherwise])
+    last = [row for row in rows if CATALOGUE[row.kind].detection == "if large" and row.largest and not row.detected]
+    yield from _block("unseen at their largest magnitude, as was said:", [_named(r) for r in last if not r.missed])
 
 
 def _named(row: Row) -> str:
