@@ -3,7 +3,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.paper.fig5_recordings import pressed, tapped
 from twin.recording.recording import Recording
 
