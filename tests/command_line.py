@@ -1,13 +1,25 @@
-"""The command line as a user types it, in this process: what it does without the seconds that starting one takes."""
+"""The command line as a user types it: in this process, which saves the seconds that starting one takes; or not."""
 
 import contextlib
+import importlib
 import io
+import json
 import os
+import subprocess
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 from unittest import mock
+
+from twin.guard.voice import DirectVoice, Listen, Show
+
+GUARDED = ("twin.guard.guard.guarded", "twin.cli.run.guarded", "twin.cli.check_jobs.guarded")
+"""Where the commands find the function that runs a job in a process of its own."""
+
+# before anything takes the place of that function: they keep what they find under its name
+for name in ("twin.cli.run", "twin.cli.check_jobs", "twin.sweep.reset"):
+    importlib.import_module(name)
 
 
 class Done(NamedTuple):
@@ -18,24 +30,38 @@ class Done(NamedTuple):
     stderr: str
 
 
-def twin(*arguments: object, cwd: Path, env: dict[str, str] | None = None) -> Done:
-    """`twin ARGUMENTS` in the folder `cwd`.
+def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, isolated: bool = False) -> Done:
+    """`twin ARGUMENTS` in the folder `cwd`, with `twin.cli.main` called from here.
 
-    What is not `twin`'s own output, such as what an FMU prints, is not seen here; nor is what happens before `main`.
+    What it starts itself, such as the workers of a sweep, it starts. Output that is not its own is not seen, and
+    nothing before `main` happens.
+
+    Args:
+        env: its environment; None: ours.
+        isolated: with the guarded processes that commands run FMUs in; otherwise their jobs run here, too, and a drive
+            that crashes takes the tests with it.
     """
     from twin.cli import main
 
     said, told = io.StringIO(), io.StringIO()
-    command = ["twin", *map(str, arguments)]
-    with (
-        contextlib.chdir(cwd),
-        mock.patch.object(sys, "argv", command),
-        mock.patch.dict(os.environ, env if env is not None else dict(os.environ), clear=True),
-        contextlib.redirect_stdout(said),
-        contextlib.redirect_stderr(told),
-    ):
+    with contextlib.ExitStack() as stack:
+        stack.enter_context(contextlib.chdir(cwd))
+        stack.enter_context(mock.patch.object(sys, "argv", ["twin", *map(str, arguments)]))
+        stack.enter_context(mock.patch.object(sys, "stdin", io.StringIO()))
+        stack.enter_context(mock.patch.dict(os.environ, dict(os.environ if env is None else env), clear=True))
+        stack.enter_context(contextlib.redirect_stdout(said))
+        stack.enter_context(contextlib.redirect_stderr(told))
+        if not isolated:
+            for place in GUARDED:
+                stack.enter_context(mock.patch(place, _unguarded))
         code = _exit_code(main)
     return Done(code, said.getvalue(), told.getvalue())
+
+
+def twin_process(*arguments: object, cwd: Path, **settings: Any) -> "subprocess.CompletedProcess[str]":
+    """`twin ARGUMENTS` in the folder `cwd`, as a process; `settings` are those of `subprocess.run`."""
+    command = [sys.executable, "-m", "twin", *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, **settings)
 
 
 def _exit_code(main: Callable[[], None]) -> int:
@@ -48,3 +74,20 @@ def _exit_code(main: Callable[[], None]) -> int:
             return 1
         return end.code or 0
     return 0
+
+
+def _unguarded(
+    job: str,
+    arguments: dict[str, Any],
+    limits: object = None,
+    listen: Listen = lambda note: None,
+    show: Show = lambda done, total: None,
+) -> Any:
+    """As `twin.guard.guard.guarded`, through JSON likewise, in this process."""
+    module, _, function = job.partition(":")
+    voice = DirectVoice(lambda note: listen(_through_json(note)), show)
+    return _through_json(getattr(importlib.import_module(module), function)(voice, **_through_json(arguments)))
+
+
+def _through_json(content: Any) -> Any:
+    return json.loads(json.dumps(content))

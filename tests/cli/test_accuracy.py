@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 
 POSITION = "experiments/fig4_position.toml"
 PRESS = ("reference.p_mm=[[0,0,-101],[0,0,-104],[0,0,-104]]", "reference.t_s=[0,0.5,3]", "duration_s=3")

@@ -3,7 +3,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 
 FIG4, AIR = "experiments/fig4_force_position.toml", "experiments/step_z_air.toml"
 

@@ -5,13 +5,13 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.cli.commands import COMMANDS
-from tests.cli.test_run import twin
+from tests.command_line import twin, twin_process
 from twin import __version__
 from twin.cli.app import app
 
 
 def test_the_version_is_that_of_the_package(tmp_path: Path):
-    done = twin("--version", cwd=tmp_path)
+    done = twin_process("--version", cwd=tmp_path)
     assert (done.returncode, done.stdout) == (0, f"twin {__version__}\n")
 
 

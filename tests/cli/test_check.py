@@ -3,7 +3,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.guard.hostile import SEGFAULT, hostile_drive
 from tests.regression.files import step_file
 
@@ -58,7 +58,7 @@ def test_a_drive_that_crashes_is_named_and_the_others_are_checked(root: Path, tm
     drive = f"[drive]\nfmu = '{crashing}'\n[drive.joint_2]\nparameters = {{ droop = {SEGFAULT} }}"
     mine, other = step_file(root, tmp_path / "mine.toml", drive), step_file(root, tmp_path / "other.toml")
     words = [mine, other, "--drive", "own", "-j", "1", "--update", "--reason", "x"]
-    done = twin("check", *words, cwd=tmp_path)
+    done = twin("check", *words, cwd=tmp_path, isolated=True)
     assert done.returncode == 3
     assert "hostile.fmu (drive_2) crashed" in " ".join(done.stdout.split())
     assert [path.name for path in (tmp_path / "tests/baselines").iterdir()] == ["other"]

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.paper.fig5_recordings import pressed, tapped
 from twin.recording.recording import Recording
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.recording import samples
 from twin.cli.compare import compare
 from twin.errors import InputRefused

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 
 
 def offered(line: str, cwd: Path) -> list[str]:

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 
 POSITION = "experiments/fig4_position.toml"
 PRESS = ("reference.p_mm=[[0,0,-101],[0,0,-102],[0,0,-102]]", "reference.t_s=[0,0.2,1]", "duration_s=0.4")

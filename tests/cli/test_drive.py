@@ -4,7 +4,7 @@ from pathlib import Path
 
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.drive.archives import redescribed
 from tests.drive.faulty import faulty_drive
 from twin.qualification.definitions import CHECKS, MEASURES
@@ -33,13 +33,13 @@ def test_a_drive_that_does_not_fit_is_exit_code_2(root: Path, tmp_path: Path):
     good = root / "fmus/velocity_servo/velocity_servo.fmu"
     bad = redescribed(good, tmp_path / "bad.fmu", 'causality="input"', 'causality="parameter"')
     for command in ("info", "check"):
-        done = twin("drive", command, bad, cwd=tmp_path)
+        done = twin("drive", command, bad, cwd=tmp_path, isolated=True)
         assert done.returncode == 2
         assert "omega_ref" in done.stderr and "Traceback" not in done.stderr
 
 
 def test_check_prints_the_verdict_first_and_draws_a_picture(root: Path, tmp_path: Path):
-    done = twin("drive", "check", root / "fmus/stepper", cwd=tmp_path)
+    done = twin("drive", "check", root / "fmus/stepper", cwd=tmp_path, isolated=True)
     assert done.returncode == 0, done.stderr
     lines = done.stdout.splitlines()
     assert lines[0] == "stepper.fmu  QUALIFIED"
@@ -50,7 +50,8 @@ def test_check_prints_the_verdict_first_and_draws_a_picture(root: Path, tmp_path
 
 
 def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp_path: Path):
-    facts = json.loads(twin("drive", "check", root / "fmus/velocity_servo", "--json", cwd=tmp_path).stdout)
+    done = twin("drive", "check", root / "fmus/velocity_servo", "--json", cwd=tmp_path, isolated=True)
+    facts = json.loads(done.stdout)
     assert facts["qualified"] is True and facts["failed"] == []
     assert list(facts["checks"]) == list(CHECKS) and list(facts["measures"]) == list(MEASURES)
     droop = facts["measures"]["droop"]
@@ -62,7 +63,7 @@ def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp
 def test_a_drive_that_fails_the_check_is_exit_code_1_and_the_picture_says_so(root: Path, tmp_path: Path):
     faulty_drive(root, tmp_path)
     (tmp_path / "mapping.toml").write_text('fmu = "faulty.fmu"\n[parameters]\ndroop = 2.0\n')
-    done = twin("drive", "check", "mapping.toml", cwd=tmp_path)
+    done = twin("drive", "check", "mapping.toml", cwd=tmp_path, isolated=True)
     assert done.returncode == 1, done.stderr
     assert done.stdout.startswith("faulty.fmu  NOT QUALIFIED: runs")
     assert (tmp_path / "results/drive_check/faulty.png").is_file()

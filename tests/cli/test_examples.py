@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from tests.cli.commands import COMMANDS, EXAMPLE, EXAMPLES, paragraphs
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from twin.recording.recording import Recording
 
 

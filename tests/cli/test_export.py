@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.export.readers import csv_columns
 from tests.recording import samples
 

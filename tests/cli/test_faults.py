@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.drive.compiled import compiled_drive
 from twin.cli.faults import MATRIX, PICTURE, ROWS
 
@@ -82,7 +82,7 @@ def test_a_trip_without_any_fault_is_exit_code_4(root: Path, tmp_path: Path):
 def test_a_drive_that_crashes_costs_one_sentence_and_no_finished_row(root: Path, tmp_path: Path):
     drive = compiled_drive(root, tmp_path, "fragile", {"model.c": CRASHES_WHEN_RETRACTED})
     kinds = ("--kind", "encoder_bias", "--onset", "5.5", "--drive", drive)
-    done = twin("faults", root / PRESSING, *kinds, "--out", "mine", cwd=tmp_path)
+    done = twin("faults", root / PRESSING, *kinds, "--out", "mine", cwd=tmp_path, isolated=True)
     assert done.returncode == 3, done.stderr
     assert "fragile.fmu (drive_1) crashed (SIGSEGV" in done.stderr and "Traceback" not in done.stderr
     # 0.1 and 0.5 deg trip nothing, 2 deg do

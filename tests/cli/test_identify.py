@@ -1,7 +1,7 @@
 import json
 from pathlib import Path
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.replay.logs import ran
 
 

@@ -1,7 +1,7 @@
 import json
 from pathlib import Path
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 
 
 def test_what_init_writes_in_an_empty_folder_runs_as_it_is(tmp_path: Path):

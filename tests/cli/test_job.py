@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.guard.hostile import SEGFAULT, hostile_drive
 
 EXPERIMENT = "experiments/fig4_force_position.toml"
@@ -19,7 +19,7 @@ def test_a_drive_that_crashes_ends_the_command_with_a_sentence(
 ):
     settings = [f"drive.joint_2.fmu='{crashing}'", f"drive.joint_2.parameters.droop={SEGFAULT}"]
     flags = [word for setting in settings for word in ("--set", setting)]
-    done = twin(command, root / EXPERIMENT, *flags, cwd=tmp_path)
+    done = twin(command, root / EXPERIMENT, *flags, cwd=tmp_path, isolated=True)
     assert done.returncode == 3
     assert done.stderr.startswith("hostile.fmu (drive_2) crashed (SIGSEGV, segmentation fault) in the step from t = ")
     assert "`--no-isolate` runs it under a debugger" in done.stderr and len(done.stderr.splitlines()) == 1

@@ -4,7 +4,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import FIG4, twin
+from tests.cli.test_run import FIG4
+from tests.command_line import twin
 from tests.recording import samples
 from twin.recording.recording import Recording
 

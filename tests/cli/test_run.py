@@ -1,4 +1,4 @@
-"""The command line as a user types it, in a process of its own."""
+"""`twin run` as a user types it."""
 
 import json
 import os
@@ -10,19 +10,15 @@ from pathlib import Path
 
 import pytest
 
+from tests.command_line import twin, twin_process
 from tests.drive.archives import redescribed
 from twin.recording.reader import read
 
 FIG4 = "experiments/fig4_force_position.toml"
 
 
-def twin(*arguments: object, cwd: Path, **settings) -> subprocess.CompletedProcess[str]:
-    command = [sys.executable, "-m", "twin", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, **settings)
-
-
 def test_a_run_lands_in_its_own_folder_and_latest_points_to_it(root: Path, tmp_path: Path):
-    done = twin("run", root / FIG4, "--set", "duration_s=1", cwd=tmp_path)
+    done = twin_process("run", root / FIG4, "--set", "duration_s=1", cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     home = tmp_path / "results" / "fig4_force_position"
     assert sorted(path.name for path in (home / "latest").resolve().iterdir()) == ["run.mcap", "summary.json"]
@@ -122,11 +118,11 @@ def test_an_fmu_that_can_live_only_once_in_a_process_runs_with_isolated_drives(r
     flag = 'canBeInstantiatedOnlyOncePerProcess="true"'
     single = redescribed(good, tmp_path / "single.fmu", "<CoSimulation ", f"<CoSimulation {flag} ")
     arguments = ["run", root / FIG4, "--drive", single, "--set", "duration_s=0.5"]
-    refused = twin(*arguments, cwd=tmp_path)
+    refused = twin(*arguments, cwd=tmp_path, isolated=True)
     assert refused.returncode == 2
     assert "can be instantiated only once per process" in refused.stderr
     assert "--isolate drive" in refused.stderr
-    assert twin(*arguments, "--isolate", "drive", cwd=tmp_path).returncode == 0
+    assert twin(*arguments, "--isolate", "drive", cwd=tmp_path, isolated=True).returncode == 0
 
 
 def test_ctrl_c_in_mid_run_keeps_what_was_recorded(root: Path, tmp_path: Path):

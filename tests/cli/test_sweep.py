@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 from tests.sweep.definitions import STIFFNESS, stiffness_text, written
 
 COST = ("seconds", "stepping_s")
@@ -117,7 +117,7 @@ def test_another_sweep_is_not_mixed_into_the_same_folder(root: Path, long: Path)
 def test_a_hundred_thousand_runs_are_not_begun_unasked(root: Path, tmp_path: Path):
     table = f'[[vary]]\nkey = "{STIFFNESS}"\nfrom = 500\nto = 900\ncount = 100000\n'
     file = written(tmp_path, f'experiment = "{root}/experiments/fig4_force_position.toml"\n{table}')
-    done = twin("sweep", file, cwd=tmp_path, stdin=subprocess.DEVNULL)
+    done = twin("sweep", file, cwd=tmp_path)
     assert done.returncode == 2
     assert done.stderr.startswith(f"{file}: makes up to 100,000 runs; say --yes if that is meant")
     assert not (tmp_path / "results").exists()

@@ -4,7 +4,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 
-from tests.cli.test_run import twin
+from tests.command_line import twin
 
 AIR = "experiments/step_z_air.toml"
 

@@ -85,6 +85,18 @@ def test_there_is_an_end_to_the_number_of_viewers(address: str, monkeypatch: pyt
     assert refused.value.response.status_code == 503
 
 
+def test_what_a_viewer_asks_again_and_again_leaves_nothing_behind(served: Broadcast, address: str):
+    with Viewer(address) as viewer:
+        for _ in range(100):
+            viewer.subscribe("/words")
+            viewer.send(op="unsubscribe", subscriptionIds=[1])
+            viewer.send(op="subscribeParameterUpdates", parameterNames=["nothing"])
+        viewer.parameters()
+        assert served.wanted == frozenset()
+        assert served.newcomer.is_set()
+    assert served.news.get() is None and served.news.empty()
+
+
 def test_only_the_first_refusals_are_told(served: Broadcast, address: str):
     for number in range(3 + on_air.COMPLAINTS):
         for _ in range(2):

@@ -5,7 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.test_run import FIG4, twin
+from tests.cli.test_run import FIG4
+from tests.command_line import twin
 
 
 @pytest.mark.parametrize(("option", "factor"), [("--realtime", 1.0), ("--realtime=4", 4.0)])

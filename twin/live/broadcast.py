@@ -58,6 +58,7 @@ class Broadcast:
         self._greeting = (server_info("twin", str(time.time_ns())), advertisement(channels))
         self._clients: set[Client] = set()
         self._refused: set[str] = set()
+        self._begun = False
         self._over = asyncio.Event()
         self._started: Future[asyncio.AbstractEventLoop] = Future()
         self._thread = threading.Thread(target=lambda: asyncio.run(self._live()), daemon=True)
@@ -124,10 +125,12 @@ class Broadcast:
     def _all_wanted(self) -> frozenset[int]:
         return frozenset(channel for client in self._clients for channel in client.subscriptions)
 
-    def _subscribed(self) -> None:
+    def _subscribed(self, more: bool) -> None:
         self.wanted = self._all_wanted()
-        if self.wanted:
+        if more:
             self.newcomer.set()
+        if more and not self._begun:
+            self._begun = True
             self.news.put(None)
 
     def _changed(self, names: Sequence[str]) -> None:

@@ -38,7 +38,8 @@ class Client:
         connection: to the viewer.
         may_tune: whether it may change parameters.
         channels: their numbers. tuning: of the run.
-        subscribed: called when its subscriptions have changed. changed: called with parameters that were asked to.
+        subscribed: called when its subscriptions have changed, with whether there are more of them.
+        changed: called with the parameters that it has asked to change.
 
     Attributes:
         subscriptions: by channel, the number that the viewer has given it.
@@ -50,7 +51,7 @@ class Client:
         may_tune: bool,
         channels: Collection[int],
         tuning: Tuning,
-        subscribed: Callable[[], None],
+        subscribed: Callable[[bool], None],
         changed: Callable[[Sequence[str]], None],
     ):
         self.subscriptions: dict[int, int] = {}
@@ -123,7 +124,7 @@ class Client:
             case Unsubscribe():
                 left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
                 self.subscriptions = left
-                self._subscribed()
+                self._subscribed(False)
             case AskParameters():
                 return [parameter_values(self._values(asked.names), asked.id)]
             case SetParameters():
@@ -144,7 +145,7 @@ class Client:
             else:
                 self.subscriptions[wanted.channel] = wanted.id
         if len(self.subscriptions) > before:
-            self._subscribed()
+            self._subscribed(True)
         return answers
 
     def _set(self, asked: SetParameters) -> list[str]:
