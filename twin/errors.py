@@ -60,10 +60,15 @@ def visible(text: str) -> str:
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)
 
 
+def visible_lines(text: str) -> str:
+    """`text` on the lines it has, other control characters written out."""
+    return "\n".join(visible(line) for line in text.split("\n"))
+
+
 def plain(text: str) -> str:
     """`text` fit for a terminal: control characters written out, words of more than `LONGEST_WORD` and all lines after
     `MOST_LINES` cut short."""
-    lines = [visible(line) for line in text.split("\n")]
+    lines = visible_lines(text).split("\n")
     if len(lines) > MOST_LINES:
         lines[MOST_LINES:] = [f"... and {len(lines) - MOST_LINES} more lines"]
     return re.sub(rf"\S{{{LONGEST_WORD},}}", lambda word: f"{word[0][:60]}...{word[0][-20:]}", "\n".join(lines))

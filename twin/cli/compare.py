@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 import typer
 
 from twin.cli.options import AsJson
-from twin.errors import InputRefused, visible
+from twin.errors import InputRefused, visible_lines
 from twin.files import json_text, made_folder, write_json
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ def compare(
     else:
         notes = [f"  note     {note}" for note in verdict.notes]
         # names in a recording are anybody's
-        print(visible("\n".join([verdict.text, *notes, f"  picture  {picture}\n  verdict  {facts}"])))
+        print(visible_lines("\n".join([verdict.text, *notes, f"  picture  {picture}\n  verdict  {facts}"])))
     if verdict.failed:
         raise SystemExit(1)
 

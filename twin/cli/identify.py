@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.options import AsJson, ColumnMap, Settings
-from twin.errors import visible
+from twin.errors import visible_lines
 from twin.files import json_text
 
 
@@ -47,4 +47,4 @@ def identify(
             height=None if height is None else 1e-3 * height, motor_torque=motor_torque, out=out,
         )
     )  # fmt: skip
-    print(json_text(report.facts) if as_json else visible(report.text))
+    print(json_text(report.facts) if as_json else visible_lines(report.text))

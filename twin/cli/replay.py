@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.options import AsJson, ColumnMap, Settings
-from twin.errors import visible
+from twin.errors import visible_lines
 from twin.files import json_text
 
 
@@ -51,6 +51,6 @@ def replay(
             plant=plant, baseline=baseline, tolerance=tolerance, out=out,
         )
     )  # fmt: skip
-    print(json_text(report.facts) if as_json else visible(report.text))
+    print(json_text(report.facts) if as_json else visible_lines(report.text))
     if not report.matches:
         raise SystemExit(1)
