@@ -66,10 +66,10 @@ class Place:
         return [self.root / "tests" / room for room in (*rooms, "laws")]
 
     def _tested(self, tests: list[Path], timeout: float | None) -> str:
-        command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not endurance", "-p", "no:cacheprovider", *tests]
+        command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not endurance", "-p", "no:cacheprovider"]
         environment = {**os.environ, "PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.compiled)}
         process = subprocess.Popen(
-            command, cwd=self.root, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [*command, *map(str, tests)], cwd=self.root, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
             start_new_session=True,
         )  # fmt: skip
         try:
