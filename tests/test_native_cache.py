@@ -161,5 +161,6 @@ def test_a_file_where_a_folder_should_be_is_replaced(package: Path, depth: int):
     place = folder / "deep_0123" if depth else folder
     shutil.rmtree(place, ignore_errors=True)
     place.write_bytes(b"a file")
+    place.chmod(0o700)
     assert cache_folder(package) == folder
     assert folder.is_dir() and not place.is_file()
