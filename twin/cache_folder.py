@@ -83,12 +83,12 @@ def private_folder(folder: Path) -> Path:
         if others:
             raise InputRefused(
                 f"{folder}: belongs to user {others.pop()}, not to you (user {os.geteuid()}), and what is kept there "
-                f"is run; remove it, or {REMEDY}"
+                f"is run; {REMEDY}"
             )
         if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
             raise InputRefused(
                 f"{folder}: others can write to it (mode {stat.S_IMODE(found.st_mode):o}), and what is kept there is "
-                f"run; empty it and give `chmod 700 {folder}`, or {REMEDY}"
+                f"run; {REMEDY}, or take that right away if nobody has used it"
             )
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
