@@ -55,7 +55,6 @@ def test_a_terminal_shows_how_far_the_run_is_and_then_only_the_summary(root: Pat
 @pytest.mark.endurance
 def test_the_first_run_of_all_counts_what_it_compiles(root: Path, tmp_path: Path):
     text = seen(root, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
-    assert f"compiling, once: 0 of about {PIECES}, 0 s" in text
     counted = [int(count) for count in re.findall(rf"compiling, once: (\d+) of about {PIECES}", text)]
     assert counted == sorted(counted) and len(set(counted)) > 10
     # "about": within a fifth

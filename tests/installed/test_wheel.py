@@ -74,7 +74,8 @@ def test_in_an_empty_folder_an_experiment_is_written_and_drives_are_listed(away:
     assert listed.count(" yes ") == 9
     # read with everything it names, and refused for its length alone
     refused = away.run("twin", "run", "my.toml", "--body", "back", "--set", "duration_s=0", cwd=tmp_path, code=2)
-    assert refused.startswith("my.toml: ") and "duration_s" in refused and "\n" not in refused.strip()
+    # something is compiled on the way
+    assert refused.splitlines()[-1].startswith("my.toml: duration_s = 0: ")
 
 
 def test_the_doctor_knows_that_there_is_no_clone(away: Environment, tmp_path: Path):

@@ -26,8 +26,6 @@ class CompileWatch:
 
     def start(self) -> None:
         """Look from now on."""
-        if not self._before:
-            self._progress.compile(0, PIECES, 0.0)
         self._thread.start()
 
     def end(self) -> None:
@@ -40,6 +38,6 @@ class CompileWatch:
         began = time.monotonic()
         while not self._over.wait(PERIOD):
             new = compiled_pieces() - self._before
-            if new or not self._before:
+            if new:
                 # how many are lacking of those that were there in part, nobody knows
                 self._progress.compile(new, 0 if self._before else PIECES, time.monotonic() - began)

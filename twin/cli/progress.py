@@ -71,10 +71,14 @@ class Speed:
 class Silent:
     """No terminal, or one that cannot go back on its line: only a long wait is told, in a line of its own."""
 
+    def __init__(self) -> None:
+        self._told = False
+
     def say(self, what: str) -> None: ...
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        if about and not done and not seconds:
+        if about and not self._told:
+            self._told = True
             print("compiling, once: the first run takes about a minute longer", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None: ...
