@@ -85,10 +85,11 @@ def with_force(
 
     Args:
         force: mean error while sweeping; three quarters of it at most where the fluctuation is. fluctuation: when it
-            is and how much the force goes up in it. noise: added while sweeping. apart: of the reference before the
-            trigger. jump, left: of the reference at the trigger and at the end. after: how late it jumps (s). faster: factor at the trigger.
-        z: error while sweeping. bias: of the estimate. peak, true, final: true force at one instant, while sweeping
-            less 5 N, and at the end.
+            is and how much the force goes up in it. noise: added while sweeping.
+        apart: of the reference before the trigger. jump, after, left: of the reference at the trigger, how late it
+            does (s), and what is left of it at the end. faster: factor of the platform's speed at the trigger.
+        z: error while sweeping. bias: of the estimate.
+        peak, true, final: true force at one instant, while sweeping less 5 N, and at the end.
     """
     held = np.interp(T, [12.0, 13.0, 14.8, 15.8], [1.0, 0.7, 0.7, 1.0])
     when, size = fluctuation
