@@ -93,9 +93,9 @@ def test_a_mistake_in_how_tasks_are_given_is_told_once(override, said):
 
 
 def test_a_source_may_stand_beside_any_value_of_a_task():
-    origins = shipped("pressing").origins
+    origins = shipped("pressing", "task.1.point_mm=[1.0, 0.0]").origins
     assert origins["task.1.force_N"] == "assumed: a firm thumb; the paper prints no force"
-    assert origins["task.1.point_mm"] == "set in pressing.toml"
+    assert origins["task.1.point_mm"] == "set on the command line"
 
 
 def test_one_value_of_one_task_may_be_set_on_the_command_line():

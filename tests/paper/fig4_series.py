@@ -71,6 +71,7 @@ def with_force(
     apart: float = 0.0,
     jump: float = 0.008,
     left: float = 0.0003,
+    after: float = 0.0,
     faster: float = 3.0,
     z: float = 0.0001,
     bias: float = 0.1,
@@ -84,16 +85,18 @@ def with_force(
 
     Args:
         force: mean error while sweeping; three quarters of it at most where the fluctuation is. fluctuation: when it
-            is and how much the force goes up in it. noise: added while sweeping. apart: of the reference before the
-            trigger. jump, left: of the reference at the trigger and at the end. faster: factor at the trigger.
-        z: error while sweeping. bias: of the estimate. peak, true, final: true force at one instant, while sweeping
-            less 5 N, and at the end.
+            is and how much the force goes up in it. noise: added while sweeping.
+        apart: of the reference before the trigger. jump, after, left: of the reference at the trigger, how late it
+            does (s), and what is left of it at the end. faster: factor of the platform's speed at the trigger.
+        z: error while sweeping. bias: of the estimate.
+        peak, true, final: true force at one instant, while sweeping less 5 N, and at the end.
     """
     held = np.interp(T, [12.0, 13.0, 14.8, 15.8], [1.0, 0.7, 0.7, 1.0])
     when, size = fluctuation
     F_z = np.interp(T, [trigger - 0.1, trigger, trigger + 0.4, trigger + 0.9], [0.0, F_trigger, 4.0, 5.0])
     F_z = F_z + ON * (force * held / np.mean(held[ON]) + size * np.where(when > T, -0.5, 0.5) + noise)
-    shift = np.where(trigger > T, -apart, jump * np.exp(-(T - trigger) / 0.3) + left)
+    jumped = np.where(trigger + after > T, 0.0, jump * np.exp(-(T - trigger - after) / 0.3))
+    shift = np.where(trigger > T, -apart, jumped + left)
     way = [0.0, 0.0004, 0.0004 * (1.0 + faster), 0.0039]
     height = -0.1011 - np.interp(T, [trigger - 0.2, trigger, trigger + 0.2, trigger + 0.9], way)
     height = np.where(ON, -0.105 + z, np.interp(T, [0.72, trigger - 0.2], [-0.085, -0.1011]) + height + 0.1011)

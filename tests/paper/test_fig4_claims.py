@@ -36,6 +36,7 @@ NEAR: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
     # 0.3 mm of it stays
     ("reference_jumps", "low", {"fp": {"jump": 1.71e-3}}, {"fp": {"jump": 1.69e-3}}),
     ("reference_jumps", "high", {"fp": {"jump": 14.69e-3}}, {"fp": {"jump": 14.71e-3}}),
+    ("reference_jumps", "low", {"fp": {"after": 0.08}}, {"fp": {"after": 0.12}}),
     ("position_jumps", "low", {"fp": {"faster": 2.02}}, {"fp": {"faster": 1.98}}),
     ("reference_returns", "high", {"fp": {"left": 0.49e-3}}, {"fp": {"left": 0.51e-3}}),
     ("z_tracks", "high", {"fp": {"z": 0.59e-3}}, {"fp": {"z": 0.61e-3}}),
