@@ -38,6 +38,11 @@ class Run(NamedTuple):
     in_air: bool
 
     @property
+    def duration(self) -> float:
+        """s."""
+        return self.experiment.duration_ticks * self.experiment.cosim.tick
+
+    @property
     def plant(self) -> PlantParameters:
         """What is true."""
         return plant_parameters(self.experiment.plant, self.experiment.contact)
@@ -132,9 +137,13 @@ def test_commands_stay_within_their_limits(run: Run):
 
 
 def test_same_experiment_gives_the_same_bits_twice_however_long_it_runs(run: Run):
-    duration = run.experiment.duration_ticks * run.experiment.cosim.tick
-    again = co_simulated(run.experiment, min(AGAIN, duration)).values
+    again = co_simulated(run.experiment, min(AGAIN, run.duration)).values
     assert again.tobytes() == run.rows.values[: len(again)].tobytes()
+
+
+@pytest.mark.endurance
+def test_same_experiment_gives_the_same_bits_twice_to_its_end(run: Run):
+    assert co_simulated(run.experiment, run.duration).values.tobytes() == run.rows.values.tobytes()
 
 
 def test_without_tilt_nothing_pulls_sideways_in_x(fig4: Run):

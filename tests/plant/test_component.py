@@ -66,6 +66,33 @@ def test_integration_in_air_is_of_order_four():
     assert slope == pytest.approx(-4.0, abs=0.3)
 
 
+@pytest.mark.parametrize("substeps", [1, 5])
+@pytest.mark.parametrize(
+    "rising", [None, np.array([0.01, -0.02, 0.05])], ids=["on the scale", "on a surface that moves"]
+)
+def test_in_a_ramp_the_motors_turn_and_the_surface_moves_within_the_step(substeps, rising):
+    """As in a thousand short steps that hold each motor half-way, the surface taken anew in each."""
+    x, start = resting(PARAMETERS, (0.003, 0.01, -0.1045))
+    turned, h, n = np.array([0.02, -0.01, 0.03]), 5e-3, 1000
+    moving = rising is not None
+
+    def surface(t):
+        return [] if rising is None else [*(rising * t), *rising]
+
+    ramp = Sampled(Plant(PARAMETERS, x, start, substeps, moving, ramp=True))
+    end = ramp.named(np.array([*(start + turned), *surface(0.0), *start]), 0.0, h)
+    held = Sampled(Plant(PARAMETERS, x, start, 1, moving))
+    for k in range(n):
+        short = held.named(np.array([*(start + (k + 0.5) / n * turned), *surface(k * h / n)]), k * h / n, h / n)
+    # a step of 5 ms is nearly 1 rad of the contact's mode, one of 1 ms a fifth of that: (1/5)^4 of the error
+    tolerance = {1: 0.02, 5: 1e-4}[substeps]
+    for name in ("v_B", "omega_l", "F_ee_B"):
+        change = np.abs(short[name]).max()
+        np.testing.assert_allclose(end[name], short[name], rtol=0, atol=tolerance * change, err_msg=name)
+    # the last short step holds its motor half of 3e-5 rad before the end
+    np.testing.assert_allclose(end["tau_load"], short["tau_load"], rtol=0, atol=2e-5)
+
+
 class Runaway:
     """A drive that never stops."""
 
