@@ -55,7 +55,8 @@ def measurements() -> list[Measurement]:
         return [Measurement(title, None, "x", at_most=1.5, remark="FMI versions: needs Linux and a C compiler")]
     with tempfile.TemporaryDirectory() as scratch:
         plans = {
-            fmi: planned(DriveTable(fmu=str(built("velocity_servo", fmi, Path(scratch), compiler)))) for fmi in BINARIES
+            fmi: planned(DriveTable.model_validate({"fmu": str(built("velocity_servo", fmi, Path(scratch), compiler))}))
+            for fmi in BINARIES
         }
         rounds = Rounds(
             {
