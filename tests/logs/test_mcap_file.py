@@ -166,3 +166,24 @@ def test_a_log_without_messages_is_refused(tmp_path: Path):
 
 def test_one_message_is_no_series(tmp_path: Path):
     assert "has 1 message, expected" in refusal(json_log(tmp_path / "a.mcap", wrenches([1.0])), "F=/wrench.force.z[N]")
+
+
+@pytest.mark.parametrize(
+    ("value", "said"),
+    [
+        ("1e308", r"is 1e\+308 in message 2 of 3, expected numbers"),
+        ("1" + "0" * 400, "too large"),
+        ("[" * 9000, "nested too deeply"),
+    ],
+)
+def test_a_number_or_a_depth_that_no_message_has_is_refused(tmp_path: Path, value: str, said: str):
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start(library="robot's own")
+        channel = writer.register_channel("/wrench", "json", writer.register_schema("Wrench", "jsonschema", b"{}"))
+        for k, text in enumerate(("1.0", value, "2.0")):
+            writer.add_message(channel, k, f'{{"z": {text}}}'.encode(), k)
+        writer.finish()
+    with pytest.raises(LogRefused, match=said):
+        read_log(path, column_map(["F=/wrench.z[N]"]))
