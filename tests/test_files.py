@@ -45,6 +45,9 @@ def refusal(path: Path) -> str:
         (b"a = '\xff'", "not text in UTF-8: byte 5 is 0xff"),
         (b"a = " + b"[" * 9000, "nested too deeply"),
         (b"a = " + b"9" * 5000, "not valid TOML"),
+        (b"a = " + b"[" * 40 + b"]" * 40, "nested too deeply"),
+        (b"a.b" + b".c" * 40 + b" = 1", "a key of more than 32 parts"),
+        (b"a = 0x1ffffffffffffffff", "a whole number of more than 64 bits"),
     ],
 )
 def test_a_file_of_another_kind_is_told_for_what_it_is(tmp_path: Path, content: bytes, told: str) -> None:
@@ -180,6 +183,24 @@ def test_any_text_is_a_table_or_a_refusal(text: str) -> None:
             parse(text, "here")
         except InputRefused as refused:
             assert str(refused).startswith("here: not valid")
+
+
+def test_as_deep_and_as_large_as_any_file_of_ours_is_read() -> None:
+    deep = "[" * 30 + "]" * 30
+    found = toml_of(f"a = {deep}\nb = -9223372036854775808\nc.d.e.f = 'a.b.c'", "here")
+    assert found["c"] == {"d": {"e": {"f": "a.b.c"}}}
+    assert json_of(deep, "here") == toml_of(f"a = {deep}", "here")["a"]
+
+
+def test_a_file_is_named_as_what_was_expected(tmp_path: Path) -> None:
+    for path, said in ((tmp_path / "no", "no such sweep file"), (tmp_path, "a folder; expected a sweep file")):
+        with pytest.raises(InputRefused, match=said):
+            read_toml(path, "sweep file")
+
+
+def test_a_sentence_with_hundreds_of_lines_keeps_the_first(tmp_path: Path) -> None:
+    told = plain("\n".join(map(str, range(1000)))).splitlines()
+    assert told[:2] == ["0", "1"] and len(told) == 61 and told[-1] == "... and 940 more lines"
 
 
 def test_a_sentence_for_the_terminal_has_no_control_characters_and_no_endless_words() -> None:

@@ -116,7 +116,8 @@ def sweep_folder(tmp_path: Path) -> Attack:
         | {"curves": {}, "claims": {"trigger": {"verdict": "holds", "value": 5.6}} if n % 5 == 0 else {}}
         for n in range(1, 12)
     ]
-    rows.append(row(12, {"a.k": 0.0, "b.c": 3.0}, "x"))
+    # a process that died has no times
+    rows.append(row(12, {"a.k": 0.0, "b.c": 3.0}, "x") | {"seconds": None, "stepping_s": None})
     facts = {
         "sweep": "made_up", "runs": 12, "design": "saltelli", "drives": ["x", "y"], "labels": ["a.k", "b.c"],
         "metrics": ["force_error_N", "lateral_error_mm"], "limits": {"force_error_N": 2.0}, "configuration": {},

@@ -57,9 +57,7 @@ class Workshop:
     def twin(self, *arguments: str, expected: int = 0) -> str:
         """What a command of twin prints; it has to end with the exit code `expected`."""
         done = twin(*arguments, cwd=self.folder, env=self._environment)
-        assert done.returncode == expected, f"{shlex.join(arguments)}: {done.returncode}
-{done.stdout}
-{done.stderr}"
+        assert done.returncode == expected, f"{shlex.join(arguments)}: {done.returncode}\n{done.stdout}\n{done.stderr}"
         return done.stdout
 
     def run(self, block: Block, namespace: dict[str, Any]) -> None:

@@ -50,6 +50,22 @@ def test_files_that_extend_each_other_are_refused(tmp_path: Path):
         read_source(b)
 
 
+def test_a_chain_of_files_may_be_32_long_and_is_read_once_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for number in range(1, 40):
+        write(tmp_path, f"{number}.toml", f'extends = "{number + 1}.toml"\nk{number} = 1\n')
+    write(tmp_path, "40.toml", "k40 = 1\n")
+    read: list[Path] = []
+
+    def noted(path: Path, *arguments: object) -> str:
+        read.append(path)
+        return path.read_text()
+
+    monkeypatch.setattr("twin.experiment.source.read_text", noted)
+    assert len(read_source(tmp_path / "9.toml").values) == len(read) == 32
+    with pytest.raises(InputRefused, match="extends more than 32 files"):
+        read_source(tmp_path / "8.toml")
+
+
 @pytest.mark.parametrize(
     ("content", "said"), [("a = ", "not valid TOML"), ("extends = 3", "expected the name of a TOML file")]
 )

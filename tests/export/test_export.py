@@ -1,3 +1,4 @@
+import csv
 from pathlib import Path
 
 import numpy as np
@@ -7,7 +8,9 @@ import scipy.io
 from tests.export.readers import csv_columns
 from tests.recording import samples
 from twin.errors import InputRefused, NotWritten
+from twin.export.csv_file import write_csv
 from twin.export.export import export_recording
+from twin.export.table import Column, Table
 from twin.recording.reader import read
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -34,6 +37,24 @@ def test_every_number_of_the_fastest_topic_comes_back_from_csv_exactly(run: Path
     for i in range(3):
         np.testing.assert_array_equal(columns[f"plant.p_B[{i}]_m"], truth["plant.p_B"][:, i])
     np.testing.assert_array_equal(columns["drive/2.omega_m_rad_per_s"], truth["drive/2.omega_m"])
+
+
+def test_names_that_are_formulas_commas_or_escapes_do_no_harm_in_a_spreadsheet(tmp_path: Path):
+    names = ("=1+1", "+a", "-a", "@a", "a,b", 'a"b', "a\nb", "\x1b[31ma", "\ta", "plant.p_B[0]")
+    columns = tuple(Column(name, "m", "", np.array([0.5, -1.5])) for name in names)
+    write_csv(tmp_path / "a.csv", Table(np.array([0.0, 1.0]), columns))
+    text = (tmp_path / "a.csv").read_text()
+    assert len(text.splitlines()) == 3 and "\x1b" not in text
+    with (tmp_path / "a.csv").open(newline="") as file:
+        head, *rows = csv.reader(file)
+    assert rows == [["0.0", *["0.5"] * 10], ["1.0", *["-1.5"] * 10]]
+    assert not any(name.startswith(("=", "+", "-", "@", "\t")) for name in head)
+    assert head[1] == "'=1+1_m" and head[5:8] == ["a,b_m", 'a"b_m', "a\\nb_m"] and head[-1] == "plant.p_B[0]_m"
+
+
+def test_the_head_of_an_ordinary_recording_needs_no_quotes(run: Path):
+    head = export_recording(run, "csv").path.read_text().splitlines()[0]
+    assert '"' not in head and "'" not in head and head.startswith("t_s,")
 
 
 def test_a_slower_signal_keeps_its_value_until_the_next(run: Path):

@@ -191,7 +191,11 @@ def test_a_bomb_is_refused_before_it_is_unpacked(tmp_path: Path, compression: st
 
 @pytest.mark.parametrize(
     ("text", "said"),
-    [("[" * 100_000, "nested too deeply"), (f'{{"z": {10**400}}}', "a number of more than 300 digits")],
+    [
+        ("[" * 100_000, "nested too deeply"),
+        (f'{{"z": {10**400}}}', "a number of more than 300 digits"),
+        ('{"z": 1e308}', r"is 1e\+308 in message 1 of 3, expected numbers"),
+    ],
 )
 def test_json_that_means_harm_is_refused_in_a_sentence(tmp_path: Path, text: str, said: str):
     path = tmp_path / "log.mcap"

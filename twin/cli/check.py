@@ -9,7 +9,7 @@ import typer
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.faults import Isolation
 from twin.cli.options import AsJson
-from twin.errors import InputRefused
+from twin.errors import InputRefused, plain
 from twin.files import json_text
 
 PICTURES = Path("results/check")
@@ -77,7 +77,7 @@ def check(
     failures = [outcome for outcome in done if outcome.failure]
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
     facts = {"verdicts": [verdict.facts() for verdict in verdicts], "failures": told}
-    print(json_text(facts) if as_json else check_text(verdicts, [outcome.failure for outcome in failures]))
+    print(json_text(facts) if as_json else check_text(verdicts, [plain(outcome.failure) for outcome in failures]))
     places = []
     moved = [outcome for outcome in done if outcome.text]
     for outcome in moved:

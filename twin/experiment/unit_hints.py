@@ -1,7 +1,7 @@
 """Values that look as if they were meant in another unit, for experiments in which the robot gets nowhere."""
 
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, TypeGuard
 
 LENGTHS = ("a_mm", "b_mm", "l_a_mm", "l_b_mm")
 ROBOTS = ("robot", "plant", "controller.model")
@@ -51,5 +51,5 @@ def _table(values: Mapping[str, Any], name: str) -> Mapping[str, Any]:
     return found if isinstance(found, Mapping) else {}
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: Any) -> TypeGuard[float]:
     return isinstance(value, int | float) and not isinstance(value, bool)

@@ -110,6 +110,8 @@ def _file(path: Path, mistakes: list[str]) -> dict[str, Column]:
         mistakes.append(f"{problem}; expected NAME=COLUMN or a TOML file")
         return {}
     columns: dict[str, Column] = {}
+    if not content:
+        mistakes.append(f'{path}: an empty map; expected NAME = "COLUMN"')
     _gather(path, "", content, columns, mistakes)
     return columns
 

@@ -41,6 +41,9 @@ def read_csv(path: Path, columns: Mapping[str, Column]) -> Log:
                 series[name] = Series(t, values, _unit_of(table.path, column).si)
     if mistakes:
         raise LogRefused("\n".join(mistakes))
+    if not series:
+        why = "the map names no signal besides the time" if columns else "no column of numbers besides the time"
+        raise LogRefused(f"{path}: {why}; expected at least one")
     return Log(path, series, notes, table.comments)
 
 

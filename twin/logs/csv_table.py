@@ -12,7 +12,7 @@ import math
 import warnings
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
-from itertools import count
+from itertools import chain, count
 from pathlib import Path
 from typing import BinaryIO, NamedTuple
 
@@ -170,7 +170,7 @@ def _head(path: Path, text: io.TextIOWrapper) -> _Head:
     else:
         raise LogRefused(f"{path}: only comments; expected a line of names, then rows of numbers")
     separator = max(SEPARATORS, key=line.count)
-    names, until = next(_rows(path, _chained(line, text), separator, before))
+    names, until = next(_rows(path, chain([line], text), separator, before))
     text.detach()
     if len(names) > MOST_COLUMNS:
         raise LogRefused(f"{path}: {len(names):,} columns, expected at most {MOST_COLUMNS:,}")
@@ -182,11 +182,6 @@ def _head(path: Path, text: io.TextIOWrapper) -> _Head:
     if len(names) < 2:
         raise LogRefused(f"{path}: one column, '{names[0]}'; expected the time and at least one signal")
     return _Head(tuple(comments), names, separator, before, until)
-
-
-def _chained(line: str, rest: Iterator[str]) -> Iterator[str]:
-    yield line
-    yield from rest
 
 
 def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iterator[tuple[list[str], int]]:

@@ -14,6 +14,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin.logs import decoding
 from twin.logs.column_map import TIME, Column, split_unit
+from twin.logs.csv_table import LARGEST
 from twin.logs.errors import LogRefused
 from twin.logs.log import Log, Series
 from twin.logs.units import Dimension, unit
@@ -177,12 +178,15 @@ def _numbers(path: Path, name: str, topic: Topic, field_path: str) -> np.ndarray
         values = np.array([decoding.field(decode(data), field_path) for data in topic.data], dtype=np.float64)
     except LookupError as problem:
         raise LogRefused(f"{path}: {name} has no field '{field_path}'; {problem.args[0]}") from None
-    except ValueError as problem:
+    except (ValueError, OverflowError) as problem:
         raise LogRefused(f"{path}: {name}.{field_path}: {problem}") from None
-    wrong = np.flatnonzero(~np.isfinite(values))
+    except RecursionError:
+        raise LogRefused(f"{path}: {name}: a message is nested too deeply") from None
+    # nan is no number either
+    wrong = np.flatnonzero(~(np.abs(values) <= LARGEST))
     if len(wrong):
         raise LogRefused(
             f"{path}: {name}.{field_path} is {values[wrong[0]]} in message {wrong[0] + 1} of {len(values)}, "
-            "expected finite numbers"
+            "expected numbers"
         )
     return values

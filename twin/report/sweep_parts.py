@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from twin.errors import plain
 from twin.report.sweep_claims import claims_part, least_sure
 from twin.report.sweep_sensitivity import sensitivity_parts
 from twin.report.sweep_table import Part
@@ -153,7 +154,7 @@ def _reasons(kept: Kept) -> Part | None:
     told = []
     for (status, reason), runs in most_first[:MOST_REASONS]:
         others = f" and {counted(len(runs) - 1, 'other')}" if len(runs) > 1 else ""
-        told.append(f"run {runs[0]}{others} {status}: {reason}")
+        told.append(plain(f"run {runs[0]}{others} {status}: {reason}"))
     if len(reasons) > MOST_REASONS:
         told.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
     return Part("reasons", "runs that are not done", [], [], told)

@@ -53,8 +53,8 @@ class RowShape(_Shape):
     reason: str
     metrics: dict[str, float | None]
     within_limits: bool | None
-    seconds: float
-    stepping_s: float
+    seconds: float | None
+    stepping_s: float | None
     claims: dict[str, Answer] = Field(default_factory=dict)
     curves: Curves | None = None
 

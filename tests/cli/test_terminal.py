@@ -1,0 +1,51 @@
+"""Nothing that a file says is obeyed by a terminal."""
+
+import io
+import shlex
+from pathlib import Path
+
+import pytest
+
+from tests.cli.command_line import run
+from twin.cli.progress import Bar, PlainLine
+from twin.cli.terminal import Harmless
+
+NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
+
+
+def test_control_characters_are_written_out_and_colours_stay():
+    stream = io.StringIO()
+    print("\x1b[1;31mtwin\x1b[0m µ\t" + NAME + "\b\0", file=Harmless(stream))  # type: ignore[arg-type]
+    shown = "\\x1b]0;owned\\x07[bold]x[/y]\\x9b31m\\x08\\x00"
+    assert stream.getvalue() == "\x1b[1;31mtwin\x1b[0m µ\t" + shown + "\n"
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.mark.parametrize("line", [Bar, PlainLine])
+def test_the_name_of_a_run_is_neither_markup_nor_an_escape(line: type, monkeypatch: pytest.MonkeyPatch):
+    seen = Terminal()
+    monkeypatch.setattr("sys.stderr", seen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setenv("COLUMNS", "200")
+    shown = line()
+    shown.begin(NAME, 1.0)
+    shown.move(0.5)
+    shown.clear()
+    assert "[bold]x[/y]" in seen.getvalue()
+    assert not {"\x07", "\x9b"} & set(seen.getvalue()) and "\x1b]" not in seen.getvalue()
+
+
+def test_what_to_run_next_can_be_copied_whatever_the_name(root: Path, tmp_path: Path):
+    folder = "it's $HOME; a b"
+    done = run("init", f"{folder}/my 'x'.toml", cwd=tmp_path)
+    command = done.out.splitlines()[-1].removeprefix("next: ")
+    assert shlex.split(command) == ["twin", "run", f"{folder}/my 'x'.toml"]
+    assert shlex.split((tmp_path / folder / "my 'x'.toml").read_text().partition("Run this: ")[2].splitlines()[0])
+    arguments = ["--set", "duration_s=0.1", "--isolate", "none", "--out", f"{folder}/run"]
+    ran = run("run", f"{folder}/my 'x'.toml", *arguments, cwd=tmp_path)
+    command = ran.out.splitlines()[-1].partition("next")[2]
+    assert shlex.split(command) == ["twin", "report", f"{folder}/run"]
