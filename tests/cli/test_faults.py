@@ -62,7 +62,7 @@ def test_a_fault_that_goes_beyond_the_bound_and_was_not_said_to_is_exit_code_1(r
     [
         (PRESSING, ("--kind", "drive_runway"), "did you mean 'drive_runaway'"),
         (PRESSING, ("--onset", "99"), "--onset 99: outside the experiment; expected 0 <= S < 13"),
-        (PRESSING, ("--out", "/dev/null/x"), "cannot be written"),
+        (PRESSING, ("--out", "/dev/null/x"), "cannot be created"),
         ("experiments/fig4_force_position.toml", (), "add a table [monitor]"),
     ],
 )

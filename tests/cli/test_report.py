@@ -94,4 +94,7 @@ def test_a_page_that_cannot_be_written_is_refused(force_position: Recording, tmp
     (tmp_path / "file").touch()
     done = twin("report", force_position.path, "--out", "file/page.html", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr.startswith("file/page.html: cannot be written: ") and "--out" in done.stderr
+    assert done.stderr == "file: cannot be created: File exists\n"
+    full = twin("report", force_position.path, "--out", "/sys/page.html", cwd=tmp_path)
+    assert full.returncode == 3
+    assert full.stderr.startswith("/sys/page.html: cannot be written: ")

@@ -12,7 +12,7 @@ from twin.experiment.started import start_experiment
         ("a.toml", "taping", "--from taping: no such experiment; did you mean 'tapping'?"),
         ("a.toml", "xyz", "--from xyz: no such experiment; known are calibration, "),
         ("a.yaml", "tapping", "a.yaml: expected a name that ends with .toml"),
-        ("/proc/nowhere/a.toml", "tapping", "/proc/nowhere: cannot be written"),
+        ("/proc/nowhere/a.toml", "tapping", "/proc/nowhere: cannot be created"),
     ],
 )
 def test_what_cannot_be_started_is_refused_and_nothing_is_written(

@@ -3,7 +3,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from hypothesis import given
 
 from twin.recording.layout import Field, Topic
-from twin.recording.schema import described_fields, descriptor_set, message_names
+from twin.recording.schema import LARGEST_FIELD, described_fields, descriptor_set, message_names
 
 from .samples import DRIVE, ENCODER, PLANT, field_lists
 
@@ -45,3 +45,14 @@ def test_a_schema_without_the_message_or_its_comments_is_refused(name: str) -> N
     descriptors.file[0].ClearField("source_code_info")
     with pytest.raises(ValueError, match=r"twin\.(Drive|Plant)"):
         described_fields(name, descriptors.SerializeToString())
+
+
+def test_a_field_of_absurd_size_is_refused_before_memory_is_asked_for() -> None:
+    for size, fits in ((LARGEST_FIELD, True), (LARGEST_FIELD + 1, False)):
+        field = Field("x", size, "double", "1", "x")
+        descriptors = descriptor_set("twin.X", [field])
+        if fits:
+            assert described_fields("twin.X", descriptors) == (field,)
+            continue
+        with pytest.raises(ValueError, match=r"field x of twin\.X is not one that twin writes"):
+            described_fields("twin.X", descriptors)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.sweep.statistics.rows import kept, row
-from twin.errors import InputRefused
+from twin.errors import InputRefused, NotWritten
 from twin.report.page.sweep import sweep_page, write_sweep_page
 from twin.report.sweep_parts import Asked
 from twin.report.sweep_pictures import write_pictures
@@ -57,7 +57,7 @@ def test_the_same_rows_make_the_same_bytes(sweep: Kept, pictures: dict[str, Path
 
 
 def test_a_folder_that_cannot_be_written_is_told(sweep: Kept, tmp_path: Path):
-    with pytest.raises(InputRefused, match=r"sweep\.html: cannot be written"):
+    with pytest.raises(NotWritten, match=r"sweep\.html: cannot be written"):
         write_sweep_page(sweep, ASKED, {}, tmp_path / "not_there")
 
 
