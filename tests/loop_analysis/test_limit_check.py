@@ -24,7 +24,7 @@ AIR, PRESSING, BOTH = slice(1, 2), slice(2, 3), slice(1, 3)
 def test_a_limit_is_found_wherever_it_is(limit, off):
     expected = limit * off
     low, high = bracket(lambda factor: factor >= limit, expected)
-    assert low < limit <= high
+    assert low is not None and high is not None and low < limit <= high
     assert (low, high) == borders(expected) or high <= CLOSE * low
 
 
@@ -39,14 +39,19 @@ def test_a_prediction_holds_up_to_15_percent_and_no_further(limit):
 
 def test_a_limit_that_is_too_far_off_is_told_as_far_as_it_was_looked_for():
     low, high = bracket(lambda factor: False, 1.0)
-    assert high is None and FARTHEST <= low <= 2.0 * FARTHEST
+    assert high is None and low is not None and FARTHEST <= low <= 2.0 * FARTHEST
     low, high = bracket(lambda factor: True, 1.0)
-    assert low is None and 0.5 / FARTHEST <= high <= 1.0 / FARTHEST
+    assert low is None and high is not None and 0.5 / FARTHEST <= high <= 1.0 / FARTHEST
 
 
 def test_no_limit_is_tried_where_the_linear_model_ends():
-    seen = []
-    assert bracket(lambda factor: bool(seen.append(factor)), LARGEST_GAIN, ends=False)[1] is None
+    seen: list[float] = []
+
+    def lasts(factor: float) -> bool:
+        seen.append(factor)
+        return False
+
+    assert bracket(lasts, LARGEST_GAIN, ends=False)[1] is None
     assert seen == [borders(LARGEST_GAIN)[0]]
 
 
@@ -62,7 +67,7 @@ def test_the_limits_of_the_default_drive_hold():
 
 def test_pmsm_foc_in_air_is_told_by_simulation_because_its_friction_brakes_small_swings_more():
     check = tried(fig4((), "pmsm_foc"), AIR).checks[0]
-    assert not check.holds
+    assert not check.holds and check.simulated is not None and check.predicted is not None
     # a third too high, the unsafe side: 37.2 predicted, 26.2 simulated
     assert check.simulated < 0.75 * check.predicted
     assert "a nudge of 1 mm lasts there, one of 0.1 mm dies out" in check.reason
@@ -77,7 +82,7 @@ def test_python_servo_in_air_holds_because_a_swing_that_stays_counts_as_one():
 
 def test_stepper_has_no_linear_limit_but_a_simulated_one_above_its_hum():
     check = tried(fig4((), "stepper"), AIR).checks[0]
-    assert not check.holds and "out of proportion" in check.reason
+    assert not check.holds and check.simulated is not None and "out of proportion" in check.reason
     # from 8.5 1/s on a push is thrown 28 mm, at 7 1/s it hums by half a millimetre as without one
     assert 7.0 < 1.5 * check.simulated < 8.5
 
