@@ -28,8 +28,8 @@ def test_a_nudge_lasts_if_much_of_it_is_left_that_was_no_hum(hum, left, lasts):
 def test_a_swing_is_told_without_the_creeping_below_it():
     t = np.linspace(0.0, 1.0, 1001)
     p_B = np.stack([0.1 * t, 2e-4 * np.sin(20.0 * np.pi * t) + 0.3 * t, 0.2 - 0.1 * t], axis=1)
-    # ten whole swings hardly tilt the line
-    assert swing(p_B) == pytest.approx(4e-4, rel=0.06)
+    # ten whole swings tilt the line by a twelfth of themselves
+    assert swing(p_B) == pytest.approx(4e-4, rel=0.1)
 
 
 def test_a_run_that_fails_or_goes_far_off_leaves_a_lasting_swing():
