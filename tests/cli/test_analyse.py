@@ -19,13 +19,16 @@ def test_analyse_prints_the_verdict_first_and_draws_loops_and_maps(root: Path, t
     for file in files[:2]:
         with Image.open(file) as image:
             assert image.width >= 1200
-    assert json.loads(files[2].read_text())["stable"] is True
+    facts = json.loads(files[2].read_text())
+    assert facts["stable"] is True and [limit["holds"] for limit in facts["gain_limits"]] == [True, True, True]
 
 
 def test_an_unstable_loop_is_exit_code_1_and_has_no_margins(root: Path, tmp_path: Path):
-    done = twin("analyse", root / AIR, "--set", "controller.position.kp_per_s=60", "--json", cwd=tmp_path)
+    options = ("--set", "controller.position.kp_per_s=60", "--no-try", "--json")
+    done = twin("analyse", root / AIR, *options, cwd=tmp_path)
     assert done.returncode == 1, done.stderr
     facts = json.loads(done.stdout)
+    assert facts["gain_limits"] == []
     assert facts["points"][0]["loops"] == {} and facts["points"][0]["stable"] is False
     assert [Path(file).name for file in facts["files"]] == ["analysis.png", "analysis.json"]
 

@@ -17,7 +17,7 @@ from twin.loop_analysis.nudge import aftermath
 from twin.loop_analysis.operating_point import OperatingPoint
 
 HOLDS = 0.15
-"""What a predicted gain limit may be off the simulated one."""
+"""What a predicted gain limit may be off the simulated one, as a share of that."""
 CLOSE = 1.05
 """Ratio of gains between which the simulated limit is left."""
 STRIDE = 1.5
@@ -97,8 +97,8 @@ def checked_limit(
 
 
 def borders(expected: float) -> tuple[float, float]:
-    """Between which a limit has to be for `expected` to hold."""
-    return (1.0 - HOLDS) * expected, (1.0 + HOLDS) * expected
+    """Between which the simulated limit has to be for `expected` to hold."""
+    return expected / (1.0 + HOLDS), expected / (1.0 - HOLDS)
 
 
 def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) -> tuple[float | None, float | None]:

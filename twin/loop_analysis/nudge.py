@@ -6,7 +6,7 @@ model encoders are exact, springs have no backlash, and the controller limits ne
 all they have: friction, registers, sampling, limits.
 """
 
-from collections.abc import Iterator
+from collections.abc import Generator
 from contextlib import closing
 from dataclasses import replace
 from typing import NamedTuple
@@ -108,7 +108,7 @@ def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experim
     return exactly_measured(with_plant(alone, backlash=0.0))
 
 
-def _path(experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float) -> Iterator[Matrix]:
+def _path(experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float) -> Generator[Matrix]:
     """Slices of the platform's path (n, 3) while the gains go evenly, in their logarithm, to `factor` times theirs.
 
     Gains that are lowered are low from the beginning: with the higher ones the robot may shake.
@@ -118,7 +118,7 @@ def _path(experiment: Experiment, point: OperatingPoint, law: str, factor: float
         system = assembly.system
         memory = system.component("controller").memory  # type: ignore[attr-defined]
         as_set = {name: memory[law][name].copy() for name in GAINS}
-        simulation = Simulation(system, experiment.duration_ticks, round(SLICE / system.tick))
+        simulation = Simulation(system, experiment.duration_ticks, max(1, round(SLICE / system.tick)))
         column = system.columns("plant.p_B")
         while not simulation.finished:
             t = simulation.next_tick * system.tick
