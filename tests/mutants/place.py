@@ -69,9 +69,13 @@ class Place:
         command = [sys.executable, "-m", "pytest", "-x", "-q", "-m", "not endurance", "-p", "no:cacheprovider"]
         environment = {**os.environ, "PYTHONPATH": str(self.root), "NUMBA_CACHE_DIR": str(self.compiled)}
         process = subprocess.Popen(
-            [*command, *map(str, tests)], cwd=self.root, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL,
+            [*command, *map(str, tests)],
+            cwd=self.root,
+            env=environment,
+            stdout=subprocess.DEVNULL,
+            stderr=subprocess.DEVNULL,
             start_new_session=True,
-        )  # fmt: skip
+        )
         try:
             return "killed" if process.wait(timeout) else "survived"
         except subprocess.TimeoutExpired:
