@@ -119,10 +119,10 @@ def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pyt
 def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
     monkeypatch.setattr(caches, "is_own", lambda folder: True)
-    (tmp_path / "dynamics.nbi").write_bytes(b"no seal")
+    (tmp_path / "dynamics.nbc").write_bytes(b"no seal")
     told = compiled_finding()
     assert told.state == "ok"
-    assert told.text.endswith("which only you can write to; 1 changed since (dynamics.nbi), compiled again when needed")
+    assert told.text.endswith("which only you can write to; 1 changed since (dynamics.nbc), compiled again when needed")
     monkeypatch.setattr(caches, "refusal", lambda: "it is somebody else's")
     assert compiled_finding() == Finding("compiled", "lacks", "every command compiles anew: it is somebody else's")
 
