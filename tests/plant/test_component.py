@@ -93,6 +93,17 @@ def test_in_a_ramp_the_motors_turn_and_the_surface_moves_within_the_step(substep
     np.testing.assert_allclose(end["tau_load"], short["tau_load"], rtol=0, atol=2e-5)
 
 
+def test_a_bristle_is_on_the_cone_of_the_surface_where_that_is_at_the_end_of_the_step():
+    """A surface that sinks away takes its normal force along, and with it what friction can hold."""
+    x, theta_m = resting(PARAMETERS, (0.0, 0.0, -0.105))
+    x[6] = PARAMETERS.mu * PARAMETERS.K * 0.004 / PARAMETERS.sigma_0
+    plant = Sampled(Plant(PARAMETERS, x, theta_m, moving=True))
+    end = plant.named(np.array([*theta_m, *STILL, 0.0, 0.0, -0.05]), 0.0, 1e-3)
+    assert 0.0 < end["F_n"][0] < 0.99 * PARAMETERS.K * 0.004
+    # rounding
+    assert PARAMETERS.sigma_0 * end["z_b"][0] <= PARAMETERS.mu * end["F_n"][0] * (1.0 + 1e-12)
+
+
 class Runaway:
     """A drive that never stops."""
 

@@ -167,3 +167,14 @@ def test_one_millisecond_is_enough_for_an_impact_at_100_millimetres_per_second(n
     assert fine.max() > 2.0
     # N; four times what was measured, 1.3e-4 N of 2.4 to 3.7 N
     assert np.abs(pressed(1) - fine).max() < 5e-4
+
+
+@given(st.floats(0.0, 1.5), st.floats(-0.01, 0.5))
+def test_a_kelvin_voigt_damper_fades_in_over_the_touch_depth(share, rate):
+    """Its share s^2 (3 - 2 s) leaves zero and reaches one without a bend."""
+    soft = SURFACES["Kelvin-Voigt"]
+    d = share * soft.touch_depth
+    s = min(share, 1.0)
+    expected = soft.K * d + soft.damper * (3.0 * s**2 - 2.0 * s**3) * rate
+    # rounding of sums below 10 N
+    assert pressing_force(soft, d, rate) == pytest.approx(max(expected, 0.0), rel=1e-12, abs=1e-14)
