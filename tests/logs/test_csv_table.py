@@ -95,3 +95,10 @@ def test_a_long_log_of_36_columns_takes_little_time_and_memory(tmp_path: Path, r
     assert peak < 3 * 8 * 36 * rows + 10e6
     # a second for 200,000 rows at once, four row by row, on an idle machine; tracing memory takes its time, too
     assert time.process_time() - began < 30.0 * rows / 200_000 + 2.0
+
+
+def test_a_log_as_it_should_be_with_words_in_it_is_read_at_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(csv_table, "_row_by_row", lambda *arguments: pytest.fail("read row by row"))
+    found = table(tmp_path, "# a\nt_s,F_N,state,seen\n0,1,up,\n1,2,down,\n")
+    assert [found.is_words(name) for name in found.head] == [False, False, True, False]
+    assert found.lines.tolist() == [3, 4]
