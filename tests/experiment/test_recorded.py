@@ -12,7 +12,7 @@ from twin.assembly import assemble
 from twin.errors import InputRefused
 from twin.execution.provenance import provenance
 from twin.experiment.experiment import Experiment
-from twin.experiment.recorded import recorded_experiment
+from twin.experiment.recorded import recorded_experiment, recorded_fmus, recorded_values
 
 
 def metadata_of(experiment: Experiment) -> dict[str, dict[str, str]]:
@@ -61,8 +61,52 @@ def test_a_run_that_was_changed_by_hand_is_refused(tmp_path: Path):
         recorded_experiment(metadata | {"changed": {"first": "kp"}}, tmp_path / "run.mcap")
 
 
-@pytest.mark.parametrize("experiment", [{}, {"name": "x", "values": "[]"}, {"name": "x", "values": "{"}])
+@pytest.mark.parametrize("experiment", [{}, {"name": "x", "values": "{}"}])
 def test_a_recording_without_an_experiment_is_refused(experiment: dict[str, str], tmp_path: Path):
     metadata = {"experiment": experiment, "fmu": {"drive_1": json.dumps({"sha256": "0"})}}
     with pytest.raises(InputRefused, match="carries no experiment that could be run again"):
         recorded_experiment(metadata, tmp_path / "run.mcap")
+
+
+WHERE = Path("run.mcap")
+
+
+@pytest.mark.parametrize(
+    ("values", "said"),
+    [
+        ("", "run.mcap: its experiment: not valid JSON"),
+        ("[" * 100_000, "nested too deeply"),
+        ("null", "expected tables of values"),
+        ("[1, 2]", "expected tables of values"),
+        ('{"a":' * 50 + "1" + "}" * 50, "expected tables of values"),
+        ('{"plant": 5}', "[plant]"),
+        ('{"plant": {"N": "two"}}', '[plant] N = "two": expected a number'),
+        ('{"plant": {"N": NaN}}', "[plant] N = nan: expected a finite number"),
+        ('{"contact": {"height_mm": []}}', "[contact] height_mm = []: expected a number"),
+        ('{"contact": {"shape": "torus"}}', "[contact] shape"),
+        ('{"controller": {"mode": {}}}', "[controller] mode = {}: expected"),
+        ('{"task": {"kind": "press"}}', "[task]: expected an array of tables"),
+        ('{"fault": [1]}', "[fault]: expected an array of tables"),
+        ('{"drive": "mine.fmu"}', "[drive]: expected a table"),
+        ('{"drive": {"joint_1": {"fmu": 7}}}', "[drive]: expected a table whose fmu is text"),
+        ('{"title": 3}', "title = 3: expected text"),
+    ],
+)
+def test_values_that_are_no_experiments_are_refused_in_a_sentence(values: str, said: str):
+    with pytest.raises(InputRefused) as refused:
+        recorded_values({"experiment": {"values": values}}, WHERE)
+    assert said in str(refused.value)
+    assert len(str(refused.value).splitlines()) == 1
+
+
+def test_values_of_another_version_are_read_as_they_are():
+    values = {"plant": {"N": 2.0, "made_up_later": 1}, "made_up": {"x": [1, {"y": None}]}, "seed": -1}
+    assert recorded_values({"experiment": {"values": json.dumps(values)}}, WHERE) == values
+    assert recorded_values({}, WHERE) == {}
+
+
+@pytest.mark.parametrize("text", ["", "null", "[]", "{}", '{"file": 1}', '{"sha256": "x"}'])
+def test_an_fmu_that_is_none_is_refused_in_a_sentence(text: str):
+    with pytest.raises(InputRefused, match=r"^run\.mcap: its FMU of drive_1: ") as refused:
+        recorded_fmus({"fmu": {"drive_1": text}}, WHERE)
+    assert len(str(refused.value).splitlines()) == 1

@@ -75,10 +75,8 @@ def compare(
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
     if paper is None:
-        name, verdict = (
-            "compare",
-            _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift), partial),
-        )
+        name = "compare"
+        verdict = _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift), partial)
     elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
     elif signal or tol or column_map or partial or align != "none":
@@ -124,9 +122,8 @@ def _tube(
     lacking, share = found.least_covered
     if share < 1.0 and not partial:
         failed.append(lacking)
-    return Verdict(
-        comparison_text(found, partial), found.facts(), failed, [], lambda path: draw_comparison(found, path)
-    )
+    text = comparison_text(found, partial)
+    return Verdict(text, found.facts(), failed, [], lambda path: draw_comparison(found, path))
 
 
 def _fig4(paths: list[Path]) -> Verdict:
@@ -155,9 +152,8 @@ def _fig5(paths: list[Path]) -> Verdict:
 
     recordings = _recordings(paths or _latest("fig5", FIG5_EXPERIMENTS))
     score = fig5_score(recordings)
-    return Verdict(
-        fig5_text(score), score.facts(), score.failed, _notes(recordings), lambda path: draw_fig5(score, path)
-    )
+    notes = _notes(recordings)
+    return Verdict(fig5_text(score), score.facts(), score.failed, notes, lambda path: draw_fig5(score, path))
 
 
 def _notes(recordings: "list[Recording]") -> list[str]:

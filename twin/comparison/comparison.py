@@ -12,6 +12,7 @@ from twin.comparison.errors import ComparisonRefused
 from twin.comparison.pairing import no_overlap, paired, spans
 from twin.comparison.row import Curves, Row, curves, row
 from twin.comparison.tolerance import Rule, allowance
+from twin.files import finite
 from twin.logs.log import Log, Series
 from twin.paper.digitised.provenance import provenance
 
@@ -53,10 +54,8 @@ class Comparison:
     @property
     def least_covered(self) -> tuple[str, float]:
         """The signal of which b covers least, and the share of a's time that it covers."""
-        shares = [(row.signal, row.covered) for row in self.rows]
-        # the same bytes lack nothing, whatever gaps are in them
-        return min([*((name, 0.0) for name in self.apart), *([] if self.identical else shares)] or [("", 1.0)],
-                   key=lambda share: share[1])  # fmt: skip
+        shares = [(row.signal, row.covered) for row in self.rows] + [(name, 0.0) for name in self.apart]
+        return min(shares, key=lambda share: share[1])
 
     def facts(self) -> dict[str, Any]:
         """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
@@ -73,7 +72,7 @@ class Comparison:
             "only_b": self.only_b,
             "notes": self.notes,
         }
-        return _finite(facts)
+        return finite(facts)
 
 
 def compared(
@@ -140,11 +139,3 @@ def compared(
 
 def _same_bytes(a: Path, b: Path) -> bool:
     return a.stat().st_size == b.stat().st_size and a.read_bytes() == b.read_bytes()
-
-
-def _finite(value: Any) -> Any:
-    if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
-    return None if isinstance(value, float) and not np.isfinite(value) else value

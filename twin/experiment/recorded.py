@@ -99,15 +99,17 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
             not found.
     """
     name, values = recorded_name(metadata, where), recorded_values(metadata, where)
-    fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
-    if "drive" not in values or (not fmus and "substituted" not in metadata):
+    if "drive" not in values:
         raise InputRefused(f"{where}: carries no experiment that could be run again")
+    fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
     drive = values["drive"]
     if "substituted" in metadata:
         parts = ", ".join(metadata["substituted"])
         raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not make it again")
     if "changed" in metadata:
         raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not make it again")
+    if not fmus:
+        raise InputRefused(f"{where}: carries no FMUs, so its experiment cannot be run again as it was")
     folder = where.resolve().parent
     # the body's file has filled [contact] in already
     values.get("contact", {}).pop("body", None)

@@ -161,7 +161,7 @@ def _content(position: int, chunk: Chunk, most: int) -> bytes:
     """Decompressed content of `chunk`, of at most so many bytes, with the CRC it was written with."""
     try:
         if chunk.compression != "zstd":
-            raise ValueError("a chunk whose sizes disagree")
+            raise ValueError("a chunk that is not compressed by zstd")
         content = unpacked(chunk, most)
     except ValueError as problem:
         raise Damage(position, str(problem)) from problem

@@ -3,11 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from datetime import datetime
-from math import isnan
 from pathlib import Path
 
 from twin.errors import InputRefused
-from twin.files import write_json
+from twin.files import finite, write_json
 from twin.logs.column_map import column_map
 from twin.logs.log import Log
 from twin.logs.mcap_file import written_by_twin
@@ -88,7 +87,7 @@ def replay_facts(replay: Replay) -> dict[str, object]:
         "samples": len(log.t),
         "missing": log.missing,
         "gaps_s": log.gaps.tolist(),
-        "force_N": {name: _finite(asdict(one)) for name, one in replay.statistics.items()},
+        "force_N": {name: finite(asdict(one)) for name, one in replay.statistics.items()},
         "indicators": [_indicator_facts(one) for one in replay.indicators],
         "notes": list(log.notes),
     }
@@ -96,17 +95,13 @@ def replay_facts(replay: Replay) -> dict[str, object]:
 
 def _indicator_facts(one: Indicator) -> dict[str, object]:
     d = one.drift
-    return _finite(
+    return finite(
         {
             "name": one.name, "unit": one.unit, "matches": d.matches, "since_s": d.since, "alarm_s": d.alarm,
             "size": d.size, "baseline": d.baseline, "sigma": d.sigma, "tolerance": d.tolerance, "slack": d.slack,
             "threshold": d.threshold, "block_s": d.block,
         }
     )  # fmt: skip
-
-
-def _finite(facts: dict[str, object]) -> dict[str, object]:
-    return {key: None if isinstance(value, float) and isnan(value) else value for key, value in facts.items()}
 
 
 def _model(log: Log, request: Request) -> Model:

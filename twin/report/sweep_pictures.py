@@ -2,7 +2,6 @@
 
 from pathlib import Path
 
-from twin.errors import InputRefused
 from twin.report.sweep_parts import Asked
 from twin.report.sweep_picture import axes_of, draw_sweep
 from twin.sweep.folder import Kept
@@ -23,26 +22,23 @@ def write_pictures(kept: Kept, asked: Asked, x: str | None, y: str | None, folde
     files: dict[str, Path] = {}
     axes = axes_of(kept, x, y)
     found = bands(kept.rows)
-    try:
-        if found:
-            from twin.report.sweep_bands import draw_bands
+    if found:
+        from twin.report.sweep_bands import draw_bands
 
-            files["bands"] = folder / "bands.png"
-            draw_bands(found, kept, files["bands"])
-        # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map
-        if axes and (not found or x or y):
-            files["map"] = folder / "map.png"
-            draw_sweep(kept, axes, asked.by, files["map"])
-        if not found and len(pareto_front(kept.rows, asked.by, asked.against)) > 1:
-            from twin.report.sweep_front import draw_front
+        files["bands"] = folder / "bands.png"
+        draw_bands(found, kept, files["bands"])
+    # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map
+    if axes and (not found or x or y):
+        files["map"] = folder / "map.png"
+        draw_sweep(kept, axes, asked.by, files["map"])
+    if not found and len(pareto_front(kept.rows, asked.by, asked.against)) > 1:
+        from twin.report.sweep_front import draw_front
 
-            files["front"] = folder / "front.png"
-            draw_front(kept, asked, files["front"])
-        if len(kept.rows) > 1 and metrics_in(kept.rows):
-            from twin.report.sweep_spread import draw_spreads
+        files["front"] = folder / "front.png"
+        draw_front(kept, asked, files["front"])
+    if len(kept.rows) > 1 and metrics_in(kept.rows):
+        from twin.report.sweep_spread import draw_spreads
 
-            files["metrics"] = folder / "metrics.png"
-            draw_spreads(kept, files["metrics"])
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}") from None
+        files["metrics"] = folder / "metrics.png"
+        draw_spreads(kept, files["metrics"])
     return files

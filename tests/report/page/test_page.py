@@ -105,3 +105,13 @@ def test_the_page_lands_beside_its_recording(tmp_path: Path):
     pressed(tmp_path)
     assert write_report([tmp_path]).path == tmp_path / "report.html"
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
+
+
+def test_numbers_that_json_does_not_know_are_null_in_the_page(
+    force_position: Recording, monkeypatch: pytest.MonkeyPatch
+):
+    run = ReportRun("", force_position)
+    height = run.values["contact"] | {"height_mm": 1e308, "tilt_deg": 45.0, "radius_mm": 1e308, "shape": "sphere"}
+    monkeypatch.setitem(run.values, "contact", height)
+    page, _ = report_page([run])
+    assert re.search(r"\"surface\":\[[^\"]*null", page)

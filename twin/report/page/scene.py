@@ -66,7 +66,7 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
     w_1, w_2 = np.meshgrid(reach, reach, indexing="ij")
     across = {"sphere": w_1**2 + w_2**2, "cylinder_x": w_2**2, "cylinder_y": w_1**2}.get(shape)
     # R - sqrt(R^2 - w^2) without the cancellation that a large R would bring
-    drop = 0.0 * w_1 if across is None else across / (radius + np.sqrt(radius**2 - across))
+    drop = 0.0 * w_1 if across is None else across / (radius + np.sqrt(radius * radius - across))
     points = w_1[..., None] * e_1 + w_2[..., None] * e_2 - drop[..., None] * n
     points[..., 2] += contact["height_mm"]
     return np.round(points, 4).tolist()

@@ -67,9 +67,7 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
         for task in fig5.tasks:
             whose = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
             groups.append(Group(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings))
-    deviations = [
-        f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in run.recording.deviations
-    ]
+    deviations = [remark for run in runs for remark in _deviations(run, len(runs) > 1)]
     alarms = [remark for run in runs for remark in _alarms(run, len(runs) > 1)]
     findings = [finding for group in groups for finding in group.findings]
     remarks = [*alarms[1:], *deviations, *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
