@@ -78,7 +78,7 @@ WHERE = Path("run.mcap")
         ("[" * 100_000, "nested too deeply"),
         ("null", "expected tables of values"),
         ("[1, 2]", "expected tables of values"),
-        ('{"a":' * 50 + "1" + "}" * 50, "expected tables of values"),
+        ('{"a":' * 50 + "1" + "}" * 50, "nested too deeply"),
         ('{"plant": 5}', "[plant]"),
         ('{"plant": {"N": "two"}}', '[plant] N = "two": expected a number'),
         ('{"plant": {"N": NaN}}', "[plant] N = nan: expected a finite number"),

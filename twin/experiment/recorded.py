@@ -19,8 +19,6 @@ from twin.files import json_of
 Metadata = Mapping[str, Mapping[str, str]]
 NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
 """Of an experiment: that of a file, without the suffix."""
-DEEPEST = 10
-"""Tables within tables of an experiment; there are five."""
 MANY = 3
 """So many mistakes of a recording are told: nobody mends them."""
 
@@ -60,7 +58,7 @@ def recorded_values(metadata: Metadata, where: Path) -> dict[str, Any]:
     """
     text = metadata.get("experiment", {}).get("values", "{}")
     values = json_of(text, f"{where}: its experiment")
-    mistakes = [] if isinstance(values, dict) and _depth(values) <= DEEPEST else ["expected tables of values"]
+    mistakes = [] if isinstance(values, dict) else ["expected tables of values"]
     if not mistakes:
         mistakes = _wrong_types(values)
     if mistakes:
@@ -150,16 +148,6 @@ def _pinned(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:
         part: table.model_copy(update={"sha256": fmus.get(f"{name}.{part}")}) for part, table in drive.parts.items()
     }
     return drive.model_copy(update={"sha256": fmus.get(name), "parts": parts})
-
-
-def _depth(values: Any) -> int:
-    """How deep tables and arrays are nested, but no more than is needed to know that it is too deep."""
-    level, depth = [values], 0
-    while level and depth <= DEEPEST:
-        inner = [list(item.values()) if isinstance(item, dict) else item for item in level]
-        level = [item for items in inner if isinstance(items, list) for item in items]
-        depth += 1
-    return depth
 
 
 def _wrong_types(values: dict[str, Any]) -> list[str]:
