@@ -107,7 +107,7 @@ def _path(task: Task) -> NDArray[np.float64]:
     if isinstance(task, Push):
         way = np.array(task.to) - point
         # a line that is longer than any robot needs no more points to be refused
-        count = 2 + int(min(np.linalg.norm(way), LONGEST) / SPACING)
+        count = 2 + int(min(float(np.linalg.norm(way)), LONGEST) / SPACING)
         return point + np.linspace(0.0, 1.0, count)[:, None] * way
     return point[None, :]
 
