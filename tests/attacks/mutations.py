@@ -19,22 +19,8 @@ BYTES = (b"\0", b"\xff", b"\xef\xbb\xbf", b"\x1b[31m", b"=", b"[", b"]", b'"', b
 LONGEST = 10.0
 """Processor seconds for a file of some kilobytes on a slow machine that others use, too; nearly all take 0.1."""
 PARTS: tuple[Any, ...] = (
-    None,
-    [],
-    {},
-    "",
-    "x\x1b[31m[bold]",
-    0,
-    -1,
-    1e308,
-    -1e308,
-    10**30,
-    10**400,
-    1.5,
-    True,
-    [[[]]],
-    {"a": {"b": 1}},
-)
+    None, [], {}, "", "x\x1b[31m[bold]", 0, -1, 1e308, -1e308, 10**30, 10**400, 1.5, True, [[[]]], {"a": {"b": 1}},
+)  # fmt: skip
 """What may stand in place of any part of a JSON file."""
 
 

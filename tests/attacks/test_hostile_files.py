@@ -121,7 +121,7 @@ def test_a_chain_of_files_that_extend_each_other_is_short(tmp_path: Path, base: 
 @pytest.mark.parametrize(
     "options",
     [
-        ("--set", "a." * 50 + "b=1"),
+        ("--set", "a." * 5000 + "b=1"),
         ("--set", "robot.a_mm=" + "[" * 900),
         ("--set", "robot.a_mm=" + "9" * 5000),
         ("--set", "robot.a_mm=" + "x" * 100_000),

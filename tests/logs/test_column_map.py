@@ -68,6 +68,7 @@ def test_a_head_carries_its_unit_as_a_toml_key_does_or_in_brackets(header: str, 
         ('F = { unit = "N" }', 'F: expected column = "COLUMN"'),
         ("F = 3", "F = 3: expected"),
         ("F = {", "not valid TOML"),
+        ("# nothing\n", "an empty map"),
     ],
 )
 def test_a_wrong_entry_of_a_file_is_refused_with_its_place(tmp_path: Path, content: str, expected: str):

@@ -119,6 +119,13 @@ def test_a_column_that_is_not_there_is_named_with_the_nearest(tmp_path: Path):
     )
 
 
+def test_a_log_without_a_signal_is_refused(tmp_path: Path):
+    text = "stamp,Fz\n0,1\n1,2\n"
+    assert refusal(tmp_path, text, "time=stamp[ms]").startswith("a.csv: the map names no signal besides the time")
+    words = "t_s,state\n0,up\n1,down\n"
+    assert refusal(tmp_path, words).startswith("a.csv: no column of numbers besides the time")
+
+
 def test_every_mistake_is_told_at_once(tmp_path: Path):
     found = refusal(tmp_path, "t_s,a_N,b_N\n0,1,x\n0,2,3\n1,nan,4\n")
     assert [line.partition(":")[0] for line in found.splitlines()] == ["a.csv line 3", "a.csv line 4", "a.csv line 2"]
