@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.command_line import Done, run
+from tests.command_line import Done, twin
 
 LONG = "n" * 300
 
@@ -19,14 +19,14 @@ def base(root: Path) -> str:
 def refused(*arguments: object, cwd: Path) -> str:
     """The sentence with which `twin ARGUMENTS` refuses."""
     began = time.process_time()
-    done: Done = run(*arguments, cwd=cwd)
+    done: Done = twin(*arguments, cwd=cwd)
     # a hang takes all the time there is; these take tenths of a second
     assert time.process_time() - began < 10.0
-    assert done.code == 2, done
-    assert done.out == "" and "Traceback" not in done.err
-    assert done.err.strip() and done.err.replace("\n", "").isprintable()
-    assert max(map(len, done.err.splitlines())) < 2000
-    return done.err
+    assert done.returncode == 2, done
+    assert done.stdout == "" and "Traceback" not in done.stderr
+    assert done.stderr.strip() and done.stderr.replace("\n", "").isprintable()
+    assert max(map(len, done.stderr.splitlines())) < 2000
+    return done.stderr
 
 
 @pytest.mark.parametrize(
@@ -103,8 +103,8 @@ def test_what_is_no_regular_file_is_never_waited_for(tmp_path: Path, name: str):
         ("drive", "info", name),
     ):
         refused(*arguments, cwd=tmp_path)
-    checked = run("check", name, cwd=tmp_path)
-    assert checked.code == 2 and "Traceback" not in checked.out + checked.err and len(checked.out) < 2000
+    checked = twin("check", name, cwd=tmp_path)
+    assert checked.returncode == 2 and "Traceback" not in checked.stdout + checked.stderr and len(checked.stdout) < 2000
     (tmp_path / "x.toml").write_text(f'extends = "{name}"')
     refused("run", "x.toml", "--isolate", "none", cwd=tmp_path)
 
@@ -115,7 +115,7 @@ def test_a_chain_of_files_that_extend_each_other_is_short(tmp_path: Path, base: 
     (tmp_path / "40.toml").write_text(base)
     assert "extends more than 32 files" in refused("run", "0.toml", "--isolate", "none", cwd=tmp_path)
     # 32 are read, and refused for what is wrong with the last
-    assert "no such experiment file" not in run("run", "9.toml", "--set", "duration_s=0.1", cwd=tmp_path).err
+    assert "no such experiment file" not in twin("run", "9.toml", "--set", "duration_s=0.1", cwd=tmp_path).stderr
 
 
 @pytest.mark.parametrize(

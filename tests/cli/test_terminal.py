@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.command_line import run
+from tests.command_line import twin
 from twin.cli.progress import Bar, PlainLine
 from twin.cli.terminal import Harmless
 
@@ -41,11 +41,11 @@ def test_the_name_of_a_run_is_neither_markup_nor_an_escape(line: type, monkeypat
 
 def test_what_to_run_next_can_be_copied_whatever_the_name(root: Path, tmp_path: Path):
     folder = "it's $HOME; a b"
-    done = run("init", f"{folder}/my 'x'.toml", cwd=tmp_path)
-    command = done.out.splitlines()[-1].removeprefix("next: ")
+    done = twin("init", f"{folder}/my 'x'.toml", cwd=tmp_path)
+    command = done.stdout.splitlines()[-1].removeprefix("next: ")
     assert shlex.split(command) == ["twin", "run", f"{folder}/my 'x'.toml"]
     assert shlex.split((tmp_path / folder / "my 'x'.toml").read_text().partition("Run this: ")[2].splitlines()[0])
     arguments = ["--set", "duration_s=0.1", "--isolate", "none", "--out", f"{folder}/run"]
-    ran = run("run", f"{folder}/my 'x'.toml", *arguments, cwd=tmp_path)
-    command = ran.out.splitlines()[-1].partition("next")[2]
+    ran = twin("run", f"{folder}/my 'x'.toml", *arguments, cwd=tmp_path)
+    command = ran.stdout.splitlines()[-1].partition("next")[2]
     assert shlex.split(command) == ["twin", "report", f"{folder}/run"]

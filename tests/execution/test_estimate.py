@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.cli.command_line import run
+from tests.command_line import twin
 from twin.errors import InputRefused
 from twin.execution.estimate import LARGE, estimate, refuse_endless
 from twin.experiment.experiment import load_experiment
@@ -26,9 +26,9 @@ def test_at_the_controllers_rate_half_is_estimated(fig4: Path):
 
 
 def test_a_run_that_fills_the_disk_is_asked_about_before_it_begins(fig4: Path, tmp_path: Path):
-    done = run("run", fig4, "--set", "duration_s=1e7", "--isolate", "none", cwd=tmp_path)
-    assert done.code == 2 and not any(tmp_path.iterdir())
-    assert done.err == (
+    done = twin("run", fig4, "--set", "duration_s=1e7", "--isolate", "none", cwd=tmp_path)
+    assert done.returncode == 2 and not any(tmp_path.iterdir())
+    assert done.stderr == (
         "fig4_force_position: 1e+10 ticks take about 2.3 days and 3,500 GB; "
         "shorten duration_s, or say --yes if that is meant\n"
     )
@@ -51,5 +51,7 @@ def test_a_sweep_of_endless_runs_is_asked_about_even_before_it_is_estimated(fig4
         'experiment = "long.toml"\n[[vary]]\nkey = "contact.stiffness_N_per_m"\nvalues = [1000.0, 2000.0]\n'
     )
     for options in ([], ["--dry-run"]):
-        done = run("sweep", "run", "sweep.toml", *options, cwd=tmp_path)
-        assert done.code == 2 and done.err.startswith("sweep: each run takes about 56 hours; shorten duration_s")
+        done = twin("sweep", "run", "sweep.toml", *options, cwd=tmp_path)
+        assert done.returncode == 2 and done.stderr.startswith(
+            "sweep: each run takes about 56 hours; shorten duration_s"
+        )
