@@ -1,5 +1,6 @@
 """What many tests stand on: the repository's files, and the paper's experiment run once."""
 
+import signal
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,11 @@ USUAL = 100
 settings.register_profile("same", deadline=None, max_examples=USUAL, derandomize=True)
 settings.register_profile("endurance", deadline=None, max_examples=20 * USUAL, database=None)
 settings.load_profile("same")
+
+
+# a shell starts what runs in its background deaf to Ctrl-C, and what that starts inherits it
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def examples(count: int, **options: Any) -> settings:

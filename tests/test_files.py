@@ -12,19 +12,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.errors import InputRefused, NotWritten, plain
-from twin.files import (
-    LIMIT,
-    growing,
-    json_of,
-    json_text,
-    made_folder,
-    read_bytes,
-    read_text,
-    read_toml,
-    toml_of,
-    write_text,
-    written,
-)
+from twin.files import LIMIT, json_of, read_bytes, read_text, read_toml, toml_of
+from twin.writing import growing, json_text, made_folder, write_text, written
 
 
 def refusal(path: Path) -> str:

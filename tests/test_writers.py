@@ -7,11 +7,13 @@ from pathlib import Path
 import pytest
 
 ALONE = {
-    "files.py": "the place",
+    "writing.py": "the place",
     "recording/output.py": "a recording grows, is readable before it is finished, and renamed then",
     "sweep/rows.py": "rows are only ever appended to",
-    "drive/archive.py": "a cache",
+    "cache_folder.py": "a cache",
+    "drive/unpacked.py": "a cache",
     "native_cache.py": "a cache",
+    "native_seal.py": "a cache",
     "sweep/dask/depot.py": "a cache",
     "recording/folder.py": "the folder of a run must be new",
     "guard/child.py": "pipes to the guard",

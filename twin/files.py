@@ -1,18 +1,14 @@
-"""Files as every command reads and writes them: regular ones of bounded size in, whole ones or none out."""
+"""Files as every command reads them: regular ones of bounded size, of the kind that is expected."""
 
-import contextlib
 import json
-import math
 import os
 import re
 import stat
-import tempfile
 import tomllib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from twin.errors import InputRefused, NotWritten
+from twin.errors import InputRefused
 
 LIMIT = 10 * 2**20
 """Bytes of the largest text file that is read: an experiment has some kilobytes."""
@@ -155,126 +151,6 @@ def json_of(text: str | bytes, where: str) -> Any:
         raise InputRefused(f"{where}: not valid JSON: {problem}") from None
 
 
-def made_folder(folder: Path) -> Path:
-    """`folder`, which is there from now on.
-
-    Raises:
-        InputRefused: it cannot be created.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
-    except ValueError as problem:
-        raise InputRefused(f"{folder}: no name of a folder: {problem}") from None
-    return folder
-
-
-@contextlib.contextmanager
-def written(path: Path) -> Iterator[Path]:
-    """A file beside `path` to write to, which takes the place of `path` when the block is done, and not before.
-
-    A link is followed: what it points to is replaced, the link stays.
-
-    Raises:
-        InputRefused: there is a folder, a pipe or a device at `path`, which a file must not replace.
-        NotWritten: the folder or the disk refuses; a file that was at `path` is what it was.
-    """
-    target = Path(os.path.realpath(path))
-    try:
-        if target.exists() and not target.is_file():
-            kind = "a folder" if target.is_dir() else "a pipe or device"
-            raise InputRefused(f"{path}: {kind}; expected the name of a file, which is replaced if it is there")
-        handle, name = tempfile.mkstemp(prefix=f".{target.stem[:60]}.", suffix=target.suffix, dir=target.parent)
-        os.close(handle)
-    except (OSError, ValueError) as problem:
-        raise NotWritten(f"{path}: cannot be written: {getattr(problem, 'strerror', None) or problem}") from None
-    beside = Path(name)
-    try:
-        yield beside
-        with beside.open("r+b") as file:
-            # some disks tell only here that they are full
-            os.fsync(file.fileno())
-        # mkstemp makes it the owner's alone; what a command writes is as readable as any other file
-        beside.chmod(0o666 & ~_umask())
-        beside.replace(target)
-    except OSError as problem:
-        raise NotWritten(f"{path}: cannot be written: {problem.strerror or problem}") from None
-    finally:
-        with contextlib.suppress(OSError):
-            beside.unlink()
-
-
-@contextlib.contextmanager
-def growing(path: Path) -> Iterator[Callable[[str], None]]:
-    """A file begun anew at `path`, and what appends a text to it: whatever then ends the process, the text stays.
-
-    Raises:
-        NotWritten: the folder or the disk refuses; also what appends raises that.
-    """
-
-    def append(text: str) -> None:
-        rest = text.encode("utf-8")
-        try:
-            while rest:
-                rest = rest[file.write(rest) :]
-        except OSError as problem:
-            raise NotWritten(f"{path}: cannot be written: {problem.strerror}") from None
-
-    try:
-        # unbuffered: what `append` returned from is with the operating system
-        file = path.open("wb", buffering=0)
-    except (OSError, ValueError) as problem:
-        raise NotWritten(f"{path}: cannot be written: {getattr(problem, 'strerror', None) or problem}") from None
-    with file:
-        yield append
-
-
-def write_bytes(path: Path, content: bytes) -> None:
-    """Make `content` that of the file at `path`.
-
-    Raises:
-        NotWritten: as `written`.
-    """
-    with written(path) as beside:
-        beside.write_bytes(content)
-
-
-def write_text(path: Path, text: str) -> None:
-    """Make `text`, in UTF-8, the content of the file at `path`.
-
-    Raises:
-        NotWritten: as `written`.
-    """
-    write_bytes(path, text.encode("utf-8"))
-
-
-def write_json(path: Path, facts: Any) -> None:
-    """Make `facts` the content of the JSON file at `path`, as `json_text` writes them.
-
-    Raises:
-        NotWritten: as `written`.
-    """
-    write_text(path, json_text(facts, indent=2) + "\n")
-
-
-def json_text(facts: Any, indent: int | None = None) -> str:
-    """`facts` as JSON, which knows no infinity and nothing that is not a number: both become null."""
-    try:
-        return json.dumps(facts, indent=indent, allow_nan=False)
-    except ValueError:
-        return json.dumps(finite(facts), indent=indent, allow_nan=False)
-
-
-def finite(facts: Any) -> Any:
-    """`facts` with None for every number that is infinite or none."""
-    if isinstance(facts, dict):
-        return {key: finite(value) for key, value in facts.items()}
-    if isinstance(facts, list | tuple):
-        return [finite(value) for value in facts]
-    return None if isinstance(facts, float) and not math.isfinite(facts) else facts
-
-
 def _sound(found: Any) -> Any:
     """`found`, which has no depth and no number that whoever goes on with it would stumble over.
 
@@ -295,10 +171,3 @@ def _sound(found: Any) -> Any:
         if not level:
             return found
     raise RecursionError
-
-
-def _umask() -> int:
-    # there is no way to read it without setting it
-    mask = os.umask(0o022)
-    os.umask(mask)
-    return mask

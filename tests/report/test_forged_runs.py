@@ -16,12 +16,12 @@ from twin.errors import InputRefused, TwinError
 from twin.execution import SUMMARY, execute
 from twin.experiment.experiment import load_experiment
 from twin.export.export import export_recording
-from twin.files import json_text
 from twin.report.identification import Request as Identification
 from twin.report.identification import identification_report
 from twin.report.page.page import write_report
 from twin.report.replay import Request as Replay
 from twin.report.replay import replay_report
+from twin.writing import json_text
 
 SEED = 12
 FEW, MANY = 8, 1500

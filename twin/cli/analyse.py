@@ -8,7 +8,7 @@ import typer
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
-from twin.files import json_text, made_folder, write_json
+from twin.writing import json_text, made_folder, write_json
 
 FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 

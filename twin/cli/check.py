@@ -10,7 +10,7 @@ from twin.cli.completion import drive_names, experiment_files
 from twin.cli.faults import Isolation
 from twin.cli.options import AsJson
 from twin.errors import InputRefused, plain
-from twin.files import json_text
+from twin.writing import json_text
 
 PICTURES = Path("results/check")
 

@@ -8,7 +8,7 @@ import typer
 
 from twin.cli.options import AsJson
 from twin.errors import InputRefused, visible_lines
-from twin.files import json_text, made_folder, write_json
+from twin.writing import json_text, made_folder, write_json
 
 if TYPE_CHECKING:
     from twin.recording.recording import Recording

@@ -9,7 +9,7 @@ from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, DriveName, Isolated, Settings
 from twin.cli.progress import progress
-from twin.files import json_text
+from twin.writing import json_text
 
 
 def converge(

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.options import AsJson
-from twin.files import json_text
+from twin.writing import json_text
 
 
 def doctor(

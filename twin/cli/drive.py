@@ -13,7 +13,7 @@ from twin.cli.completion import drive_names, experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson
 from twin.errors import InputRefused
-from twin.files import json_text, made_folder, write_text
+from twin.writing import json_text, made_folder, write_text
 
 if TYPE_CHECKING:
     from twin.assembly.drives import DrivePlan

@@ -13,7 +13,7 @@ import typer
 from twin.cli.completion import experiment_files
 from twin.cli.options import AsJson, BodyName, DriveName, Settings
 from twin.errors import ComponentFailed
-from twin.files import growing, json_text, made_folder, write_json
+from twin.writing import growing, json_text, made_folder, write_json
 
 if TYPE_CHECKING:
     from twin.fault_matrix.row import Row

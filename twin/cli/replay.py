@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.options import AsJson, ColumnMap, Settings
 from twin.errors import visible_lines
-from twin.files import json_text
+from twin.writing import json_text
 
 
 def replay(

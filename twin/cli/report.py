@@ -11,8 +11,8 @@ from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, Isolated
 from twin.cli.progress import progress
 from twin.errors import InputRefused, plain
-from twin.files import json_text
 from twin.guard.remains import seen_from_here
+from twin.writing import json_text
 
 Listener = Callable[[dict[str, Any]], None]
 """Takes a note of `twin.guard.runs.recorded_runs`."""

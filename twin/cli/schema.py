@@ -5,7 +5,7 @@ from typing import Annotated
 
 import typer
 
-from twin.files import write_text
+from twin.writing import write_text
 
 
 def schema(

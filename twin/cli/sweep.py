@@ -16,7 +16,7 @@ from twin.cli.options import AsJson
 from twin.cli.progress import progress
 from twin.cli.sweep_show import By, as_facts, show
 from twin.errors import InputRefused
-from twin.files import json_text
+from twin.writing import json_text
 
 if TYPE_CHECKING:
     from twin.guard.limits import Limits

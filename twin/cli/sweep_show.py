@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from twin.cli.options import AsJson
-from twin.files import json_text
+from twin.writing import json_text
 
 if TYPE_CHECKING:
     from twin.sweep.folder import Kept

@@ -10,7 +10,7 @@ import typer
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
 from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
-from twin.files import json_text, made_folder, write_json, write_text
+from twin.writing import json_text, made_folder, write_json, write_text
 
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 

@@ -12,9 +12,9 @@ from twin.comparison.errors import ComparisonRefused
 from twin.comparison.pairing import no_overlap, paired, spans
 from twin.comparison.row import Curves, Row, curves, row
 from twin.comparison.tolerance import Rule, allowance
-from twin.files import finite
 from twin.logs.log import Log, Series
 from twin.paper.digitised.provenance import provenance
+from twin.writing import finite
 
 IN_PLACE = Alignment()
 

@@ -24,11 +24,11 @@ from twin.execution.tuning import Tuning
 from twin.execution.viewer import Stream, Viewer
 from twin.execution.watch import Event, Watch
 from twin.experiment.experiment import Experiment
-from twin.files import write_json
 from twin.recording.folder import RECORDING
 from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
 from twin.scene.scene import Scene
+from twin.writing import write_json
 
 SLICE_TICKS = 100
 SUMMARY = "summary.json"

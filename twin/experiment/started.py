@@ -7,7 +7,7 @@ from twin.errors import InputRefused
 from twin.experiment.json_schema import SCHEMA_FILE, schema_text
 from twin.experiment.named import did_you_mean, known_experiments
 from twin.experiment.template import commented_experiment
-from twin.files import made_folder, write_text
+from twin.writing import made_folder, write_text
 
 
 def start_experiment(file: Path, start: str) -> list[Path]:

@@ -7,7 +7,7 @@ import numpy as np
 
 from twin.errors import visible
 from twin.export.table import Column, Table
-from twin.files import written
+from twin.writing import written
 
 FORMULA = ("=", "+", "-", "@", "\t", "\r")
 """What a cell begins with that spreadsheets take for a formula."""

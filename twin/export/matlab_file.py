@@ -8,8 +8,8 @@ import numpy as np
 
 from twin.errors import InputRefused
 from twin.export.table import NANOSECONDS, message_times, row_times, topics_of
-from twin.files import write_bytes
 from twin.recording.recording import Recording
+from twin.writing import write_bytes
 
 HEADER_BYTES = 116
 """Of descriptive text at the front of the file; scipy would write the date into it."""

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.export.table import Table
-from twin.files import written
+from twin.writing import written
 
 
 def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, str]]) -> None:

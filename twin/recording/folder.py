@@ -4,8 +4,8 @@ import os
 from datetime import datetime
 from pathlib import Path
 
-from twin.files import made_folder
 from twin.recording.errors import RecordingRefused
+from twin.writing import made_folder
 
 RECORDING = "run.mcap"
 LATEST = "latest"

@@ -14,9 +14,10 @@ import numpy as np
 from twin import __version__
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.files import made_folder, read_toml, write_text
+from twin.files import read_toml
 from twin.places import HOME
 from twin.regression.measurement import POINTS, Measured, Sampled
+from twin.writing import made_folder, write_text
 
 OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""

@@ -6,8 +6,8 @@ from pathlib import Path
 
 from twin.accuracy.budget import Budget, accuracy_budget
 from twin.experiment.experiment import load_experiment
-from twin.files import made_folder, write_json
 from twin.report.accuracy_text import accuracy_text
+from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"

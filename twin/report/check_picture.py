@@ -8,11 +8,11 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.files import made_folder
 from twin.regression.verdict import Outside, Verdict
 from twin.report.comparison import A_COLOUR, B_COLOUR, OUT_COLOUR
 from twin.report.comparison_text import shown
 from twin.report.figure import save
+from twin.writing import made_folder
 
 MOST = 5
 """Checks of which there are pictures: those that are told in full."""

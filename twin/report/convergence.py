@@ -9,9 +9,9 @@ from twin.convergence.order import Order
 from twin.convergence.signals import SIGNALS
 from twin.convergence.study import Series, Study, convergence
 from twin.experiment.experiment import load_experiment
-from twin.files import made_folder, write_json
 from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text
+from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "converge"
 PICTURE, FACTS = "convergence.png", "convergence.json"

@@ -3,7 +3,7 @@
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.files import written
+from twin.writing import written
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -6,7 +6,6 @@ from datetime import datetime
 from pathlib import Path
 
 from twin.errors import InputRefused
-from twin.files import write_json, write_text
 from twin.identification.identification import Identification, identified
 from twin.identification.truth import truth
 from twin.logs.column_map import column_map
@@ -17,6 +16,7 @@ from twin.replay.model import loaded_model, recorded_model
 from twin.report.identification_model import model_fragment
 from twin.report.identification_picture import draw_identification
 from twin.report.identification_text import identification_text
+from twin.writing import write_json, write_text
 
 HOME = Path("results") / "identify"
 PICTURE, MODEL, FACTS = "identify.png", "model.toml", "identify.json"

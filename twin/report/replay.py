@@ -6,7 +6,6 @@ from datetime import datetime
 from pathlib import Path
 
 from twin.errors import InputRefused
-from twin.files import finite, write_json
 from twin.logs.column_map import column_map
 from twin.logs.log import Log
 from twin.logs.mcap_file import written_by_twin
@@ -18,6 +17,7 @@ from twin.replay.record import record
 from twin.replay.replay import Indicator, Replay, replayed
 from twin.report.replay_picture import draw_replay
 from twin.report.replay_text import replay_text, verdict
+from twin.writing import finite, write_json
 
 HOME = Path("results") / "replay"
 PICTURE, FACTS = "replay.png", "replay.json"

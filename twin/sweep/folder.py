@@ -6,10 +6,11 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.files import made_folder, read_bytes, write_json
+from twin.files import read_bytes
 from twin.sweep.plan import Plan
 from twin.sweep.rows import ROWS, Row, read_rows
 from twin.sweep.shapes import Facts, parsed
+from twin.writing import made_folder, write_json
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"

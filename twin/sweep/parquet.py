@@ -4,8 +4,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.files import written
 from twin.sweep.folder import Kept
+from twin.writing import written
 
 
 def write_parquet(kept: Kept, path: Path) -> None:

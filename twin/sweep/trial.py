@@ -16,7 +16,6 @@ from twin.errors import ComponentFailed, InputRefused
 from twin.execution import execute
 from twin.execution.outcome import Tally
 from twin.experiment.experiment import Experiment, load_experiment
-from twin.files import made_folder
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
 from twin.paper.fig4_runs import Fig4Run, Fig4Runs
@@ -25,6 +24,7 @@ from twin.regression.trace import refuse_unknown, trace_of
 from twin.sweep.fig4 import COMPANION, findings
 from twin.sweep.measures import Finding, metrics_of
 from twin.sweep.series import RunSeries
+from twin.writing import made_folder
 
 SLICE_TICKS = 1000
 """Nobody watches between slices, so they may be long; but the rows of one are to stay in the processor's cache."""

@@ -11,7 +11,6 @@ from typing import Any
 
 from twin.accuracy.budget import Budget, accuracy_budget
 from twin.experiment.recorded import recorded_experiment
-from twin.files import finite, made_folder, write_text
 from twin.report.page.block import Block
 from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined
@@ -20,6 +19,7 @@ from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
+from twin.writing import finite, made_folder, write_text
 
 ASSETS = files("twin.report.page") / "assets"
 SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")

@@ -5,13 +5,13 @@ from importlib.metadata import version
 from pathlib import Path
 from string import Template
 
-from twin.files import write_text
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.page import ASSETS
 from twin.report.page.picture import figure
 from twin.report.sweep_parts import Asked, headline, parts
 from twin.report.sweep_table import Part
 from twin.sweep.folder import Kept
+from twin.writing import write_text
 
 PAGE = "sweep.html"
 CAPTIONS = {

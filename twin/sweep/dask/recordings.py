@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from twin.errors import InputRefused, NotWritten
-from twin.files import made_folder, write_bytes
 from twin.sweep.rows import DiskFailed
+from twin.writing import made_folder, write_bytes
 
 
 def keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
