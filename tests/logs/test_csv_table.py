@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 
 from twin.logs import csv_table
-from twin.logs.csv_table import LARGEST, Table, read_table
+from twin.logs.csv_head import LARGEST
+from twin.logs.csv_table import Table, read_table
 from twin.logs.errors import LogRefused
 
 

@@ -1,34 +1,28 @@
 """The text of a CSV file as a table of numbers.
 
-Fields are separated by commas, semicolons or tabs, whichever the head holds most of; numbers have a decimal point.
-Lines before the head that start with # are comments and are kept. A file that is as it should be is read by numpy in
+A file that is as it should be is read by numpy in
 one go; any other row by row, which is slower and knows where each mistake is.
 """
 
-import codecs
-import csv
 import io
 import math
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass, field
-from itertools import chain, count
+from itertools import count
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.files import foreign_kind, open_regular
+from twin.files import open_regular
+from twin.logs.csv_head import LARGEST, Head, head_of, number, refuse_foreign, rows_of, text_of
 from twin.logs.errors import LogRefused
 
-SEPARATORS = ",;\t"
 LARGEST_FILE = 2**30
 """Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
-MOST_COLUMNS = 2_000
-LARGEST = 1e100
-"""No quantity of a robot is larger, and its square is still a number."""
 _BLOCK = 2**20
 
 
@@ -89,16 +83,6 @@ class Table:
         return wrong is not None and wrong.count == len(self.values) and wrong.texts and not wrong.commas
 
 
-class _Head(NamedTuple):
-    """comments and names as in `Table`; separator; how many lines the comments take up, and with the head."""
-
-    comments: tuple[str, ...]
-    names: list[str]
-    separator: str
-    before: int
-    until: int
-
-
 def read_table(path: Path) -> Table:
     """The CSV file at `path`.
 
@@ -107,8 +91,8 @@ def read_table(path: Path) -> Table:
     """
     try:
         with open_regular(path, LARGEST_FILE) as file:
-            _refuse_foreign(path, file)
-            head = _head(path, _text(file))
+            refuse_foreign(path, file)
+            head = head_of(path, text_of(file))
             return _at_once(path, file, head) or _row_by_row(path, file, head)
     except LogRefused:
         raise
@@ -121,87 +105,13 @@ def more(others: int, what: str) -> str:
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
-def number(text: str) -> float | None:
-    """The finite number that `text` spells; None if it spells none, or one that no quantity has."""
-    try:
-        value = float(text)
-    except ValueError:
-        return None
-    return value if abs(value) <= LARGEST else None
-
-
-def _text(file: BinaryIO) -> io.TextIOWrapper:
-    """`file` from its beginning as text; to be detached, so that it stays open."""
-    file.seek(0)
-    return io.TextIOWrapper(file, encoding="utf-8-sig", newline="")
-
-
-def _refuse_foreign(path: Path, file: BinaryIO) -> None:
-    decoder, place, empty = codecs.getincrementaldecoder("utf-8")(), 0, True
-    while True:
-        block = file.read(_BLOCK)
-        if place == 0 and (kind := foreign_kind(block)):
-            raise LogRefused(f"{path}: {kind}; expected CSV in UTF-8")
-        held = len(decoder.getstate()[0])
-        try:
-            decoder.decode(block, final=not block)
-        except UnicodeDecodeError as problem:
-            where = place - held + problem.start
-            raise LogRefused(f"{path}: byte {where} is not UTF-8; save it as CSV in UTF-8") from None
-        if b"\0" in block:
-            raise LogRefused(f"{path}: not a text file; expected CSV or MCAP")
-        empty = empty and not block.removeprefix(codecs.BOM_UTF8).strip()
-        place += len(block)
-        if not block:
-            break
-    if empty:
-        raise LogRefused(f"{path}: an empty file; expected a line of names, then rows of numbers")
-
-
-def _head(path: Path, text: io.TextIOWrapper) -> _Head:
-    comments: list[str] = []
-    before, line = 0, ""
-    for line in text:
-        if line.strip() and not line.startswith("#"):
-            break
-        before += 1
-        if line.strip():
-            comments.append(line.removeprefix("#").strip())
-    else:
-        raise LogRefused(f"{path}: only comments; expected a line of names, then rows of numbers")
-    separator = max(SEPARATORS, key=line.count)
-    names, until = next(_rows(path, chain([line], text), separator, before))
-    text.detach()
-    if len(names) > MOST_COLUMNS:
-        raise LogRefused(f"{path}: {len(names):,} columns, expected at most {MOST_COLUMNS:,}")
-    if len(set(names)) < len(names):
-        twice = next(name for name in names if names.count(name) > 1)
-        raise LogRefused(f"{path}: two columns are named '{twice}'; expected different names")
-    if all(number(name) is not None for name in names):
-        raise LogRefused(f"{path} line {before + 1}: numbers where the names of the columns are expected")
-    if len(names) < 2:
-        raise LogRefused(f"{path}: one column, '{names[0]}'; expected the time and at least one signal")
-    return _Head(tuple(comments), names, separator, before, until)
-
-
-def _rows(path: Path, lines: Iterator[str], separator: str, before: int) -> Iterator[tuple[list[str], int]]:
-    """(fields, number of the line) of each row that is not empty; `before` lines have been read."""
-    reader = csv.reader(lines, delimiter=separator, skipinitialspace=True)
-    try:
-        for row in reader:
-            if row:
-                yield [text.strip() for text in row], reader.line_num + before
-    except csv.Error as problem:
-        raise LogRefused(f"{path} line {reader.line_num + before}: not CSV: {problem}") from None
-
-
-def _at_once(path: Path, file: BinaryIO, head: _Head) -> Table | None:
+def _at_once(path: Path, file: BinaryIO, head: Head) -> Table | None:
     """The table, if each line after the head has as many fields, and only columns that begin with something else hold
     anything but numbers; None if not."""
-    text = _text(file)
+    text = text_of(file)
     for _ in range(head.until):
         next(text)
-    first, _ = next(_rows(path, text, head.separator, head.until), ([], 0))
+    first, _ = next(rows_of(path, text, head.separator, head.until), ([], 0))
     text.detach()
     wrong: dict[int, Wrong] = {}
 
@@ -217,7 +127,7 @@ def _at_once(path: Path, file: BinaryIO, head: _Head) -> Table | None:
         return value
 
     words = [position for position, field in enumerate(first) if number(field) is None]
-    text = _text(file)
+    text = text_of(file)
     try:
         with warnings.catch_warnings():
             # that there are no rows is told in a sentence
@@ -282,12 +192,12 @@ class _Rows:
             self.block = []
 
 
-def _row_by_row(path: Path, file: BinaryIO, head: _Head) -> Table:
+def _row_by_row(path: Path, file: BinaryIO, head: Head) -> Table:
     rows, ragged, first = _Rows(), 0, (0, 0)
-    text = _text(file)
+    text = text_of(file)
     for _ in range(head.until):
         next(text)
-    for row, line in _rows(path, text, head.separator, head.until):
+    for row, line in rows_of(path, text, head.separator, head.until):
         if not any(row):
             continue
         if len(row) == len(head.names):

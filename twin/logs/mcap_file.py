@@ -14,7 +14,7 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin.logs import decoding
 from twin.logs.column_map import TIME, Column, split_unit
-from twin.logs.csv_table import LARGEST
+from twin.logs.csv_head import LARGEST
 from twin.logs.errors import LogRefused
 from twin.logs.log import Log, Series
 from twin.logs.units import Dimension, unit
