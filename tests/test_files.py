@@ -11,6 +11,7 @@ from twin.errors import InputRefused
 from twin.files import LIMIT, json_of, read_bytes, read_toml, toml_of
 
 
+def refusal(path: Path) -> str:
     with pytest.raises(InputRefused) as refused:
         read_toml(path)
     assert len(str(refused.value).splitlines()) == 1
