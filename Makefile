@@ -19,7 +19,7 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 	$(TWIN) compare --paper fig4
 
 test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
-	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "not endurance"
+	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"
 
 lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
 	$(VENV)/bin/ruff check .

@@ -28,6 +28,16 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
+LONG = ("guard", "docs", "cli", "sweep", "regression", "identification", "fault_matrix", "installed", "browser")
+"""Rooms whose files take longest: they go first, so that no process has one left to do when the others are done."""
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Rooms in the order of `LONG`, then all others."""
+    order = {ROOT / "tests" / room: place for place, room in enumerate(LONG)}
+    items.sort(key=lambda item: min(order.get(folder, len(LONG)) for folder in item.path.parents))
+
+
 def examples(count: int, **options: Any) -> settings:
     """Settings of a test that affords `count` examples where others have a hundred; more in `make endurance`."""
     drawn = settings().max_examples

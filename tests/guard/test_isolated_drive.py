@@ -25,7 +25,7 @@ VOICE = DirectVoice(lambda note: None, lambda done, total: None)
 def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):
     recordings = []
     for isolation in ("drive", "none"):
-        done = command.run(drive, NONE, "--isolate", isolation)
+        done = command.run(drive, NONE, "--isolate", isolation, "--set", "duration_s=1")
         assert done.returncode == 0, done.stderr
         recordings.append((command.folder / "x" / "run.mcap").read_bytes())
         (command.folder / "x").rename(command.folder / isolation)
@@ -67,7 +67,7 @@ def test_an_isolated_drive_repeats_no_step_and_says_what_to_do(command: Command,
 def test_a_run_with_interpolated_inputs_and_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):
     recordings = []
     for isolation in ("drive", "none"):
-        done = command.run(drive, NONE, "--isolate", isolation, "--set", "cosim.inputs=linear")
+        done = command.run(drive, NONE, "--isolate", isolation, "--set", "cosim.inputs=linear", "--set", "duration_s=1")
         assert done.returncode == 0, done.stderr
         recordings.append((command.folder / "x" / "run.mcap").read_bytes())
         (command.folder / "x").rename(command.folder / isolation)

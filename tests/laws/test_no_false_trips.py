@@ -11,8 +11,9 @@ from twin.monitor.component import Monitor
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
 DRIVES = sorted(path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu"))
-ON_SKIN = ("velocity_servo", "smart_servo", "modelica_dc")
-"""The default drive, the one that follows worst, and one of another tool: the others would take a minute."""
+SHORT = ("velocity_servo", "smart_servo", "modelica_dc")
+"""The default drive, the one that follows worst, and one of another tool: the others take a minute, in endurance."""
+EVERY = [pytest.param(drive, marks=[] if drive in SHORT else pytest.mark.endurance) for drive in DRIVES]
 
 NOISE = ("plant.motor_noise_deg=0.044", "plant.joint_noise_deg=0.022")
 """Standard deviations: half a count of the motors' encoders, a whole one of the joints', which are finer and magnetic.
@@ -40,14 +41,14 @@ def test_there_are_nine_drives():
     assert len(DRIVES) == 9
 
 
-@pytest.mark.parametrize("drive", DRIVES)
+@pytest.mark.parametrize("drive", EVERY)
 @pytest.mark.parametrize("name", TASKS)
 def test_no_fault_no_trip_on_the_scale(name, drive):
     # a tenth of a limit is kept free: 0.85 was seen, the reversal of smart_servo in fast taps
     assert use(name, drive, None, seed=1) < 0.9
 
 
-@pytest.mark.parametrize("drive", ON_SKIN)
+@pytest.mark.parametrize("drive", SHORT)
 @pytest.mark.parametrize("name", TASKS)
 def test_no_fault_no_trip_on_a_thigh(name, drive):
     assert use(name, drive, "thigh", seed=2) < 0.9
