@@ -14,7 +14,7 @@ from twin.report.page.page import write_report
 PROGRAMS = ("chromium", "chromium-browser", "google-chrome")
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def browser() -> Iterator[Browser]:
     """Debian's Chromium; locally tests are skipped without it, in CI they fail."""
     program = next(filter(None, map(shutil.which, PROGRAMS)), None)
@@ -29,13 +29,13 @@ def browser() -> Iterator[Browser]:
         started.close()
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def one_run(force_position: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report on the force-position run of Fig. 4."""
     return write_report([force_position.path], tmp_path_factory.mktemp("one") / "report.html").path
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def two_runs(force_position: Recording, position: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report on both runs of Fig. 4."""
     paths = [force_position.path, position.path]

@@ -8,7 +8,7 @@ import pytest
 from tests.sweep.dask.running import Running, running
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="package")
 def cluster(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Running]:
     """Two workers. Nobody may break it; what a test starts in it, the test ends."""
     with running(root, tmp_path_factory.mktemp("cluster"), 2) as cluster:
