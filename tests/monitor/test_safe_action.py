@@ -12,7 +12,7 @@ from tests.laws.runs import PARAMETERS, Sampled
 from tests.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import Reason
-from twin.monitor.retraction import Retreat, retreat
+from twin.monitor.retraction import RETRACTION, Retreat, retraction_speed, retreat
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
@@ -115,6 +115,16 @@ def test_encoders_that_fail_do_not_stop_the_retraction(fault):
     assert run.monitor.power_off_tick is None
     # 17.7 mm from this corner, less the 2.3 mm of the springs
     assert run.raised > 0.015
+
+
+@pytest.mark.parametrize("ticks", [1, 7, 300, 999])
+def test_a_retraction_of_whole_ticks_takes_just_as_many(ticks):
+    limits = LIMITS._replace(retract=ticks * 1e-3 * LIMITS.retract_speed)
+    retraction = np.rec.array(np.zeros(1, RETRACTION))[0]
+    retraction.power = 1
+    # the time since the trip is a multiple of the tick, give or take its last bits
+    turning = [retraction_speed(limits, retraction, k * 1e-3) != 0.0 for k in range(ticks + 2)]
+    assert turning == [True] * ticks + [False] * 2
 
 
 def test_the_robot_holds_where_the_retraction_ends():
