@@ -5,6 +5,7 @@ import os
 import re
 import stat
 import tomllib
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
@@ -119,13 +120,7 @@ def toml_of(text: str, where: str) -> dict[str, Any]:
     # the parser takes time with the square of a key's parts
     if any(part.count(".") > DEEPEST for part in re.split(r"[=,\[\]{}\s]", text)):
         raise InputRefused(f"{where}: not valid TOML: a key of more than {DEEPEST} parts")
-    try:
-        return _sound(tomllib.loads(text))
-    except RecursionError:
-        raise InputRefused(f"{where}: not valid TOML: nested too deeply") from None
-    # not only TOMLDecodeError: a number of 5,000 digits is a plain ValueError
-    except ValueError as problem:
-        raise InputRefused(f"{where}: not valid TOML: {problem}") from None
+    return _parsed("TOML", tomllib.loads, text, where)
 
 
 def read_json(path: Path, limit: int = LIMIT) -> Any:
@@ -143,12 +138,17 @@ def json_of(text: str | bytes, where: str) -> Any:
     Raises:
         InputRefused: not JSON; the sentence begins with `where`.
     """
+    return _parsed("JSON", json.loads, text, where)
+
+
+def _parsed(language: str, parse: Callable[[Any], Any], text: str | bytes, where: str) -> Any:
     try:
-        return _sound(json.loads(text))
+        return _sound(parse(text))
     except RecursionError:
-        raise InputRefused(f"{where}: not valid JSON: nested too deeply") from None
+        raise InputRefused(f"{where}: not valid {language}: nested too deeply") from None
+    # not only the parser's own error: a number of 5,000 digits is a plain ValueError
     except ValueError as problem:
-        raise InputRefused(f"{where}: not valid JSON: {problem}") from None
+        raise InputRefused(f"{where}: not valid {language}: {problem}") from None
 
 
 def _sound(found: Any) -> Any:
