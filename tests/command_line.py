@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -16,6 +17,8 @@ from twin.guard.voice import DirectVoice, Listen, Show
 
 GUARDED = ("twin.guard.guard.guarded", "twin.cli.run.guarded", "twin.cli.check_jobs.guarded")
 """Where the commands find the function that runs a job in a process of its own."""
+
+_ONE_JOB = threading.Lock()
 
 # before anything takes the place of that function: they keep what they find under its name
 for name in ("twin.cli.run", "twin.cli.check_jobs", "twin.sweep.reset"):
@@ -86,7 +89,9 @@ def _unguarded(
     """As `twin.guard.guard.guarded`, through JSON likewise, in this process."""
     module, _, function = job.partition(":")
     voice = DirectVoice(lambda note: listen(_through_json(note)), show)
-    return _through_json(getattr(importlib.import_module(module), function)(voice, **_through_json(arguments)))
+    # two jobs are two processes otherwise, and need not stand each other in one
+    with _ONE_JOB:
+        return _through_json(getattr(importlib.import_module(module), function)(voice, **_through_json(arguments)))
 
 
 def _through_json(content: Any) -> Any:

@@ -64,6 +64,7 @@ def test_an_isolated_drive_repeats_no_step_and_says_what_to_do(command: Command,
     assert command.survivors() == []
 
 
+@pytest.mark.endurance
 def test_a_run_with_interpolated_inputs_and_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):
     recordings = []
     for isolation in ("drive", "none"):
@@ -122,6 +123,7 @@ def test_an_isolated_drive_that_crashes_when_freed_is_named(command: Command, dr
     assert command.survivors() == []
 
 
+@pytest.mark.endurance
 def test_the_isolated_drive_that_leaks_is_the_one_that_is_named(command: Command, drive: Path):
     done = command.run(drive, LEAK, "--isolate", "drive", "--limit-memory", "800")
     assert done.returncode == 3

@@ -7,7 +7,6 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import brentq
 
 from twin.experiment.monitor import Monitor
 from twin.experiment.reach import unreachable
@@ -118,6 +117,9 @@ def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
     def depth(z: float) -> float:
         return float(surface_frame(plant, x, y, z)[0])
 
+    # here, because loading it takes a third of the time in which a process gets ready to run, and few bodies are curved
+    from scipy.optimize import brentq
+
     # a thin limb has an underside: from its axis upwards there is but one surface
     low = plant.z_s - (DEEPEST if plant.shape == PLANE else plant.radius)
     high = plant.z_s + DEEPEST
@@ -128,6 +130,8 @@ def _depth(plant: PlantParameters, force: float) -> float | None:
     """Depth (m) at which the body answers with `force` (N)."""
     if plant.K == 0.0 or elastic_force(plant, DEEPEST) < force:
         return None
+    from scipy.optimize import brentq
+
     return float(brentq(lambda d: elastic_force(plant, d) - force, 0.0, DEEPEST))
 
 

@@ -130,6 +130,7 @@ def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
     assert found[deadly.DEADLY - 1]["reason"] == "the Dask worker died whenever it was tried"
 
 
+@pytest.mark.endurance
 def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goes_on(
     root: Path, longer: Plan, tmp_path: Path
 ):
