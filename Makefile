@@ -19,8 +19,8 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 	$(TWIN) compare --paper fig4
 
 # tests start hundreds of processes: none of them should compile what another one has compiled
-test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
 test: export PYTHONDONTWRITEBYTECODE :=
+test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
 	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"
 
 lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
