@@ -32,11 +32,13 @@ ROLL = Roll(IN_THE_CENTRE, 4.0, 1.0, 0.005, 1.0, 2.0)
 PUSH = Push((0.0, 0.01), 4.0, 1.0, (0.0, -0.01), 0.02)
 
 
-def task_controller(tasks, approach=APPROACH, law=LAW, forward=FORWARD, damping=UNDAMPED, touch=TOUCH, position=0.0):
+def task_controller(
+    tasks, approach=APPROACH, law=LAW, forward=FORWARD, damping=UNDAMPED, touch=TOUCH, position=0.0, force=FORCE_GAINS
+):
     """The task controller under test, above the first point."""
     start = (*tasks[0].point, approach.height)
     gains = Gains(position)
-    return TaskController(law, gains, FORCE_GAINS, forward, damping, touch, program(approach, tasks), start)
+    return TaskController(law, gains, force, forward, damping, touch, program(approach, tasks), start)
 
 
 class World(NamedTuple):

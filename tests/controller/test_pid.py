@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
+from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal, rest
 
 T_s = 2e-3
 errors = st.lists(st.floats(-10.0, 10.0), min_size=1, max_size=30)
@@ -46,6 +46,14 @@ def test_a_proposal_that_is_not_accepted_leaves_the_integral():
 def test_first_sample_makes_no_derivative():
     u, _ = proposal(at_rest(0.0, 0.0, 2.0), 7.0, T_s)
     assert u == 0.0
+
+
+@given(errors, errors)
+def test_a_loop_that_has_rested_answers_as_if_nothing_had_been_before(before, samples):
+    gains, pid = (2.0, 5.0, 0.1, 20.0), at_rest(2.0, 5.0, 0.1, 20.0)
+    driven(pid, before)
+    rest(pid)
+    np.testing.assert_array_equal(driven(pid, samples), driven(at_rest(*gains), samples))
 
 
 @given(errors)

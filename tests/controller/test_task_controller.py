@@ -6,6 +6,7 @@ import pytest
 from tests.controller.soft_floor import (
     APPROACH,
     FLOOR,
+    FORCE_GAINS,
     FORWARD,
     J_HOME,
     LAW,
@@ -119,3 +120,11 @@ def test_the_depth_of_the_force_is_known_though_the_filter_lags():
     depth = FLOOR - TAP.force / STIFFNESS
     # a call's worth of gentle descent; without the correction it would be 0.3 mm deeper, 10 mm/s for 1/(2 pi 5 Hz)
     assert top - TAP.lift == pytest.approx(depth, abs=APPROACH.descent * T_s)
+
+
+def test_a_second_press_begins_as_the_first_did_whatever_the_force_loop_did_before():
+    """With a derivative gain, what is left of the first press would be a kick."""
+    rows = carried_out([PRESS, PRESS], 20.0, force=FORCE_GAINS._replace(kd=2e-6, derivative_corner=5.0))
+    first, second = (k for _, kind, k in phases_of(rows) if kind == Kind.BUILD_UP)
+    # no low-pass, no derivative yet: rounding of the two ways down to the floor
+    np.testing.assert_allclose(rows["dp_z"][second], rows["dp_z"][first], rtol=0, atol=1e-12)

@@ -122,6 +122,36 @@ def test_turns_that_spiral_are_not_judged(tmp_path: Path):
     assert findings(rolled(tmp_path, force=outer))["force_rms"].value == 0.0
 
 
+def test_a_tap_touches_at_its_first_sample_with_any_force_at_all(tmp_path: Path):
+    (run,) = task_runs(tapped(tmp_path, peaks=(3.0, 3.0)))
+    assert len(run.touches) == 2
+    for touch in run.touches:
+        assert run.F_z[touch - 1] == 0.0
+        # the rise of a tap from nothing: far below what any later sample has
+        assert 0.0 < run.F_z[touch] < 0.5
+
+
+DOWN = ["touch_speed <= 20 mm/s", "steepness <= 2", "excess <= 5 %", "tripped <= 0"]
+BOUNDS = {
+    "press": [*DOWN, "hold_mean 95 .. 105 %", "hold_std <= 0.1 N", "not_held <= 10 %", "stays <= 0.5 mm"],
+    "tap": [
+        "pre_tap >= 25 %", "slowness <= 20 %", "peak_mean 80 .. 120 %", "peak_variation <= 5 %", "excess <= 20 %",
+        "missing <= 0", "unrest <= 5 %", "tripped <= 0",
+    ],
+    "roll": [
+        *DOWN, "force_rms <= 0.1 N", "radius 90 .. 110 %", "unroundness <= 5 %", "eccentricity <= 0.5 mm",
+        "turns_missing <= 0.1",
+    ],
+    "push": [*DOWN, "force_rms <= 0.15 N", "line_rms <= 0.5 mm", "line_worst <= 1 mm", "line_missing <= 2 %"],
+}  # fmt: skip
+"""As the table of docs/fig5.md has them, which says that none has changed since the tasks were programmed."""
+
+
+@pytest.mark.parametrize("kind", BOUNDS)
+def test_no_bound_has_changed_unnoticed(kind: str):
+    assert [f"{claim.key} {claim.expected} {claim.unit}".rstrip() for claim in CLAIMS[kind]] == BOUNDS[kind]
+
+
 def test_taps_have_the_peaks_they_were_given(tmp_path: Path):
     recording = tapped(tmp_path, peaks=(2.8, 3.0, 3.4, 3.0))
     # the sampled sine misses its top by at most half a sample: (pi/50/2)^2/2 = 5e-4

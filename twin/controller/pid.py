@@ -52,3 +52,9 @@ def proposal(pid, e, h):
 def accept(pid, integral):
     """Keep the proposed integral."""
     pid.integral = integral
+
+
+@njit(cache=True)
+def rest(pid):
+    """Forget every error so far."""
+    pid.integral, pid.derivative, pid.error, pid.started = 0.0, 0.0, 0.0, 0

@@ -18,7 +18,7 @@ from twin.controller.feed_forward import FEED_FORWARD, FeedForward, friction_for
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
-from twin.controller.pid import PID, Gains, loop, low_pass_share
+from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
 from twin.cosim.component import NativeComponent, Port
 from twin.cosim.native import pointer_to, step_function
 
@@ -107,7 +107,8 @@ def step(self, t, h, u, y):
     if phase.force_on:
         m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)
     else:
-        m.dp_z, m.force.integral, m.force.started = 0.0, 0.0, 0
+        m.dp_z = 0.0
+        rest(m.force)
     fed_forward(m, phase, J, t, h)
     damp(m.damper, m.law.N * m.forward.eta, u_[15:18], h, m.lead)
     x, y_ref, z = machine.p
