@@ -13,7 +13,8 @@ typedef struct {
     const unsigned *input_references;
     int64_t outputs;
     const unsigned *output_references;
-    double theta_m_offset;
+    int64_t shifted;
+    double shift;
 } Drive;
 
 static int step(const Drive *drive, double t, double h, const double *u, double *y)
@@ -37,7 +38,7 @@ int macro_steps(const Drive *drives, int count, const int64_t *sources, double *
                 u[j] = y[*source++];
             if (step(&drives[c], k * h, h, u, output) > 1)
                 return c + 1;
-            output[0] += drives[c].theta_m_offset;
+            output[drives[c].shifted] += drives[c].shift;
             output += drives[c].outputs;
         }
     }

@@ -79,12 +79,15 @@ def fmpy_seconds(plan: DrivePlan) -> float:
         slave.setupExperiment(startTime=0.0)
         slave.enterInitializationMode()
         slave.exitInitializationMode()
-    y = [[theta_m, 0.0] for theta_m in START]
+    told = [b.port.name for b in plan.bindings if b.role.causality == "output"]
+    theta_m, omega_m = told.index("theta_m"), told.index("omega_m")
+    y = [slave.getReal(outputs) for slave in slaves]
+    for values, start in zip(y, START, strict=True):
+        values[theta_m] = start
     began = time.perf_counter()
     for k in range(FMPY_TICKS):
         for i, slave in enumerate(slaves):
-            theta_m, omega_m = y[i - 1][:2]
-            slave.setReal(inputs, [theta_m, omega_m])
+            slave.setReal(inputs, [y[i - 1][theta_m], y[i - 1][omega_m]])
             slave.doStep(k * TICK, TICK)
             y[i] = slave.getReal(outputs)
     seconds = time.perf_counter() - began

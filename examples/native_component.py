@@ -3,29 +3,27 @@
 import math
 
 import numpy as np
-from numba import carray
 
-from twin.cosim.component import Component, NativeComponent, Port
+from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 
+INPUTS = (Port("omega_ref", 1, "rad/s", "commanded motor speed"),)
+OUTPUTS = (Port("theta_m", 1, "rad", "motor angle"),)
 MEMORY = np.dtype([("T_m", "f8"), ("theta_m", "f8"), ("omega_m", "f8")], align=True)
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    omega_ref = carray(u, 1)[0]
-    error = omega_ref - m.omega_m
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
+    error = u.omega_ref - m.omega_m
     decay = -math.expm1(-h / m.T_m)
-    m.theta_m += omega_ref * h - error * m.T_m * decay
+    m.theta_m += u.omega_ref * h - error * m.T_m * decay
     m.omega_m += error * decay
-    carray(y, 1)[0] = m.theta_m
+    y.theta_m = m.theta_m
     return 0
 
 
 def lagging_drive(name: str, T_m: float) -> Component:
     """Continuous component: d omega_m/dt = (omega_ref - omega_m) / T_m, d theta_m/dt = omega_m, from rest."""
     memory = np.array([(T_m, 0.0, 0.0)], dtype=MEMORY)
-    inputs = (Port("omega_ref", 1, "rad/s", "commanded motor speed"),)
-    outputs = (Port("theta_m", 1, "rad", "motor angle"),)
-    return NativeComponent(name, inputs, outputs, False, step, memory)
+    return NativeComponent(name, INPUTS, OUTPUTS, False, step, memory)

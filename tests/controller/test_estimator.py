@@ -7,7 +7,7 @@ from tests.laws.runs import Sampled, shipped
 from tests.plant.states import positions
 from twin.assembly import belief
 from twin.controller.estimator import Estimator
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from twin.convergence.by_hand import Sampled
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.errors import ComponentFailed
 from twin.plant.scale import Scale

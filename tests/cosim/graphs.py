@@ -7,7 +7,7 @@ import numpy as np
 from hypothesis import strategies as st
 
 from tests.cosim.interpreted import Node
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 
 Law = Callable[[float, float, np.ndarray], Any]

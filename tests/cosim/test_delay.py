@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.cosim.models import sampled
-from twin.cosim.component import Port
 from twin.cosim.delay import delay
+from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 

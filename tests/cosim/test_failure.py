@@ -5,11 +5,11 @@ import math
 
 import numpy as np
 import pytest
-from numba import carray
 
 from tests.cosim.models import Part, U, continuous, sampled
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -115,9 +115,9 @@ def test_the_tick_told_is_that_of_the_step_even_where_the_period_is_longer():
     assert len(rows) == 7
 
 
-@step_function(NOTHING)
-def reciprocal(self, t, h, u, y):
-    carray(y, 1)[0] = 1.0 / carray(u, 1)[0]
+@step_function(NOTHING, U, (Port("y"),))
+def reciprocal(m, t, h, u, y):
+    y.y = 1.0 / u.u
     return 0
 
 

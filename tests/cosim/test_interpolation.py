@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from numba import carray
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.interpolation import input_weights
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -18,29 +18,30 @@ OMEGA = 2.0
 MEMORY = np.dtype([("x", "f8"), ("v", "f8")], align=True)
 
 
-@step_function(MEMORY)
-def _mass_step(self, t, h, u, y):
+FORCE, SPEED, PLACE = Port("force"), Port("v"), Port("x")
+
+
+@step_function(MEMORY, (FORCE,), (PLACE, SPEED))
+def _mass_step(m, t, h, u, y):
     # exact for a force that is constant over the step, as an FMU's own solver would be
-    m, force, y_ = carray(self, 1)[0], carray(u, 1)[0], carray(y, 2)
-    m.x += h * m.v + 0.5 * h * h * force
-    m.v += h * force
-    y_[0], y_[1] = m.x, m.v
+    m.x += h * m.v + 0.5 * h * h * u.force
+    m.v += h * u.force
+    y.x, y.v = m.x, m.v
     return 0
 
 
-@step_function(MEMORY)
-def _spring_step(self, t, h, u, y):
+@step_function(MEMORY, (SPEED,), (FORCE,))
+def _spring_step(m, t, h, u, y):
     # it knows the speed at its end only; its length is what it adds up
-    m = carray(self, 1)[0]
-    m.x += h * carray(u, 1)[0]
-    carray(y, 1)[0] = -4.0 * m.x
+    m.x += h * u.v
+    y.force = -4.0 * m.x
     return 0
 
 
 def mass(rewindable: bool = True) -> NativeComponent:
     memory = np.array([(1.0, 0.0)], dtype=MEMORY)
     return NativeComponent(
-        "mass", (Port("force"),), (Port("x"), Port("v")), False, _mass_step, memory, np.array([1.0, 0.0]),
+        "mass", (FORCE,), (PLACE, SPEED), False, _mass_step, memory, np.array([1.0, 0.0]),
         rewindable=rewindable,
     )  # fmt: skip
 
@@ -48,7 +49,7 @@ def mass(rewindable: bool = True) -> NativeComponent:
 def spring(period: int = 1) -> NativeComponent:
     memory = np.array([(1.0, 0.0)], dtype=MEMORY)
     return NativeComponent(
-        "spring", (Port("v"),), (Port("force"),), False, _spring_step, memory, np.array([-4.0]), period,
+        "spring", (SPEED,), (FORCE,), False, _spring_step, memory, np.array([-4.0]), period,
         rewindable=True,
     )  # fmt: skip
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.cosim.models import Part, U, clock, continuous, echo, sampled
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import Scheme, System
 

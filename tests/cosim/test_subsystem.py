@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.subsystem import INLET, Subsystem

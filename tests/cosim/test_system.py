@@ -3,7 +3,7 @@
 import pytest
 
 from tests.cosim.models import Part, continuous, echo, sampled
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.system import System
 from twin.errors import InputRefused
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import PARAMETERS
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System

@@ -8,7 +8,8 @@ from tests.drive.archives import altered, redescribed
 from tests.drive.warning import warning_drive
 from twin.assembly import assemble
 from twin.assembly.drives import drive, planned
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System

@@ -10,7 +10,7 @@ from tests.drive.compiled import compiled_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
 from twin.assembly import assemble
 from twin.assembly.drives import drive, planned
-from twin.cosim.component import Port, width
+from twin.cosim.port import Port, width
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System

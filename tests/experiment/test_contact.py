@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from twin.experiment.contact import Contact
 from twin.experiment.experiment import load_experiment
 from twin.experiment.mistakes import sentences
-from twin.plant.body import BREATHING, SHIFT
+from twin.plant.body import MotionKind
 
 SCALE: dict[str, Any] = {
     "kind": "scale",
@@ -52,9 +52,9 @@ def test_values_are_si_inside():
     assert (contact.radius, contact.tilt_x) == (0.08, np.radians(30.0))
     assert contact.law_constants == {"damping": 3.0, "stiffening": 200.0}
     breathing, shift = contact.motions
-    assert (breathing.kind, breathing.displacement, breathing.rate) == (BREATHING, (0.0, 0.0, 0.002), 0.25)
+    assert (breathing.kind, breathing.displacement, breathing.rate) == (MotionKind.BREATHING, (0.0, 0.0, 0.002), 0.25)
     assert (breathing.onset, breathing.end) == (0.0, np.inf)
-    assert (shift.kind, shift.displacement, shift.rise) == (SHIFT, (0.001, 0.0, -0.004), 0.5)
+    assert (shift.kind, shift.displacement, shift.rise) == (MotionKind.SHIFT, (0.001, 0.0, -0.004), 0.5)
     assert (shift.onset, shift.end) == (2.0, 6.0)
 
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numba import carray
 
 from tests.cosim.models import continuous, sampled
-from twin.cosim.component import Component, NativeComponent, Port, width
+from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import Scheme, System
 from twin.faults.circuit import Wire
@@ -32,27 +32,29 @@ PLANT = np.dtype([("parameters", PARAMETERS)], align=True)
 ESTIMATOR = np.dtype([("belief", np.dtype([("k_s", "f8"), ("eta", "f8")], align=True))], align=True)
 
 
-@step_function(PLANT)
-def plant_step(self, t, h, u, y):
-    p = carray(self, 1)[0].parameters
-    theta_m, out = carray(u, 3), carray(y, 19)
-    for i in range(3):
-        out[i] = theta_m[i]
-        # a link that stands still at 0: the spring alone
-        out[3 + i] = K_S * theta_m[i]
-        out[6 + i], out[9 + i], out[12 + i] = p.k_s_share[i], p.backlash_added[i], p.b_j_added[i]
-        out[15 + i] = p.slip[i]
-    out[18] = p.K
+THETA_M = Port("theta_m", 3, "rad")
+PLANT_OUTPUTS = (
+    Port("seen", 3, "rad"), Port("tau_load", 3, "N m"), Port("k_s_share", 3), Port("backlash_added", 3),
+    Port("b_j_added", 3), Port("slip", 3), Port("K"),
+)  # fmt: skip
+TOLD = (*COUNT_PORTS, Port("k_s"), Port("eta"))
+
+
+@step_function(PLANT, (THETA_M,), PLANT_OUTPUTS)
+def plant_step(m, t, h, u, y):
+    p = m.parameters
+    y.seen[:] = u.theta_m
+    # a link that stands still at 0: the spring alone
+    y.tau_load[:] = K_S * u.theta_m
+    y.k_s_share[:], y.backlash_added[:], y.b_j_added[:] = p.k_s_share, p.backlash_added, p.b_j_added
+    y.slip[:], y.K = p.slip, p.K
     return 0
 
 
-@step_function(ESTIMATOR)
-def estimator_step(self, t, h, u, y):
-    b = carray(self, 1)[0].belief
-    counts, out = carray(u, 7), carray(y, 9)
-    for i in range(7):
-        out[i] = counts[i]
-    out[7], out[8] = b.k_s, b.eta
+@step_function(ESTIMATOR, COUNT_PORTS, TOLD)
+def estimator_step(m, t, h, u, y):
+    y.count_m[:], y.count_l[:], y.sample = u.count_m, u.count_l, u.sample
+    y.k_s, y.eta = m.belief.k_s, m.belief.eta
     return 0
 
 
@@ -63,13 +65,9 @@ def plant() -> NativeComponent:
     memory["parameters"]["backlash_added"] = memory["parameters"]["slip"] = (0.0, 0.1, 0.2)
     memory["parameters"]["b_j_added"] = (0.0, 0.3, 0.1)
     memory["parameters"]["K"] = 1250.0
-    outputs = (
-        Port("seen", 3, "rad"), Port("tau_load", 3, "N m"), Port("k_s_share", 3), Port("backlash_added", 3),
-        Port("b_j_added", 3), Port("slip", 3), Port("K"),
-    )  # fmt: skip
-    initial = np.zeros(width(outputs))
+    initial = np.zeros(width(PLANT_OUTPUTS))
     initial[:3], initial[3:6] = START, K_S * np.array(START)
-    return NativeComponent("plant", (Port("theta_m", 3, "rad"),), outputs, False, plant_step, memory, initial)
+    return NativeComponent("plant", (THETA_M,), PLANT_OUTPUTS, False, plant_step, memory, initial)
 
 
 def estimator() -> Component:

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 from tests.cosim.models import sampled
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, run
 from tests.laws.runs import PARAMETERS as REAL
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import InputRefused

@@ -6,8 +6,8 @@ import os
 
 import numpy as np
 
-from twin.cosim.component import Port
 from twin.cosim.delay import delay
+from twin.cosim.port import Port
 from twin.cosim.simulation import NOBODY, Simulation
 from twin.cosim.system import System
 from twin.guard.account import Account

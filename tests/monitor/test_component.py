@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from tests.conftest import examples
 from tests.laws.runs import Sampled
 from tests.monitor.motions import BELIEF, DT, LIMITS, OMEGA_REF, inputs, latched, ramp, standing, watched
-from twin.cosim.component import width
+from twin.cosim.port import width
 from twin.monitor.component import INPUTS, OUTPUTS, Monitor
 from twin.monitor.reasons import Reason
 

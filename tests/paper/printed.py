@@ -3,7 +3,7 @@
 import numpy as np
 
 from twin.controller.belief import Belief
-from twin.controller.estimator import INPUTS, OUTPUTS, estimate
+from twin.controller.estimator import ESTIMATE, INPUTS, OUTPUTS, estimate
 from twin.robot.geometry import LEG_COS, LEG_SIN
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 
@@ -27,8 +27,11 @@ class PrintedEstimator:
         self.belief = belief
 
     def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        estimate(self.belief, True, u[:3], u[3:], y)
-        y[21:24] = printed_force(self.belief, y[3:6], y[6:9], y[18:21])
+        found = np.zeros(1, dtype=ESTIMATE)
+        e = found[0]
+        estimate(self.belief, True, u[:3], u[3:], e)
+        e["F_ee_B"] = printed_force(self.belief, e["theta_l"], e["p_B"], e["tau_l"])
+        y[:-1] = found.view(np.float64)
 
 
 def printed_force(belief: Belief, theta_l: np.ndarray, p_B: np.ndarray, tau_l: np.ndarray) -> np.ndarray:

@@ -6,13 +6,15 @@ from hypothesis import strategies as st
 from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import share
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.plant.body import BREATHING, SHIFT, Body, Motion
+from twin.plant.body import Body, Motion, MotionKind
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
+
+BREATHING, SHIFT = MotionKind.BREATHING, MotionKind.SHIFT
 
 LIFT = (0.0, 0.0, 0.003)
 times = st.integers(0, 12_000).map(lambda milliseconds: milliseconds / 1000.0)
@@ -64,7 +66,10 @@ def test_the_breath_that_goes_on_at_the_end_is_finished():
 
 def test_a_shift_stays_or_goes_back():
     way = (0.01, -0.02, 0.005)
-    stays, returns = Body([Motion(SHIFT, way, 1.0, rise=0.5)]), Body([Motion(SHIFT, way, 1.0, 3.0, rise=0.5)])
+    stays, returns = (
+        Body([Motion(SHIFT, way, 1.0, rise=0.5)]),
+        Body([Motion(SHIFT, way, 1.0, 3.0, rise=0.5)]),
+    )
     np.testing.assert_array_equal(at(stays, 1.0), np.zeros((2, 3)))
     np.testing.assert_array_equal(at(stays, 1.5)[0], way)
     np.testing.assert_array_equal(at(stays, 1e6)[0], way)

@@ -8,7 +8,8 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.drive.faulty import faulty_drive
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component
+from twin.cosim.port import Port
 from twin.cosim.system import System
 from twin.errors import InputRefused
 from twin.qualification.comparison import Trial, comparison_facts, trials

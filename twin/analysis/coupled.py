@@ -8,12 +8,11 @@ whose shaft turns as commanded. Drive and spring exchange theta_m and tau_load a
 import numpy as np
 from numba import njit
 
-from twin.cosim.component import width
+from twin.cosim.port import port_record
 from twin.plant.component import OUTPUTS, STILL, outputs
 from twin.plant.dynamics import derivative
 
-OUTPUT_VALUES = width(OUTPUTS)
-TAU_LOAD = width(OUTPUTS[: [port.name for port in OUTPUTS].index("tau_load")])
+MOTION = port_record(OUTPUTS)
 
 
 @njit(cache=True)
@@ -25,10 +24,10 @@ def coupled_derivative(parameters, T_m, droop, omega_ref, x):
         T_m, droop: of each drive in s and rad/s per N m, (3,) each. omega_ref: command in rad/s, (3,).
     """
     dx = np.zeros_like(x)
-    y = np.empty(OUTPUT_VALUES)
+    y = np.empty(1, dtype=MOTION)[0]
     outputs(parameters, x[6:], x[:3], STILL, STILL, y)
     for leg in range(3):
-        target = omega_ref[leg] - droop[leg] * y[TAU_LOAD + leg]
+        target = omega_ref[leg] - droop[leg] * y.tau_load[leg]
         if T_m[leg] > 0.0:
             dx[leg] = x[3 + leg]
             dx[3 + leg] = (target - x[3 + leg]) / T_m[leg]

@@ -9,7 +9,7 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.component import Port, width
+from twin.cosim.port import Port, port_record
 from twin.plant.component import INPUTS, OUTPUTS, STILL, outputs
 from twin.plant.dynamics import derivative
 from twin.plant.parameters import STATES, PlantParameters
@@ -81,6 +81,6 @@ def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDA
 
 
 def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
-    y = np.empty(width(OUTPUTS))
-    outputs(PlantParameters(**params), x, u, STILL, STILL, y)
-    return y
+    y = np.empty(1, dtype=port_record(OUTPUTS))
+    outputs(PlantParameters(**params), x, u, STILL, STILL, y[0])
+    return y.view(np.float64)

@@ -12,7 +12,7 @@ import numpy as np
 from twin.analysis.drive_model import Matrix
 from twin.controller.belief import BELIEF, Belief
 from twin.controller.damping import DAMPER, Damping, damp
-from twin.controller.estimator import ESTIMATES, estimate
+from twin.controller.estimator import ESTIMATE, estimate
 from twin.controller.pid import PID, Gains, accept, low_pass_share, proposal
 
 STEP = 1e-6
@@ -72,16 +72,20 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
     model = np.array([tuple(belief)], dtype=BELIEF)[0]
     per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)
 
-    def estimated(angles: Matrix) -> Matrix:
-        y, counts = np.empty(ESTIMATES), angles * per_turn
+    def estimated(angles: Matrix) -> np.void:
+        y, counts = np.empty(1, dtype=ESTIMATE)[0], angles * per_turn
         estimate(model, gravity_compensation, counts[:3], counts[3:], y)
         return y
 
-    slope = np.stack([(estimated(read + STEP * e) - estimated(read - STEP * e)) / (2.0 * STEP) for e in np.eye(6)], 1)
-    J = estimated(read)[9:18].reshape(3, 3)
+    ahead, behind = ([estimated(read + way * e) for e in np.eye(6)] for way in (STEP, -STEP))
+
+    def slope(port: str) -> Matrix:
+        return np.stack([(a[port] - b[port]) / (2.0 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=1)
+
+    J = estimated(read)["J"].reshape(3, 3)
     u = np.linalg.solve(belief.N * J, standing)
-    turned = belief.N * np.einsum("ijk,j->ik", slope[9:18].reshape(3, 3, 6), u)
-    return Estimation(J, slope[6:9], slope[18:21], slope[21:24], turned)
+    turned = belief.N * np.einsum("ijk,j->ik", slope("J").reshape(3, 3, 6), u)
+    return Estimation(J, slope("p_B"), slope("tau_l"), slope("F_ee_B"), turned)
 
 
 class LinearLaw(NamedTuple):

@@ -9,7 +9,8 @@ import numpy as np
 
 from twin.controller.pid import Gains
 from twin.controller.velocity_loop import VelocityLoop
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component
+from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.contract import COMMANDS

@@ -18,7 +18,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.true_parameters import plant_parameters
 from twin.faults.fault import NEVER, Fault
 from twin.faults.inject import inject
-from twin.plant.body import BREATHING, SHIFT, Body, Motion
+from twin.plant.body import Body, Motion, MotionKind
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
@@ -171,11 +171,11 @@ def _motion(fault: Fault, tick: float) -> list[Motion]:
     up = (0.0, 0.0, fault.magnitude)
     match fault.kind:
         case "surface_jump":
-            return [Motion(SHIFT, up, onset, end, rise=SUDDEN)]
+            return [Motion(MotionKind.SHIFT, up, onset, end, rise=SUDDEN)]
         case "contact_loss":
-            return [Motion(SHIFT, (0.0, 0.0, -fault.magnitude), onset, end, rise=SUDDEN)]
+            return [Motion(MotionKind.SHIFT, (0.0, 0.0, -fault.magnitude), onset, end, rise=SUDDEN)]
         case "breathing":
-            return [Motion(BREATHING, up, onset, end, rate=BREATHING_RATE)]
+            return [Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)]
     return []
 
 

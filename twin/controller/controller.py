@@ -13,8 +13,9 @@ from numba import carray, njit
 
 from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
 from twin.controller.reference import reference_position
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
+from twin.cosim.port import Port
 
 INPUTS = (
     Port("p_B", 3, "m", "estimated platform position"),
@@ -83,14 +84,14 @@ def force_correction(law, pid, e, h):
 
 
 @njit(cache=True)
-def motor_speeds(law, pids, J, ex, ey, ez, lead, h, omega_ref):
-    """omega_ref (3,) of the position loop for the position error (m) plus feed-forward `lead` (3,), rad/s.
+def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
+    """omega_ref (3,) of the position loop from `p_B` to `p_cmd_B` (3,), m, plus feed-forward `lead` (3,), rad/s.
 
     Each is kept within +-omega_max.
     """
-    ux, ix = proposal(pids[0], ex, h)
-    uy, iy = proposal(pids[1], ey, h)
-    uz, iz = proposal(pids[2], ez, h)
+    ux, ix = proposal(pids[0], p_cmd_B[0] - p_B[0], h)
+    uy, iy = proposal(pids[1], p_cmd_B[1] - p_B[1], h)
+    uz, iz = proposal(pids[2], p_cmd_B[2] - p_B[2], h)
     within = True
     for i in range(3):
         omega = law.N * (J[3 * i] * ux + J[3 * i + 1] * uy + J[3 * i + 2] * uz) + lead[i]
@@ -102,20 +103,19 @@ def motor_speeds(law, pids, J, ex, ey, ez, lead, h, omega_ref):
         accept(pids[2], iz)
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    u_, y_ = carray(u, 15), carray(y, 13)
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
     times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
-    x, y_ref, z, m.segment = reference_position(times, points, m.segment, t)
-    m.F_z += low_pass_share(m.law.corner, h) * (-u_[14] - m.F_z)
+    p_ref_B = y.p_ref_B
+    p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
+    m.F_z += low_pass_share(m.law.corner, h) * (-u.F_ee_B[2] - m.F_z)
     if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
-    dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0
-    motor_speeds(m.law, m.position, u_[3:12], x - u_[0], y_ref - u_[1], z + dp_z - u_[2], m.lead, h, y_[:3])
-    y_[3], y_[4], y_[5] = x, y_ref, z
-    y_[6], y_[7], y_[8] = x, y_ref, z + dp_z
-    y_[9], y_[10], y_[11], y_[12] = dp_z, m.triggered, m.F_z, m.law.F_z_ref
+    y.dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0
+    y.p_cmd_B[:] = p_ref_B
+    y.p_cmd_B[2] += y.dp_z
+    motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
+    y.triggered, y.F_z, y.F_z_ref = m.triggered, m.F_z, m.law.F_z_ref
     return 0
 
 

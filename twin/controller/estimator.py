@@ -4,8 +4,9 @@ import numpy as np
 from numba import carray, njit
 
 from twin.controller.belief import BELIEF, Belief
-from twin.cosim.component import NativeComponent, Port, width
-from twin.cosim.native import step_function
+from twin.cosim.component import NativeComponent
+from twin.cosim.native import address_of, doubles_at, step_function
+from twin.cosim.port import Port, port_record
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian_row
@@ -21,10 +22,11 @@ OUTPUTS = (
     Port("F_ee_B", 3, "N", "force by the robot on the environment by statics, base frame B, unfiltered"),
     Port("valid", 1, "1", "whether these follow from the newest counts; if not, from the last that fit a pose", "bool"),
 )
-ESTIMATES = width(OUTPUTS) - 1
+ESTIMATE = port_record(OUTPUTS[:-1])
+"""All of them but `valid`."""
+ESTIMATES = ESTIMATE.itemsize // 8
 MEMORY = np.dtype(
-    [("belief", BELIEF), ("gravity_compensation", "i8"), ("estimated", "i8"), ("newest", "f8", (ESTIMATES,))],
-    align=True,
+    [("belief", BELIEF), ("gravity_compensation", "i8"), ("estimated", "i8"), ("newest", ESTIMATE)], align=True
 )
 NO_POSE = 2
 
@@ -37,42 +39,40 @@ def angle(count, counts_per_turn, zero):
 
 @njit(cache=True)
 def estimate(belief, gravity_compensation, count_m, count_l, y):
-    """All but the last of `OUTPUTS` into `y` (24,) from motor and joint counts (3,) each; NaN where no pose fits.
+    """The record `y` of `ESTIMATE` from motor and joint counts (3,) each; NaN where no pose fits.
 
     The springs' dead zone is taken off the deflection as far as the belief knows it.
     F_ee_B = J^T (tau_l + arm gravity) - weight e_z: Eq. 21-27 corrected and gravity-compensated; without compensation
     J^T tau_l, the paper's own form.
     """
     for i in range(3):
-        y[i] = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
-        y[3 + i] = angle(count_l[i], belief.joint_counts, belief.joint_zero[i])
-    px, py, pz = platform_position(belief, y[3], y[4], y[5])
-    y[6], y[7], y[8] = px, py, pz
+        y.theta_m[i] = angle(count_m[i], belief.motor_counts, belief.motor_zero[i])
+        y.theta_l[i] = angle(count_l[i], belief.joint_counts, belief.joint_zero[i])
+    px, py, pz = platform_position(belief, y.theta_l[0], y.theta_l[1], y.theta_l[2])
+    y.p_B[0], y.p_B[1], y.p_B[2] = px, py, pz
     fx, fy, fz = 0.0, 0.0, -platform_weight(belief) if gravity_compensation else 0.0
     for i in range(3):
-        theta_l = y[3 + i]
+        theta_l = y.theta_l[i]
         jx, jy, jz = jacobian_row(belief, i, theta_l, px, py, pz)
-        y[9 + 3 * i], y[10 + 3 * i], y[11 + 3 * i] = jx, jy, jz
-        wound = dead_zone(deflection(y[i], theta_l, belief.N), belief.backlash)
+        y.J[3 * i], y.J[3 * i + 1], y.J[3 * i + 2] = jx, jy, jz
+        wound = dead_zone(deflection(y.theta_m[i], theta_l, belief.N), belief.backlash)
         tau = load_torque(belief.k_s, belief.N, belief.eta, wound)
-        y[18 + i] = tau
+        y.tau_l[i] = tau
         if gravity_compensation:
             tau += arm_gravity_torque(belief, belief, theta_l)
         fx, fy, fz = fx + jx * tau, fy + jy * tau, fz + jz * tau
-    y[21], y[22], y[23] = fx, fy, fz
+    y.F_ee_B[0], y.F_ee_B[1], y.F_ee_B[2] = fx, fy, fz
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    counts, y_ = carray(u, 6), carray(y, ESTIMATES + 1)
-    estimate(m.belief, m.gravity_compensation, counts[:3], counts[3:], m.newest)
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
+    estimate(m.belief, m.gravity_compensation, u.count_m, u.count_l, m.newest)
+    newest = carray(doubles_at(address_of(m.newest)), ESTIMATES)
     # one sum is NaN or infinite if any of them is; a lost or garbled sample may not take the controller with it
-    valid = np.isfinite(np.sum(m.newest))
-    if valid:
-        y_[:ESTIMATES] = m.newest
+    y.valid = np.isfinite(np.sum(newest))
+    if y.valid:
+        carray(doubles_at(address_of(y)), ESTIMATES)[:] = newest
         m.estimated = 1
-    y_[ESTIMATES] = valid
     return 0 if m.estimated else NO_POSE
 
 

@@ -19,8 +19,9 @@ from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
 from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import pointer_to, step_function
+from twin.cosim.port import Port
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
 TASK_OUTPUTS = (
@@ -90,34 +91,29 @@ def fed_forward(m, phase, J, t, h):
             m.lead[i] += tau[i] / (h * forward.k_s * m.law.N * forward.eta)
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    u_, y_ = carray(u, 18), carray(y, 18)
+@step_function(MEMORY, TASK_INPUTS, TASK_OUTPUTS)
+def step(m, t, h, u, y):
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
-    J = u_[3:12]
     share = low_pass_share(m.law.corner, h)
     before = m.F_z
-    m.F_z += share * (-u_[14] - m.F_z)
+    m.F_z += share * (-u.F_ee_B[2] - m.F_z)
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
     # a first-order low-pass lags a ramp by its time constant
     lag = h * (1.0 - share) / share
-    walk(machine, phases, t, h, u_[2], -u_[14], m.F_z, m.F_rate, lag, m.dp_z)
+    walk(machine, phases, t, h, u.p_B[2], -u.F_ee_B[2], m.F_z, m.F_rate, lag, m.dp_z)
     phase = phases[machine.index]
     if phase.force_on:
         m.dp_z = force_correction(m.law, m.force, machine.F_ref - m.F_z, h)
     else:
         m.dp_z = 0.0
         rest(m.force)
-    fed_forward(m, phase, J, t, h)
-    damp(m.damper, m.law.N * m.forward.eta, u_[15:18], h, m.lead)
-    x, y_ref, z = machine.p
-    motor_speeds(m.law, m.position, J, x - u_[0], y_ref - u_[1], z + m.dp_z - u_[2], m.lead, h, y_[:3])
-    y_[3], y_[4], y_[5] = x, y_ref, z
-    y_[6], y_[7], y_[8] = x, y_ref, z + m.dp_z
-    y_[9], y_[10], y_[11], y_[12] = m.dp_z, phase.force_on, m.F_z, machine.F_ref
-    y_[13], y_[14], y_[15] = machine.v
-    y_[16], y_[17] = phase.task, phase.kind
+    fed_forward(m, phase, u.J, t, h)
+    damp(m.damper, m.law.N * m.forward.eta, u.tau_l, h, m.lead)
+    y.p_ref_B[:], y.v_ref_B[:], y.p_cmd_B[:] = machine.p, machine.v, machine.p
+    y.p_cmd_B[2] += m.dp_z
+    motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
+    y.dp_z, y.triggered, y.F_z, y.F_z_ref = m.dp_z, phase.force_on, m.F_z, machine.F_ref
+    y.task, y.phase = phase.task, phase.kind
     return 0
 
 

@@ -1,27 +1,26 @@
 """Our velocity loop for drives that take torque, current or voltage: a discrete PI at its own rate."""
 
 import numpy as np
-from numba import carray
 
 from twin.controller.pid import PID, Gains, accept, loop, proposal
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 
 INPUTS = (
     Port("omega_ref", 1, "rad/s", "commanded motor speed"),
     Port("omega_m", 1, "rad/s", "motor speed, as the drive reports it"),
 )
+COMMAND = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
 MEMORY = np.dtype([("pid", PID), ("limit", "f8")], align=True)
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    speed = carray(u, 2)
-    command, integral = proposal(m.pid, speed[0] - speed[1], h)
+@step_function(MEMORY, INPUTS, (COMMAND,))
+def step(m, t, h, u, y):
+    command, integral = proposal(m.pid, u.omega_ref - u.omega_m, h)
     if abs(command) <= m.limit:
         accept(m.pid, integral)
-    carray(y, 1)[0] = min(max(command, -m.limit), m.limit)
+    y.command = min(max(command, -m.limit), m.limit)
     return 0
 
 

@@ -1,11 +1,13 @@
 """A sampled component evaluated outside any system."""
 
 import ctypes
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.component import Component, width
+from twin.cosim.component import Component
+from twin.cosim.port import width
 from twin.errors import ComponentFailed
 
 _STEP = ctypes.CFUNCTYPE(
@@ -34,8 +36,12 @@ class Sampled:
             raise ComponentFailed(f"{self.component.name} {self.component.explain(status)}")
         return self._y.copy()
 
-    def named(self, u: NDArray[np.float64], t: float = 0.0, h: float = 2e-3) -> dict[str, NDArray[np.float64]]:
-        """The outputs by port."""
+    def named(
+        self, u: NDArray[np.float64] | Mapping[str, NDArray[np.float64]], t: float = 0.0, h: float = 2e-3
+    ) -> dict[str, NDArray[np.float64]]:
+        """The outputs by port; `u` may hold the inputs by port likewise, among others."""
+        if isinstance(u, Mapping):
+            u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
         sizes = np.cumsum([port.size for port in self.component.outputs])
         values = np.split(self(u, t, h), sizes[:-1])
         return {port.name: value for port, value in zip(self.component.outputs, values, strict=True)}

@@ -10,12 +10,11 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
-from twin.analysis.coupled import OUTPUT_VALUES, coupled_derivative
+from twin.analysis.coupled import MOTION, coupled_derivative
 from twin.assembly.computer import belief, controller
 from twin.assembly.drives import ALONE, DrivePlan
 from twin.controller.estimator import Estimator
 from twin.convergence.by_hand import Sampled
-from twin.cosim.component import width
 from twin.experiment.experiment import Experiment
 from twin.experiment.true_parameters import plant_parameters
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
@@ -25,9 +24,6 @@ from twin.plant.equilibrium import resting
 # 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
 # 4e-5 N
 RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
-
-CONTROLLED = ("p_B", "J", "F_ee_B")
-"""What the controller takes of the estimate, in the order of both."""
 
 
 @dataclass(frozen=True)
@@ -98,22 +94,20 @@ def monolithic_rows(
     estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
     law = Sampled(controller(experiment))
     T_s = experiment.controller_ticks * experiment.cosim.tick
-    y = np.empty((experiment.duration_ticks // experiment.controller_ticks + 1, OUTPUT_VALUES))
+    y = np.empty(experiment.duration_ticks // experiment.controller_ticks + 1, dtype=MOTION)
     shaft = np.empty((len(y), 9))
-    theta_l = _columns("theta_l")
     for k, row in enumerate(y):
         shaft[k, :6] = x[:6]
         outputs(parameters, x[6:], x[:3], STILL, STILL, row)
-        counts = encoder(np.concatenate([x[:3], row[theta_l]]))
-        estimate = estimator.named(counts[: width(estimator.component.inputs)])
-        omega_ref = shaft[k, 6:] = law(np.concatenate([estimate[name] for name in CONTROLLED]), k * T_s, T_s)[:3]
+        estimate = estimator.named(encoder.named({"theta_m": x[:3], "theta_l": row["theta_l"]}))
+        omega_ref = shaft[k, 6:] = law.named(estimate, k * T_s, T_s)["omega_ref"]
 
         def rate(_t: float, x: NDArray[np.float64], omega_ref: NDArray[np.float64] = omega_ref) -> NDArray[np.float64]:
             return coupled_derivative(parameters, drives.T_m, drives.droop, omega_ref, x)
 
         x = solve_ivp(rate, (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=rtol, atol=atol).y[:, -1]
         settle(parameters, x[6:], STILL, STILL)
-    rows = {f"plant.{port.name}": y[:, _columns(port.name)] for port in OUTPUTS}
+    rows = {f"plant.{port.name}": np.reshape(y[port.name], (len(y), -1)) for port in OUTPUTS}
     return rows | {"theta_m": shaft[:, :3], "omega_m": shaft[:, 3:6], "omega_ref": shaft[:, 6:]}
 
 
@@ -127,9 +121,3 @@ def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
     tau_motor = np.abs(rows["plant.tau_load"]) + drives.J_m * alpha
     inside = (np.abs(rows["omega_ref"]) < drives.omega_max) & (alpha < drives.alpha_max) & (tau_motor < drives.tau_max)
     return bool(np.all(inside))
-
-
-def _columns(name: str) -> slice:
-    names = [port.name for port in OUTPUTS]
-    start = width(OUTPUTS[: names.index(name)])
-    return slice(start, start + OUTPUTS[names.index(name)].size)

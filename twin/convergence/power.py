@@ -29,7 +29,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.assembly import Assembly, assemble
-from twin.cosim.component import Component, width
+from twin.cosim.component import Component
+from twin.cosim.port import width
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
 from twin.robot.sea import dead_zone, deflection, motor_load_torque

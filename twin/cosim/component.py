@@ -1,36 +1,15 @@
 """What the master needs to know of a component."""
 
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
+from twin.cosim.port import Port, width
 from twin.cosim.rewind import Rewind, record_rewind
 
 NOT_FINITE = 1 << 32
 """Status the master gives a component whose step returned NaN or infinity; beyond int32, so no step can return it."""
-
-
-@dataclass(frozen=True)
-class Port:
-    """A named input or output.
-
-    Attributes:
-        name: the quantity's name, the same everywhere.
-        size: number of doubles.
-        unit: SI unit as text, "1" for pure numbers.
-        meaning: one phrase, frames and sign included.
-        kind: "double", "int" or "bool": how a recording keeps it; on a wire every value is a double.
-        instant: which instant of a step an input stands for, where the system interpolates inputs: one that is held
-            over the step for its middle; see `System`.
-    """
-
-    name: str
-    size: int = 1
-    unit: str = "1"
-    meaning: str = ""
-    kind: Literal["double", "int", "bool"] = "double"
-    instant: Literal["start", "middle", "end"] = "middle"
 
 
 @dataclass
@@ -131,19 +110,3 @@ class NativeComponent(Component):
 
     def rewind(self) -> Rewind | None:
         return record_rewind(self.memory) if self._rewindable else None
-
-
-def width(ports: tuple[Port, ...]) -> int:
-    """Number of doubles that `ports` take together."""
-    return sum(port.size for port in ports)
-
-
-def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
-    """`omega_ref = 0.13 rad/s, tau_load = 0.061 N m`: the values of `ports`, for people."""
-    texts, start = [], 0
-    for port in ports:
-        part = values[start : start + port.size]
-        start += port.size
-        shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"
-        texts.append(f"{port.name} = {shown}" + ("" if port.unit == "1" else f" {port.unit}"))
-    return ", ".join(texts)

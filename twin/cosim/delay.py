@@ -3,15 +3,15 @@
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, NativeComponent, Port, width
+from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
+from twin.cosim.port import Port, width
 
 MEMORY = np.dtype([("size", "i8"), ("ticks", "i8"), ("position", "i8"), ("ring", "i8")], align=True)
 
 
 @step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def step(m, t, h, u, y):
     ring = carray(doubles_at(m.ring), m.size * m.ticks)
     u_, y_ = carray(u, m.size), carray(y, m.size)
     start = m.position * m.size

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from twin.cosim.component import NOT_FINITE, named_values
+from twin.cosim.component import NOT_FINITE
+from twin.cosim.port import named_values
 from twin.cosim.system import System
 
 

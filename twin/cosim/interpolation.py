@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 
 Inputs = Literal["hold", "linear"]
 Scheme = Literal["gauss_seidel", "jacobi"]

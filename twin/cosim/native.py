@@ -13,6 +13,8 @@ import numpy as np
 from llvmlite import ir
 from numba import cfunc, from_dtype, types
 
+from twin.cosim.port import Port, port_record
+
 _I32, _I64, _F64, _VOID = ir.IntType(32), ir.IntType(64), ir.DoubleType(), ir.IntType(8).as_pointer()
 _DOUBLES = types.CPointer(types.float64)
 
@@ -40,14 +42,23 @@ class Step:
         return cfunc(self._signature, cache=True, error_model="numpy")(self._function)
 
 
-def step_function(memory: np.dtype) -> Callable[[Callable], Step]:
-    """Decorator: compile `f(self, t, h, u, y) -> int32` as a component's step over a record of dtype `memory`.
+def step_function(
+    memory: np.dtype, inputs: tuple[Port, ...] = (), outputs: tuple[Port, ...] = ()
+) -> Callable[[Callable], Step]:
+    """Decorator: compile `f(m, t, h, u, y) -> int32` as a component's step.
 
-    `self` is a pointer to the record, `u` and `y` are pointers to the component's inputs and outputs
-    (`numba.carray` makes arrays of them). The compiled step is cached on disk. Dividing by zero gives NaN or infinity;
-    functions that `f` calls need `error_model="numpy"` of their own for that.
+    `m` is the component's memory, a record of dtype `memory`. `u` and `y` are records with a field for each port, so
+    that a step reads `u.F_ee_B[2]` and writes `y.dp_z`, and a wrong name does not compile. The compiled step is cached
+    on disk. Dividing by zero gives NaN or infinity; functions that `f` calls need `error_model="numpy"` of their own
+    for that.
+
+    Args:
+        memory: of the component.
+        inputs, outputs: its ports. Where none are given, because there are none or because they are known only when a
+            component is made, `u` or `y` is a pointer to doubles, of which `numba.carray` makes an array.
     """
-    signature = types.int32(types.CPointer(from_dtype(memory)), types.float64, types.float64, _DOUBLES, _DOUBLES)
+    u, y = (from_dtype(port_record(ports)) if ports else _DOUBLES for ports in (inputs, outputs))
+    signature = types.int32(from_dtype(memory), types.float64, types.float64, u, y)
     return lambda function: Step(signature, function)
 
 
@@ -68,7 +79,7 @@ def call_step(typingctx, function, self, t, h, u, y):
 
 @intrinsic
 def address_of(typingctx, pointer):
-    """The address (int64) behind a pointer argument of a compiled step."""
+    """The address (int64) behind an argument of a compiled step that is a pointer or a record."""
 
     def codegen(context, builder, signature, arguments):
         return builder.ptrtoint(arguments[0], _I64)

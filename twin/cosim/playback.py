@@ -4,8 +4,9 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from twin.cosim.component import Component, width
+from twin.cosim.component import Component
 from twin.cosim.native import call_step
+from twin.cosim.port import width
 
 
 @njit(cache=True)

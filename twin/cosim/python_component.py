@@ -6,7 +6,8 @@ from typing import Protocol
 
 import numpy as np
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import Component
+from twin.cosim.port import Port, width
 
 _FAILED = 2
 _STEP = ctypes.CFUNCTYPE(

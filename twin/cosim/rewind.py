@@ -29,8 +29,7 @@ _MEMORY = np.dtype([("record", "i8"), ("copy", "i8"), ("size", "i8")], align=Tru
 
 
 @step_function(_MEMORY)
-def _save(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def _save(m, t, h, u, y):
     record, copy = carray(bytes_at(m.record), m.size), carray(bytes_at(m.copy), m.size)
     for i in range(m.size):
         copy[i] = record[i]
@@ -38,8 +37,7 @@ def _save(self, t, h, u, y):
 
 
 @step_function(_MEMORY)
-def _restore(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def _restore(m, t, h, u, y):
     record, copy = carray(bytes_at(m.record), m.size), carray(bytes_at(m.copy), m.size)
     for i in range(m.size):
         record[i] = copy[i]

@@ -9,11 +9,12 @@ from collections.abc import Sequence
 import numpy as np
 from numba import carray, from_dtype, types
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
 from twin.cosim.interpolation import Scheme
 from twin.cosim.master import TABLE, advance
 from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to, step_function
+from twin.cosim.port import Port, width
 from twin.cosim.system import System
 from twin.errors import InputRefused
 
@@ -47,8 +48,7 @@ _table_at, _marks_at = pointer_to(from_dtype(TABLE)), pointer_to(types.int64)
 
 
 @step_function(_INLET_MEMORY)
-def _inlet_step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def _inlet_step(m, t, h, u, y):
     outer, inner = carray(doubles_at(m.u), m.size), carray(y, m.size)
     for j in range(m.size):
         inner[j] = outer[j]
@@ -56,8 +56,7 @@ def _inlet_step(self, t, h, u, y):
 
 
 @step_function(_MEMORY)
-def _step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def _step(m, t, h, u, y):
     # the inlet's memory starts with the address it reads from
     carray(integers_at(m.inlet), 1)[0] = address_of(u)
     inner = carray(doubles_at(m.y), m.y_size)

@@ -8,9 +8,10 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import Component
 from twin.cosim.interpolation import VALID, Inputs, Scheme, input_weights
 from twin.cosim.master import TABLE
+from twin.cosim.port import Port, width
 from twin.cosim.rewind import Rewind
 from twin.errors import InputRefused
 

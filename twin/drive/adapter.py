@@ -180,8 +180,7 @@ def _access(version, instance, g):
 
 
 @step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def step(m, t, h, u, y):
     groups = carray(_groups_at(m.input_groups), m.inputs)
     for i in range(m.inputs):
         g = groups[i]

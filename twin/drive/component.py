@@ -6,7 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component
+from twin.cosim.port import Port
 from twin.cosim.rewind import Rewind
 from twin.drive import adapter, fmu_state, plain_adapter, reuse
 from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
@@ -136,10 +137,10 @@ class FmuComponent(Component):
             reuse.let_go(self.instance)
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
-        """Whether values can go as they are: Real, unscaled, only the first output shifted."""
+        """Whether values can go as they are: Real, unscaled, no more than one output shifted."""
         ports = (*inputs, *outputs)
         alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
-        return alike and bool(inputs) and bool(outputs) and not np.any(shift[1:])
+        return alike and bool(inputs) and bool(outputs) and np.count_nonzero(shift) <= 1
 
     def _plain(self) -> tuple[int, np.ndarray]:
         (set_,), (get,) = (table for table, _ in self._groups)
@@ -148,7 +149,8 @@ class FmuComponent(Component):
         m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
         m["set_real"], m["inputs"], m["input_references"] = set_["access"], set_["variables"], set_["references"]
         m["get_real"], m["outputs"], m["output_references"] = get["access"], get["variables"], get["references"]
-        m["first_offset"] = self._shift[0]
+        m["shifted"] = np.argmax(np.abs(self._shift))
+        m["shift"] = self._shift[m["shifted"]]
         return plain_adapter.step.address, memory
 
     def _general(self) -> tuple[int, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from typing import Literal, NamedTuple
 
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.drive.units import CURRENT, NUMBER, POWER, SPEED, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 Command = Literal["velocity", "torque", "current", "voltage"]

@@ -2,7 +2,7 @@
 
 import numpy as np
 from llvmlite import ir
-from numba import carray, types
+from numba import types
 from numba.extending import intrinsic
 
 from twin.cosim.native import step_function
@@ -29,14 +29,12 @@ def _call(typingctx, function, instance, state):
 
 
 @step_function(MEMORY)
-def save(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def save(m, t, h, u, y):
     status = _call(m.get, m.instance, m.cell)
     return SAVE + status if status > 1 else 0
 
 
 @step_function(MEMORY)
-def restore(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def restore(m, t, h, u, y):
     status = _call(m.set, m.instance, m.state)
     return RESTORE + status if status > 1 else 0

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
 from twin.drive.description import Variable
 from twin.drive.units import NUMBER, TURN, Conversion

@@ -20,16 +20,17 @@ MEMORY = np.dtype(
         ("input_references", "i8"),
         ("outputs", "i8"),
         ("output_references", "i8"),
-        ("first_offset", "f8"),
+        ("shifted", "i8"),
+        ("shift", "f8"),
     ],
     align=True,
 )
-"""Addresses of instance and functions, counts and addresses of value references; what is added to the first output."""
+"""Addresses of instance and functions, counts and addresses of value references; which output is
+shifted, and by how much."""
 
 
 @step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def step(m, t, h, u, y):
     status = access_2(m.set_real, m.instance, m.input_references, m.inputs, address_of(u))
     if status > 1:
         return SET + status
@@ -39,5 +40,5 @@ def step(self, t, h, u, y):
     status = access_2(m.get_real, m.instance, m.output_references, m.outputs, address_of(y))
     if status > 1:
         return GET + status
-    carray(y, 1)[0] += m.first_offset
+    carray(y, m.outputs)[m.shifted] += m.shift
     return 0

@@ -6,7 +6,7 @@ from typing import Any, Literal
 from pydantic import Field, ValidationInfo, field_validator
 
 from twin.experiment.quantity import Section, quantity
-from twin.plant.body import BREATHING, SHIFT, Motion
+from twin.plant.body import Motion, MotionKind
 
 LAW_KEYS = {
     "hunt_crossley": ("damping", "exponent", "reference_depth"),
@@ -33,7 +33,7 @@ class Breathing(Section):
     @property
     def motion(self) -> Motion:
         end = math.inf if self.end is None else self.end
-        return Motion(BREATHING, (0.0, 0.0, self.amplitude), self.start, end, rate=self.rate)
+        return Motion(MotionKind.BREATHING, (0.0, 0.0, self.amplitude), self.start, end, rate=self.rate)
 
 
 class Shift(Section):
@@ -47,7 +47,7 @@ class Shift(Section):
     @property
     def motion(self) -> Motion:
         end = math.inf if self.end is None else self.end
-        return Motion(SHIFT, self.by, self.start, end, rise=self.rise)
+        return Motion(MotionKind.SHIFT, self.by, self.start, end, rise=self.rise)
 
 
 class Contact(Section):

@@ -14,7 +14,7 @@ from twin.experiment.schema import Controller
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters
-from twin.plant.surface import PLANE, surface_frame
+from twin.plant.surface import Shape, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
 
@@ -121,7 +121,7 @@ def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
     from scipy.optimize import brentq
 
     # a thin limb has an underside: from its axis upwards there is but one surface
-    low = plant.z_s - (DEEPEST if plant.shape == PLANE else plant.radius)
+    low = plant.z_s - (DEEPEST if plant.shape == Shape.PLANE else plant.radius)
     high = plant.z_s + DEEPEST
     return float(brentq(depth, low, high)) if depth(low) * depth(high) < 0.0 else -math.inf
 

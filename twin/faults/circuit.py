@@ -3,7 +3,8 @@
 import re
 from collections.abc import Iterable, Sequence
 
-from twin.cosim.component import Component, Port
+from twin.cosim.component import Component
+from twin.cosim.port import Port
 from twin.errors import InputRefused
 
 Wire = tuple[str, str]

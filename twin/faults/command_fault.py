@@ -3,8 +3,9 @@
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.faults.fault import Fault
 from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
 
@@ -14,8 +15,7 @@ MEMORY = np.dtype([("window", WINDOW), ("size", "i8"), ("limit", "f8")], align=T
 
 
 @step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def step(m, t, h, u, y):
     asked, given = carray(u, m.size), carray(y, m.size + 1)
     active = within(m.window, tick_now(m.window))
     for j in range(m.size):

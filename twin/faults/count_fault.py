@@ -3,10 +3,11 @@
 from enum import IntEnum
 
 import numpy as np
-from numba import carray, njit
+from numba import njit
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.errors import InputRefused
 from twin.faults.fault import Fault
 from twin.faults.randomness import drawn, first_state
@@ -44,6 +45,7 @@ LAWS = {
 _BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in Law)
 
 ENCODER_CHANNELS = 3
+COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
 
 MEMORY = np.dtype(
     [
@@ -112,12 +114,10 @@ def faulty_count(m, counts, k):
     return lost_count(m, count)
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    counts, delivered = carray(u, 3), carray(y, 4)
-    for j in range(3):
-        delivered[j] = counts[j]
+@step_function(MEMORY, (COUNT,), (COUNT, ACTIVE))
+def step(m, t, h, u, y):
+    counts, delivered = u.count, y.count
+    delivered[:] = counts
     k = tick_now(m.window)
     active = within(m.window, k)
     if k == 0 or not active:
@@ -126,7 +126,7 @@ def step(self, t, h, u, y):
         delivered[m.element] = faulty_count(m, counts, k)
         if m.law == _SWAP:
             delivered[m.partner] = counts[m.element]
-    delivered[3] = active
+    y.active = active
     return 0
 
 

@@ -1,12 +1,14 @@
 """A drive that does not do what it should: a shaft of its own between the drive and everyone who sees the shaft."""
 
 from enum import IntEnum
+from functools import cache
 
 import numpy as np
-from numba import carray, njit
+from numba import njit
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.faults.fault import Fault
 from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
 
@@ -39,6 +41,17 @@ FRICTION = 1e-4
 DRIVE_SHAFT = Port("theta_m", 1, "rad", "angle of the drive's own shaft")
 TAU_LOAD = Port("tau_load", 1, "N m", "torque the spring asks of the shaft")
 POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
+OUTPUTS = (
+    Port("theta_m", 1, "rad", "motor angle as it really is"),
+    Port("omega_m", 1, "rad/s", "motor speed as it really is"),
+    ACTIVE,
+)
+
+
+def inputs(monitored: bool) -> tuple[Port, ...]:
+    """The ports of a shaft whose power somebody may take away, or nobody."""
+    return (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
+
 
 FAILED = 2
 
@@ -46,7 +59,6 @@ MEMORY = np.dtype(
     [
         ("window", WINDOW),
         ("law", "i8"),
-        ("monitored", "i8"),
         ("omega", "f8"),
         ("stop", "f8"),
         ("drive", "f8"),
@@ -56,7 +68,7 @@ MEMORY = np.dtype(
     ],
     align=True,
 )
-"""`monitored`: whether somebody may take the power away. `omega`: speed of a runaway (rad/s). `stop`: angle beyond
+"""`omega`: speed of a runaway (rad/s). `stop`: angle beyond
 which a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
 `theta_m`, `omega_m`: the real shaft."""
 
@@ -88,27 +100,33 @@ def move(m, drive, tau_load, power, h):
     m.omega_m = (m.theta_m - before) / h
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    told, shaft = carray(u, 2 + m.monitored), carray(y, 3)
-    drive, tau_load = told[0], told[1]
-    power = told[2] if m.monitored else 1.0
-    k = tick_now(m.window)
-    active = within(m.window, k)
-    if active and m.law == _FAILURE:
-        return FAILED
-    if active:
-        if k == m.window.onset:
-            m.stop = m.theta_m
-        move(m, drive, tau_load, power, h)
-        m.offset = m.theta_m - drive
-    else:
-        m.omega_m = (drive + m.offset - m.theta_m) / h
-        m.theta_m = drive + m.offset
-    m.drive = drive
-    shaft[0], shaft[1], shaft[2] = m.theta_m, m.omega_m, active
-    return 0
+@cache
+def step_of(monitored):
+    """The step of a shaft whose power somebody may take away, or nobody."""
+
+    @step_function(MEMORY, inputs(monitored), OUTPUTS)
+    def step(m, t, h, u, y):
+        drive = u.theta_m
+        power = 1.0
+        if monitored:
+            power = u.power
+        k = tick_now(m.window)
+        active = within(m.window, k)
+        if active and m.law == _FAILURE:
+            return FAILED
+        if active:
+            if k == m.window.onset:
+                m.stop = m.theta_m
+            move(m, drive, u.tau_load, power, h)
+            m.offset = m.theta_m - drive
+        else:
+            m.omega_m = (drive + m.offset - m.theta_m) / h
+            m.theta_m = drive + m.offset
+        m.drive = drive
+        y.theta_m, y.omega_m, y.active = m.theta_m, m.omega_m, active
+        return 0
+
+    return step
 
 
 class DriveFault(NativeComponent):
@@ -129,16 +147,10 @@ class DriveFault(NativeComponent):
         memory = np.zeros(1, dtype=MEMORY)
         memory["window"][0] = window(fault, period)
         m = memory[0]
-        m["law"], m["omega"], m["monitored"] = LAWS[fault.kind], fault.magnitude, monitored
+        m["law"], m["omega"] = LAWS[fault.kind], fault.magnitude
         m["drive"] = m["theta_m"] = theta_m
-        inputs = (DRIVE_SHAFT, TAU_LOAD, POWER) if monitored else (DRIVE_SHAFT, TAU_LOAD)
-        outputs = (
-            Port("theta_m", 1, "rad", "motor angle as it really is"),
-            Port("omega_m", 1, "rad/s", "motor speed as it really is"),
-            ACTIVE,
-        )
         initial = np.array([theta_m, 0.0, 0.0])
-        super().__init__(name, inputs, outputs, False, step, memory, initial, period)
+        super().__init__(name, inputs(monitored), OUTPUTS, False, step_of(monitored), memory, initial, period)
         self.label = f"[[fault]] {number}"
         self.target = fault.target
 

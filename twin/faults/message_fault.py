@@ -9,8 +9,9 @@ from dataclasses import replace
 import numpy as np
 from numba import carray, njit, types
 
-from twin.cosim.component import NativeComponent, Port, width
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, pointer_to, step_function
+from twin.cosim.port import Port, width
 from twin.errors import InputRefused
 from twin.faults.fault import NEVER, Fault
 from twin.faults.randomness import drawn, first_state
@@ -71,8 +72,7 @@ def receive(m, present, messages, arrivals, k):
 
 
 @step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def step(m, t, h, u, y):
     message, read, present = carray(u, m.size), carray(y, m.size + 1), carray(doubles_at(m.present), m.size)
     messages = carray(doubles_at(m.messages), (m.capacity, m.size))
     arrivals = carray(_ticks_at(m.arrivals), m.capacity)

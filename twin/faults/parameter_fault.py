@@ -1,12 +1,14 @@
 """A constant of another component that changes while the robot runs."""
 
+from dataclasses import replace
 from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, NativeComponent, Port
+from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
+from twin.cosim.port import Port
 from twin.errors import InputRefused
 from twin.faults.fault import Fault
 from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
@@ -34,6 +36,7 @@ PARAMETERS = {
     "belief_eta": Parameter("estimator", "belief", "eta", "factor"),
 }
 
+VALUE = Port("value", 1, "SI", "the parameter as it holds now")
 MEMORY = np.dtype(
     [
         ("window", WINDOW),
@@ -49,10 +52,9 @@ MEMORY = np.dtype(
 """`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    parameter, told = carray(doubles_at(m.address), 1), carray(y, 2)
+@step_function(MEMORY, outputs=(VALUE, ACTIVE))
+def step(m, t, h, u, y):
+    parameter = carray(doubles_at(m.address), 1)
     k = tick_now(m.window)
     active = within(m.window, k)
     value = parameter[0] if m.chained else m.nominal
@@ -60,7 +62,7 @@ def step(self, t, h, u, y):
         grown = min(1.0, (k - m.window.onset) / m.ramp) if m.ramp else 1.0
         value = value * (1.0 + grown * (m.factor - 1.0)) + grown * m.added
     parameter[0] = value
-    told[0], told[1] = value, active
+    y.value, y.active = value, active
     return 0
 
 
@@ -88,7 +90,7 @@ class ParameterFault(NativeComponent):
         m["address"], m["nominal"], m["chained"], m["ramp"] = cell.ctypes.data, cell[0], chained, fault.ramp
         is_factor = PARAMETERS[fault.kind].operation == "factor"
         m["factor"], m["added"] = (fault.magnitude, 0.0) if is_factor else (1.0, fault.magnitude)
-        value = Port("value", 1, "SI", f"{PARAMETERS[fault.kind].field} of {owner.name}, as it holds now")
+        value = replace(VALUE, meaning=f"{PARAMETERS[fault.kind].field} of {owner.name}, as it holds now")
         super().__init__(name, (), (value, ACTIVE), True, step, memory, keep=owner)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 from numba import njit
 
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.faults.fault import Fault
 
 WINDOW = np.dtype([("next", "i8"), ("period", "i8"), ("onset", "i8"), ("end", "i8")], align=True)

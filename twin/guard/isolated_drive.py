@@ -15,7 +15,8 @@ from typing import Self
 import numpy as np
 
 from twin.assembly.drives import DrivePlan, Start
-from twin.cosim.component import Component, width
+from twin.cosim.component import Component
+from twin.cosim.port import width
 from twin.errors import InputRefused, TwinError
 from twin.guard.called import Elsewhere
 from twin.guard.futex import kernel

@@ -66,9 +66,8 @@ def following(number):
 
 
 @step_function(CALLER)
-def ask(self, t, h, u, y):
+def ask(m, t, h, u, y):
     """A component's step: let the host do it."""
-    m = carray(self, 1)[0]
     page = m.page
     times, there = carray(doubles_at(page + _TIME), 2), carray(doubles_at(page + _INPUTS), m.inputs + m.outputs)
     u_, y_ = carray(u, m.inputs), carray(y, m.outputs)

@@ -1,10 +1,11 @@
 """The safety monitor as a co-simulation component between controller and drives."""
 
 import numpy as np
-from numba import carray, njit
+from numba import njit
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.monitor.belief import BELIEF, Belief
 from twin.monitor.checks import (
     INVALID_SAMPLE,
@@ -88,11 +89,13 @@ def observe(m, count_m, count_l, ticks, tick):
 
 @njit(cache=True, error_model="numpy")
 def receive(m, u, tick):
-    """Look at the inputs up to the command; the ticks since the message before, 0 if this one is not a new one."""
-    m.values[INVALID_SAMPLE] = unusable(u[:6], LARGEST_COUNT) + unusable(u[6:7], LARGEST_SAMPLE)
+    """Look at the encoder message in the inputs `u`; the ticks since the one before, 0 if it is not a new one."""
+    # not >=: that would let NaN pass
+    lost = 0 if abs(u.sample) < LARGEST_SAMPLE else 1
+    m.values[INVALID_SAMPLE] = unusable(u.count_m, LARGEST_COUNT) + unusable(u.count_l, LARGEST_COUNT) + lost
     if m.values[INVALID_SAMPLE] > 0.0:
         return 0
-    sample = int(u[6])
+    sample = int(u.sample)
     if not m.seen.started:
         m.first_tick, m.first_sample, m.sample = m.tick, sample, sample - 1
     m.values[STALE] = tick * abs((m.tick - m.first_tick) - (sample - m.first_sample) * m.sample_interval)
@@ -100,30 +103,28 @@ def receive(m, u, tick):
         return 0
     ticks = (sample - m.sample) * m.sample_interval
     m.sample = sample
-    observe(m, u[0:3], u[3:6], ticks, tick)
+    observe(m, u.count_m, u.count_l, ticks, tick)
     return ticks
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    u_, y_ = carray(u, 10), carray(y, 11)
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
     tick = h / m.period
-    ticks = receive(m, u_, tick)
-    value_command(m.limits, m.timers, u_[7:10], m.values, m.joints, m.period, tick)
+    ticks = receive(m, u, tick)
+    value_command(m.limits, m.timers, u.omega_ref, m.values, m.joints, m.period, tick)
     reason, utilisation = first_reached(m.values, m.limit, m.rest)
     if m.reason == 0 and reason != 0:
         m.reason, m.trip_tick, m.trip_value, m.trip_joint = reason, m.tick, m.values[reason], m.joints[reason]
     elif m.reason != 0 and ticks > 0:
         supervise(m.limits, m.seen, m.retraction, ticks, tick, m.tick)
     for i in range(3):
-        m.sent[i] = u_[7 + i]
+        m.sent[i] = u.omega_ref[i]
         if m.reason != 0:
             m.sent[i] = retraction_speed(m.limits, m.retraction, (m.tick - m.trip_tick) * tick)
-        y_[i] = m.sent[i]
-    y_[3], y_[4], y_[5] = m.reason != 0, m.reason, m.retraction.power
-    y_[6], y_[7], y_[8] = -m.seen.F_ee_B[2], m.seen.speed, m.seen.depth
-    y_[9], y_[10] = m.seen.contact_ticks * tick, utilisation
+        y.omega_ref[i] = m.sent[i]
+    y.tripped, y.reason, y.power = m.reason != 0, m.reason, m.retraction.power
+    y.F_z, y.speed, y.depth = -m.seen.F_ee_B[2], m.seen.speed, m.seen.depth
+    y.contact_time, y.utilisation = m.seen.contact_ticks * tick, utilisation
     m.tick += m.period
     return 0
 

@@ -11,16 +11,24 @@ With tau the time since onset:
 
 import math
 from collections.abc import Sequence
+from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
 from numba import carray, from_dtype, njit
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import pointer_to, step_function
+from twin.cosim.port import Port
 from twin.plant.parameters import Triple
 
-BREATHING, SHIFT = 0.0, 1.0
+
+class MotionKind(IntEnum):
+    """How the surface moves."""
+
+    BREATHING = 0
+    SHIFT = 1
+
 
 OUTPUTS = (
     Port("s_B", 3, "m", "displacement of the surface in base frame B"),
@@ -32,14 +40,14 @@ class Motion(NamedTuple):
     """One motion of the surface, SI.
 
     Attributes:
-        kind: BREATHING or SHIFT.
+        kind: of `MotionKind`.
         displacement: vector in B (m): amplitude of a breathing, whole way of a shift.
         onset, end: when it starts, and stops or goes back (s); infinity: never.
         rate: of a breathing (Hz), > 0.
         rise: how long a shift takes (s), > 0.
     """
 
-    kind: float
+    kind: MotionKind
     displacement: Triple
     onset: float
     end: float = math.inf
@@ -48,7 +56,7 @@ class Motion(NamedTuple):
 
 
 MOTION = np.dtype(
-    [("kind", "f8"), ("displacement", "f8", (3,)), ("onset", "f8"), ("end", "f8"), ("rate", "f8"), ("rise", "f8")],
+    [("kind", "i8"), ("displacement", "f8", (3,)), ("onset", "f8"), ("end", "f8"), ("rate", "f8"), ("rise", "f8")],
     align=True,
 )
 MEMORY = np.dtype([("motions", "i8"), ("count", "i8")], align=True)
@@ -83,24 +91,24 @@ def least_jerk(t, rise):
 @njit(cache=True)
 def progress(motion, t):
     """Share of its displacement that `motion` has reached at `t` (1), and its rate of change (1/s)."""
-    if motion.kind == BREATHING:
+    if motion.kind == MotionKind.BREATHING:
         return breathing(motion, t)
     there, v_there = least_jerk(t - motion.onset, motion.rise)
     back, v_back = least_jerk(t - motion.end, motion.rise)
     return there - back, v_there - v_back
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    motions, y = carray(_motions_at(m.motions), m.count), carray(y, 6)
-    y[:] = 0.0
+@step_function(MEMORY, outputs=OUTPUTS)
+def step(m, t, h, u, y):
+    motions = carray(_motions_at(m.motions), m.count)
+    y.s_B[:] = 0.0
+    y.v_s_B[:] = 0.0
     for i in range(m.count):
         motion = motions[i]
         share, rate = progress(motion, t)
         for axis in range(3):
-            y[axis] += share * motion.displacement[axis]
-            y[3 + axis] += rate * motion.displacement[axis]
+            y.s_B[axis] += share * motion.displacement[axis]
+            y.v_s_B[axis] += rate * motion.displacement[axis]
     return 0
 
 

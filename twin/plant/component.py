@@ -5,13 +5,15 @@ are at its end, or, in a ramp, turn from where they are at its start to there.
 """
 
 import math
+from functools import cache
 
 import numpy as np
-from numba import carray, njit
+from numba import njit
 from numpy.typing import ArrayLike
 
-from twin.cosim.component import NativeComponent, Port, width
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port, port_record
 from twin.plant.contact import normal_force, settled_bristle, touch
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection, spring_stiffness
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
@@ -39,12 +41,16 @@ OUTPUTS = (
     Port("z_b", 2, "m", "bristle deflection in the surface"),
 )
 
+
+def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
+    """The ports of a plant whose surface moves or not, and whose motors turn over the step or not."""
+    return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
+
+
 MEMORY = np.dtype(
     [
         ("parameters", PARAMETERS),
         ("substeps", "i8"),
-        ("moving", "i8"),
-        ("ramp", "i8"),
         ("x", "f8", (STATES,)),
         ("last", "f8", (STATES,)),
         ("k", "f8", (4, STATES)),
@@ -93,13 +99,12 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, k, stage):
 
 @njit(cache=True)
 def outputs(parameters, x, theta_m, s_B, v_s_B, y):
-    """The ports `OUTPUTS` of the state `x` at motor angles `theta_m`, into `y`; False outside the workspace.
+    """The state `x` at motor angles `theta_m` as the record `y` of `OUTPUTS`; False outside the workspace.
 
     The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s).
     """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
-    for i in range(6):
-        y[i] = x[i]
+    y.p_B[:], y.v_B[:], y.z_b[:] = x[0:3], x[3:6], x[6:8]
     inside = True
     for leg in range(3):
         theta_l = leg_angle(parameters, leg, px, py, pz)
@@ -107,37 +112,46 @@ def outputs(parameters, x, theta_m, s_B, v_s_B, y):
         jx, jy, jz = jacobian_row(parameters, leg, theta_l, px, py, pz)
         omega_l = jx * vx + jy * vy + jz * vz
         d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
-        y[6 + leg] = theta_l
-        y[9 + leg] = omega_l
-        y[12 + leg] = joint_torque(parameters, leg, d, omega_l)
-        y[15 + leg] = motor_load_torque(spring_stiffness(parameters, leg), d)
+        y.theta_l[leg] = theta_l
+        y.omega_l[leg] = omega_l
+        y.tau_l[leg] = joint_torque(parameters, leg, d, omega_l)
+        y.tau_load[leg] = motor_load_torque(spring_stiffness(parameters, leg), d)
     rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
-    y[18], y[19], y[20], y[21], _, _ = touch(parameters, rx, ry, rz, ux, uy, uz, x[6], x[7])
-    y[22], y[23] = x[6], x[7]
+    fx, fy, fz, y.F_n, _, _ = touch(parameters, rx, ry, rz, ux, uy, uz, x[6], x[7])
+    y.F_ee_B[0], y.F_ee_B[1], y.F_ee_B[2] = fx, fy, fz
     return inside
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    u_ = carray(u, 12)
-    theta_m = start = (u_[0], u_[1], u_[2])
-    s_B = v_s_B = omega_m = STILL
-    if m.moving:
-        s_B, v_s_B = (u_[3], u_[4], u_[5]), (u_[6], u_[7], u_[8])
-    if m.ramp:
-        first = 9 if m.moving else 3
-        start = (u_[first], u_[first + 1], u_[first + 2])
-        omega_m = ((u_[0] - start[0]) / h, (u_[1] - start[1]) / h, (u_[2] - start[2]) / h)
-    # where the robot was, for the sentence of a step that leaves nothing but NaN
-    m.last[:] = m.x
-    substep = h / m.substeps
-    for i in range(m.substeps):
-        turned = moved(start, omega_m, i * substep)
-        integrate(m.parameters, m.x, turned, omega_m, moved(s_B, v_s_B, i * substep), v_s_B, substep, m.k, m.stage)
-    inside = outputs(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, carray(y, 24))
-    return 0 if inside else LEFT_WORKSPACE
+@njit(cache=True)
+def triple(v):
+    """A port of three values as a tuple."""
+    return v[0], v[1], v[2]
+
+
+@cache
+def step_over(moving, ramp):
+    """The step of a plant whose surface moves or not, and whose motors turn over the step or not."""
+
+    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    def step(m, t, h, u, y):
+        theta_m = start = triple(u.theta_m)
+        s_B = v_s_B = omega_m = STILL
+        if moving:
+            s_B, v_s_B = triple(u.s_B), triple(u.v_s_B)
+        if ramp:
+            start = triple(u.theta_m_start)
+            omega_m = (theta_m[0] - start[0]) / h, (theta_m[1] - start[1]) / h, (theta_m[2] - start[2]) / h
+        # where the robot was, for the sentence of a step that leaves nothing but NaN
+        m.last[:] = m.x
+        substep = h / m.substeps
+        for i in range(m.substeps):
+            turned = moved(start, omega_m, i * substep)
+            integrate(m.parameters, m.x, turned, omega_m, moved(s_B, v_s_B, i * substep), v_s_B, substep, m.k, m.stage)
+        inside = outputs(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, y)
+        return 0 if inside else LEFT_WORKSPACE
+
+    return step
 
 
 class Plant(NativeComponent):
@@ -164,12 +178,13 @@ class Plant(NativeComponent):
         memory = np.zeros(1, dtype=MEMORY)
         memory["parameters"][0] = tuple(parameters)
         memory["substeps"] = substeps
-        memory["moving"], memory["ramp"] = moving, ramp
         memory["x"] = x
-        initial = np.empty(width(OUTPUTS))
-        outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial)
-        inputs = INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
-        super().__init__("plant", inputs, OUTPUTS, False, step, memory, initial, rewindable=True)
+        initial = np.empty(1, dtype=port_record(OUTPUTS))
+        outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial[0])
+        super().__init__(
+            "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
+            initial.view(np.float64), rewindable=True,
+        )  # fmt: skip
 
     def explain(self, status: int) -> str:
         x, y, z = 1e3 * self.memory["last"][0][:3]

@@ -15,11 +15,17 @@ smooth: a contact that grows over the touch depth.
 """
 
 import math
+from enum import IntEnum
 
 from numba import njit
 
-HUNT_CROSSLEY, KELVIN_VOIGT, EXPONENTIAL = 0.0, 1.0, 2.0
-LAWS = {"hunt_crossley": HUNT_CROSSLEY, "kelvin_voigt": KELVIN_VOIGT, "exponential": EXPONENTIAL}
+
+class Law(IntEnum):
+    """By the names in an experiment's file, in capitals."""
+
+    HUNT_CROSSLEY = 0
+    KELVIN_VOIGT = 1
+    EXPONENTIAL = 2
 
 
 # numpy's division: a constant that a fault has set to 0 has to give NaN, because an exception of compiled code that the
@@ -27,9 +33,9 @@ LAWS = {"hunt_crossley": HUNT_CROSSLEY, "kelvin_voigt": KELVIN_VOIGT, "exponenti
 @njit(cache=True, error_model="numpy")
 def elastic_force(parameters, d):
     """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
-    if parameters.law == EXPONENTIAL:
+    if parameters.law == Law.EXPONENTIAL:
         return parameters.K / parameters.stiffening * math.expm1(parameters.stiffening * d)
-    if parameters.law == HUNT_CROSSLEY and parameters.exponent != 1.0:
+    if parameters.law == Law.HUNT_CROSSLEY and parameters.exponent != 1.0:
         return parameters.K * d * (d / parameters.reference_depth) ** (parameters.exponent - 1.0)
     return parameters.K * d
 
@@ -39,7 +45,7 @@ def pressing_force(parameters, d, rate):
     """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
     if d <= 0.0:
         return 0.0
-    if parameters.law == KELVIN_VOIGT:
+    if parameters.law == Law.KELVIN_VOIGT:
         share = min(d / parameters.touch_depth, 1.0)
         fade = share * share * (3.0 - 2.0 * share)
         return max(elastic_force(parameters, d) + parameters.damper * fade * rate, 0.0)

@@ -4,10 +4,11 @@ import math
 from collections.abc import Sequence
 
 import numpy as np
-from numba import carray
+from numba import njit
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 from twin.plant.noise import normal
 
 INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
@@ -16,29 +17,30 @@ OUTPUTS = (
     Port("count_l", 3, "1", "joint encoder counts", "int"),
     Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
 )
+READER = np.dtype([("counts_per_rad", "f8"), ("zero", "f8"), ("noise", "f8")], align=True)
 MEMORY = np.dtype(
-    [
-        ("counts_per_rad", "f8", (6,)),
-        ("zero", "f8", (6,)),
-        ("noise", "f8", (6,)),
-        ("random", "u8", (1,)),
-        ("sample", "i8"),
-    ],
-    align=True,
+    [("motor", READER, (3,)), ("joint", READER, (3,)), ("random", "u8", (1,)), ("sample", "i8")], align=True
 )
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    angle, y = carray(u, 6), carray(y, 7)
-    for i in range(6):
-        read = angle[i] + m.zero[i]
-        if m.noise[i] > 0.0:
-            read += m.noise[i] * normal(m.random)
-        y[i] = math.floor(read * m.counts_per_rad[i] + 0.5)
+@njit(cache=True)
+def count(angle, reader, random):
+    """Whole counts that an encoder makes of its shaft's `angle` (rad); `random` is the state of the noise."""
+    read = angle + reader.zero
+    if reader.noise > 0.0:
+        read += reader.noise * normal(random)
+    return math.floor(read * reader.counts_per_rad + 0.5)
+
+
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
+    # the motors first: that is the order in which the noise is drawn
+    for i in range(3):
+        y.count_m[i] = count(u.theta_m[i], m.motor[i], m.random)
+    for i in range(3):
+        y.count_l[i] = count(u.theta_l[i], m.joint[i], m.random)
     m.sample += 1
-    y[6] = m.sample
+    y.sample = m.sample
     return 0
 
 
@@ -65,8 +67,11 @@ class Encoder(NativeComponent):
         seed: int = 0,
     ):
         memory = np.zeros(1, dtype=MEMORY)
-        memory["counts_per_rad"] = np.repeat([motor_counts, joint_counts], 3) / (2 * np.pi)
-        memory["zero"] = [*motor_zero, *joint_zero]
-        memory["noise"] = np.repeat([motor_noise, joint_noise], 3)
+        for name, counts, zero, noise in (
+            ("motor", motor_counts, motor_zero, motor_noise),
+            ("joint", joint_counts, joint_zero, joint_noise),
+        ):
+            reader = memory[name][0]
+            reader["counts_per_rad"], reader["zero"], reader["noise"] = counts / (2 * np.pi), zero, noise
         memory["random"] = seed
         super().__init__("encoder", INPUTS, OUTPUTS, True, step, memory, period=period)

@@ -23,8 +23,8 @@ class PlantParameters(NamedTuple):
         K, damping: contact stiffness (N/m) and Hunt-Crossley damping (s/m), see `contact_law.py`.
         mu, sigma_0, sigma_1: friction coefficient, bristle stiffness (N/m) and damping (N s/m).
         tilt_x: rotation of the surface about its own x axis, before `tilt` (rad).
-        shape, radius: a number of `surface.SHAPES` and the radius of curvature (m).
-        law: a number of `contact_law.LAWS`.
+        shape, radius: one of `surface.Shape` and the radius of curvature (m).
+        law: one of `contact_law.Law`.
         exponent, reference_depth: of Hunt and Crossley's law; K is its secant stiffness at this depth (m).
         stiffening: exponential law, relative growth of the stiffness per depth (1/m).
         damper, touch_depth: Kelvin-Voigt damper (N s/m) and the depth over which it fades in (m).
@@ -57,9 +57,9 @@ class PlantParameters(NamedTuple):
     sigma_0: float
     sigma_1: float
     tilt_x: float = 0.0
-    shape: float = 0.0
+    shape: int = 0
     radius: float = math.inf
-    law: float = 0.0
+    law: int = 0
     exponent: float = 1.0
     reference_depth: float = 1e-3
     stiffening: float = 0.0
@@ -71,9 +71,9 @@ class PlantParameters(NamedTuple):
     slip: Triple = (0.0, 0.0, 0.0)
 
 
-_SHAPES = {name: np.shape(default) for name, default in PlantParameters._field_defaults.items()}
-PARAMETERS = np.dtype([(name, "f8", _SHAPES.get(name, ())) for name in PlantParameters._fields], align=True)
-"""`PlantParameters` as a record: scalars, and arrays (3,) where the tuple holds three numbers."""
+_FORMS: dict[type, tuple] = {float: ("f8",), int: ("i8",), Triple: ("f8", (3,))}
+PARAMETERS = np.dtype([(name, *_FORMS[form]) for name, form in PlantParameters.__annotations__.items()], align=True)
+"""`PlantParameters` as a record: numbers, and arrays (3,) where the tuple holds three."""
 
 STATES = 8
 """The state x: platform position p_B (m), velocity v_B (m/s), bristle deflection z_b in the surface (m)."""

@@ -1,20 +1,19 @@
 """The electronic scale under the robot: it shows the vertical force in steps."""
 
 import numpy as np
-from numba import carray
 
-from twin.cosim.component import NativeComponent, Port
+from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
+from twin.cosim.port import Port
 
 INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
 OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
 MEMORY = np.dtype([("resolution", "f8")], align=True)
 
 
-@step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
-    carray(y, 1)[0] = np.floor(-carray(u, 3)[2] / m.resolution + 0.5) * m.resolution
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
+    y.F_z = np.floor(-u.F_ee_B[2] / m.resolution + 0.5) * m.resolution
     return 0
 
 

@@ -7,12 +7,18 @@ positive inside), the normal is the gradient of that distance.
 """
 
 import math
+from enum import IntEnum
 
 from numba import njit
 
-PLANE, SPHERE, CYLINDER_X, CYLINDER_Y = 0.0, 1.0, 2.0, 3.0
-SHAPES = {"plane": PLANE, "sphere": SPHERE, "cylinder_x": CYLINDER_X, "cylinder_y": CYLINDER_Y}
-"""Cylinders are named after the axis they lie along."""
+
+class Shape(IntEnum):
+    """By the names in an experiment's file, in capitals. Cylinders are named after the axis they lie along."""
+
+    PLANE = 0
+    SPHERE = 1
+    CYLINDER_X = 2
+    CYLINDER_Y = 3
 
 
 @njit(cache=True)
@@ -42,14 +48,14 @@ def surface_frame(parameters, x, y, z):
     normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
     """
     a_1, a_2, a_3 = apex_frame(parameters)
-    if parameters.shape == PLANE:
+    if parameters.shape == Shape.PLANE:
         return -a_3[0] * x - a_3[1] * y + a_3[2] * (parameters.z_s - z), a_1, a_2, a_3
     R = parameters.radius
     height = z - parameters.z_s
     w_1, w_2, w_3 = dot(a_1, x, y, height), dot(a_2, x, y, height), dot(a_3, x, y, height)
-    if parameters.shape == CYLINDER_X:
+    if parameters.shape == Shape.CYLINDER_X:
         w_1 = 0.0
-    if parameters.shape == CYLINDER_Y:
+    if parameters.shape == Shape.CYLINDER_Y:
         w_2 = 0.0
     distance = math.sqrt(w_1 * w_1 + w_2 * w_2 + (w_3 + R) * (w_3 + R))
     # R - distance without the cancellation that a large R would bring

@@ -3,15 +3,15 @@
 import numpy as np
 from numba import carray
 
-from twin.cosim.component import Component, Port, width
+from twin.cosim.component import Component
 from twin.cosim.native import doubles_at, step_function
+from twin.cosim.port import Port, width
 
 MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
 
 
 @step_function(MEMORY)
-def step(self, t, h, u, y):
-    m = carray(self, 1)[0]
+def step(m, t, h, u, y):
     rows, y_ = carray(doubles_at(m.rows), m.count * m.size), carray(y, m.size)
     row = min(m.next, m.count - 1)
     for j in range(m.size):

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.estimator import OUTPUTS as ESTIMATES
-from twin.cosim.component import Port
+from twin.cosim.port import Port
 from twin.plant.component import OUTPUTS as MOTION
 from twin.plant.scale import OUTPUTS as SCALE
 from twin.recording.layout import Field, Topic

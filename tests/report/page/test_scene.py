@@ -6,7 +6,7 @@ import pytest
 from tests.laws.runs import PARAMETERS
 from tests.paper.fig5_recordings import pressed
 from tests.report.page.test_block import decoded
-from twin.plant.surface import SHAPES, surface_frame
+from twin.plant.surface import Shape, surface_frame
 from twin.recording.recording import Recording
 from twin.report.page.block import Block
 from twin.report.page.run import ReportRun
@@ -36,14 +36,14 @@ def test_the_force_of_the_player_is_the_recorded_one(force_position: Recording):
     np.testing.assert_array_equal(columns[:, 18:21], force_position["estimator.F_ee_B"][::10].astype(np.float32))
 
 
-@pytest.mark.parametrize("shape", SHAPES)
+@pytest.mark.parametrize("shape", [shape.name.lower() for shape in Shape])
 def test_the_drawn_surface_is_where_the_depth_is_zero(shape: str):
     contact = {"height_mm": -101.0, "tilt_deg": 7.0, "tilt_x_deg": -4.0, "shape": shape}
     if shape != "plane":
         contact["radius_mm"] = 80.0
 
     apex = PARAMETERS._replace(
-        tilt=np.radians(7.0), tilt_x=np.radians(-4.0), z_s=-0.101, shape=SHAPES[shape], radius=0.08
+        tilt=np.radians(7.0), tilt_x=np.radians(-4.0), z_s=-0.101, shape=int(Shape[shape.upper()]), radius=0.08
     )
     for x, y, z in 1e-3 * np.reshape(surface(contact), (-1, 3)):
         depth, *_ = surface_frame(apex, x, y, z)

@@ -1,0 +1,49 @@
+"""Ports: what goes into a component and comes out of it, and how the values of several lie in memory."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+
+@dataclass(frozen=True)
+class Port:
+    """A named input or output.
+
+    Attributes:
+        name: the quantity's name, the same everywhere.
+        size: number of doubles.
+        unit: SI unit as text, "1" for pure numbers.
+        meaning: one phrase, frames and sign included.
+        kind: "double", "int" or "bool": how a recording keeps it; on a wire every value is a double.
+        instant: which instant of a step an input stands for, where the system interpolates inputs: one that is held
+            over the step for its middle; see `System`.
+    """
+
+    name: str
+    size: int = 1
+    unit: str = "1"
+    meaning: str = ""
+    kind: Literal["double", "int", "bool"] = "double"
+    instant: Literal["start", "middle", "end"] = "middle"
+
+
+def width(ports: tuple[Port, ...]) -> int:
+    """Number of doubles that `ports` take together."""
+    return sum(port.size for port in ports)
+
+
+def port_record(ports: tuple[Port, ...]) -> np.dtype:
+    """The values of `ports` as a record: under the name of each a double, or an array of as many as its size."""
+    return np.dtype([(port.name, "f8") if port.size == 1 else (port.name, "f8", (port.size,)) for port in ports])
+
+
+def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
+    """`omega_ref = 0.13 rad/s, tau_load = 0.061 N m`: the values of `ports`, for people."""
+    texts, start = [], 0
+    for port in ports:
+        part = values[start : start + port.size]
+        start += port.size
+        shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"
+        texts.append(f"{port.name} = {shown}" + ("" if port.unit == "1" else f" {port.unit}"))
+    return ", ".join(texts)
