@@ -14,7 +14,7 @@ from twin.plant.contact import (
     settled_bristle,
     touch,
 )
-from twin.plant.surface import CYLINDER_X, SPHERE, surface_frame
+from twin.plant.surface import Shape, surface_frame
 
 depths = st.floats(1e-6, 0.01)
 speeds = st.tuples(share, share, share).map(np.array)
@@ -144,7 +144,9 @@ def test_contact_takes_more_power_than_it_stores(depth, v, z_b, tilt):
 
 @given(
     st.sampled_from(sorted(SURFACES)),
-    st.sampled_from([{}, {"shape": SPHERE, "radius": 0.06}, {"shape": CYLINDER_X, "radius": 0.04}]),
+    st.sampled_from(
+        [{}, {"shape": int(Shape.SPHERE), "radius": 0.06}, {"shape": int(Shape.CYLINDER_X), "radius": 0.04}]
+    ),
     tilts,
     tilts,
     st.tuples(share, share, share),

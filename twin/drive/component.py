@@ -140,7 +140,7 @@ class FmuComponent(Component):
         """Whether values can go as they are: Real, unscaled, no more than one output shifted."""
         ports = (*inputs, *outputs)
         alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
-        return alike and bool(inputs) and bool(outputs) and np.count_nonzero(shift) <= 1
+        return alike and bool(inputs) and bool(outputs) and int(np.count_nonzero(shift)) <= 1
 
     def _plain(self) -> tuple[int, np.ndarray]:
         (set_,), (get,) = (table for table, _ in self._groups)

@@ -1,7 +1,7 @@
 """Every constant of the plant, SI."""
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -71,7 +71,7 @@ class PlantParameters(NamedTuple):
     slip: Triple = (0.0, 0.0, 0.0)
 
 
-_FORMS: dict[type, tuple] = {float: ("f8",), int: ("i8",), Triple: ("f8", (3,))}
+_FORMS: dict[Any, tuple] = {float: ("f8",), int: ("i8",), Triple: ("f8", (3,))}
 PARAMETERS = np.dtype([(name, *_FORMS[form]) for name, form in PlantParameters.__annotations__.items()], align=True)
 """`PlantParameters` as a record: numbers, and arrays (3,) where the tuple holds three."""
 
