@@ -71,20 +71,31 @@ class Commands:
         return seconds
 
 
+class FirstElsewhere:
+    """Makes the first `count` drives in processes of their own."""
+
+    one_process = True
+
+    def __init__(self, drives: IsolatedDrives, count: int):
+        self._drives, self._count = drives, count
+
+    def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+        """See `twin.assembly.drives.drive`."""
+        elsewhere = int(name.removeprefix("drive_")) <= self._count
+        return (self._drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
+
+
 def stepped(experiment: Experiment, isolated: int) -> float:
     """Wall seconds of stepping `experiment` with the first `isolated` drives in processes of their own."""
-    with IsolatedDrives(VOICE, Limits.step, count=isolated) as drives:
-
-        def made(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-            elsewhere = int(name.removeprefix("drive_")) <= isolated
-            return (drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
-
-        with assemble(experiment, drive_maker=made) as assembly:
-            simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
-            began = time.perf_counter()
-            while not simulation.finished:
-                simulation.advance()
-            seconds = time.perf_counter() - began
-            if simulation.failure:
-                raise simulation.failure
-            return seconds
+    with (
+        IsolatedDrives(VOICE, Limits.step, count=isolated) as drives,
+        assemble(experiment, maker=FirstElsewhere(drives, isolated)) as assembly,
+    ):
+        simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
+        began = time.perf_counter()
+        while not simulation.finished:
+            simulation.advance()
+        seconds = time.perf_counter() - began
+        if simulation.failure:
+            raise simulation.failure
+        return seconds

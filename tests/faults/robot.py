@@ -12,7 +12,7 @@ from twin.cosim.native import step_function
 from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import Scheme, System
-from twin.faults.circuit import Wire
+from twin.cosim.wiring import End, Feeds, Side, ends, wires
 from twin.faults.fault import Fault
 from twin.faults.inject import inject
 
@@ -102,6 +102,22 @@ def driven(start: Sequence[float]) -> Any:
     return law
 
 
+def joined(components: Sequence[Component], pairs: Sequence[tuple[str, str]]) -> Feeds:
+    """Feeds of wires as `System` takes them."""
+
+    def of(text: str, side: Side) -> list[End]:
+        name, _, port = text.partition(".")
+        port, _, index = port.rstrip("]").partition("[")
+        found = ends([component for component in components if component.name == name], side, port)
+        return [found[int(index)]] if index else found
+
+    return {
+        target: source
+        for output, fed in pairs
+        for source, target in zip(of(output, "output"), of(fed, "input"), strict=True)
+    }
+
+
 @dataclass(frozen=True)
 class Robot:
     """How the mock robot is built.
@@ -114,18 +130,18 @@ class Robot:
     three_axes: bool = False
     power_off: int | None = None
 
-    def parts(self) -> tuple[list[Component], list[Wire]]:
-        """Fresh components, and wires."""
+    def parts(self) -> tuple[list[Component], Feeds]:
+        """Fresh components, and what feeds them."""
         commander = "controller" if self.power_off is None else "monitor"
         components: list[Component] = [
             sampled("encoder", counts, outputs=COUNT_PORTS, period=PERIOD),
             estimator(),
             sampled("controller", command, outputs=(OMEGA_REF, Port("dp_z")), period=PERIOD),
         ]
-        wires = [(f"encoder.{port.name}", f"estimator.{port.name}") for port in COUNT_PORTS]
+        pairs = [(f"encoder.{port.name}", f"estimator.{port.name}") for port in COUNT_PORTS]
         if self.power_off is not None:
             components.append(self._monitor(self.power_off))
-            wires.append(("controller.omega_ref", "monitor.omega_ref"))
+            pairs.append(("controller.omega_ref", "monitor.omega_ref"))
         size = 3 if self.three_axes else 1
         ports = (Port("omega_ref", size, "rad/s"), Port("tau_load", size, "N m"))
         for i, name in enumerate(["drive"] if self.three_axes else ["drive_1", "drive_2", "drive_3"]):
@@ -133,12 +149,13 @@ class Robot:
             index = "" if self.three_axes else f"[{i}]"
             theta_m = (Port("theta_m", size, "rad"),)
             components.append(continuous(name, driven(start), ports, outputs=theta_m, initial_outputs=start))
-            wires += [
+            pairs += [
                 (f"{commander}.omega_ref{index}", f"{name}.omega_ref"),
                 (f"plant.tau_load{index}", f"{name}.tau_load"),
                 (f"{name}.theta_m", f"plant.theta_m{index}"),
             ]
-        return [*components, plant()], wires
+        components.append(plant())
+        return components, joined(components, pairs)
 
     def _monitor(self, power_off: int) -> Component:
         def law(t: float, h: float, u: np.ndarray) -> list[float]:
@@ -151,8 +168,8 @@ class Run:
     """A finished run: `run["estimator.read"]`, one row per tick."""
 
     def __init__(self, robot: Robot, faults: Sequence[Fault], last_tick: int, scheme: Scheme = "gauss_seidel"):
-        components, wires = inject(*robot.parts(), faults, TICK, COUNTS, SPEED_LIMIT)
-        self.system = System(components, wires, TICK, scheme)
+        components, feeds = inject(*robot.parts(), faults, TICK, COUNTS, SPEED_LIMIT)
+        self.system = System(components, wires(feeds, components), TICK, scheme)
         self.rows = Simulation(self.system, last_tick).run()
 
     def __getitem__(self, end: str) -> np.ndarray:

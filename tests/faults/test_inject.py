@@ -3,7 +3,7 @@ import pytest
 
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, run
 from twin.cosim.component import Component
-from twin.cosim.system import System
+from twin.cosim.wiring import End, Feeds
 from twin.errors import InputRefused
 from twin.faults.fault import Fault
 from twin.faults.inject import inject
@@ -12,7 +12,7 @@ DEG = np.pi / 180.0
 TURN = 2.0 * np.pi
 
 
-def injected(faults: list[Fault], robot: Robot | None = None) -> tuple[list[Component], list[tuple[str, str]]]:
+def injected(faults: list[Fault], robot: Robot | None = None) -> tuple[list[Component], Feeds]:
     return inject(*(robot or Robot()).parts(), faults, TICK, COUNTS, SPEED_LIMIT)
 
 
@@ -21,15 +21,15 @@ def names(faults: list[Fault], robot: Robot | None = None) -> list[str]:
 
 
 def test_what_is_given_stays_as_it_is():
-    components, wires = Robot().parts()
-    given = (list(components), list(wires))
-    inject(components, wires, [Fault("encoder_flip", "joint_encoder_1", 0)], TICK, COUNTS, SPEED_LIMIT)
-    assert (components, wires) == given
+    components, feeds = Robot().parts()
+    given = (list(components), dict(feeds))
+    inject(components, feeds, [Fault("encoder_flip", "joint_encoder_1", 0)], TICK, COUNTS, SPEED_LIMIT)
+    assert (components, feeds) == given
 
 
 def test_without_faults_nothing_changes():
-    components, wires = Robot().parts()
-    assert inject(components, wires, [], TICK, COUNTS, SPEED_LIMIT) == (components, wires)
+    components, feeds = Robot().parts()
+    assert inject(components, feeds, [], TICK, COUNTS, SPEED_LIMIT) == (components, feeds)
 
 
 def test_faults_are_numbered_as_in_the_list_whatever_their_mechanism():
@@ -66,14 +66,13 @@ def test_counts_that_may_be_no_numbers_are_recorded_as_doubles(kind):
 
 
 def test_every_reader_gets_the_faulty_signal_also_one_that_reads_a_single_element():
-    components, wires = Robot().parts()
-    wires = [wire for wire in wires if wire[1] != "estimator.count_l"]
-    wires += [(f"encoder.count_l[{i}]", f"estimator.count_l[{i}]") for i in range(3)]
+    components, feeds = Robot().parts()
+    del feeds[End("estimator", "count_l", 0)], feeds[End("estimator", "count_l", 2)]
     fault = Fault("encoder_flip", "joint_encoder_2", 0)
-    components, wires = inject(components, wires, [fault], TICK, COUNTS, SPEED_LIMIT)
-    readers = {target for output, target in wires if output.startswith("encoder.count_l")}
-    assert readers == {"fault_1.count_l"}
-    System(components, wires, TICK)
+    _, feeds = inject(components, feeds, [fault], TICK, COUNTS, SPEED_LIMIT)
+    readers = {target for target, source in feeds.items() if source[:2] == ("encoder", "count_l")}
+    assert readers == {End("fault_1", "count_l", i) for i in range(3)}
+    assert feeds[End("estimator", "count_l", 1)] == End("fault_1", "count_l", 1)
 
 
 def test_the_recording_keeps_both_signals():
@@ -131,10 +130,10 @@ def test_an_unknown_kind_or_target_is_refused_with_the_number_of_the_fault(fault
 
 
 def test_a_target_that_the_system_does_not_have_is_refused():
-    components, wires = Robot().parts()
+    components, feeds = Robot().parts()
     rest = [component for component in components if component.name != "drive_2"]
     with pytest.raises(InputRefused) as refusal:
-        inject(rest, wires, [Fault("drive_dead", "drive_2", 0)], TICK, COUNTS, SPEED_LIMIT)
+        inject(rest, feeds, [Fault("drive_dead", "drive_2", 0)], TICK, COUNTS, SPEED_LIMIT)
     assert str(refusal.value) == (
         "[[fault]] 1 target = \"drive_2\": expected a system with a component 'drive_2'; there are encoder, estimator, "
         "controller, drive_1, drive_3, plant. Change the target or add what it names"

@@ -4,11 +4,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.cosim.models import sampled
-from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, run
+from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, joined, plant, run
 from tests.laws.runs import PARAMETERS as REAL
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
+from twin.cosim.wiring import wires
 from twin.errors import InputRefused
 from twin.faults.fault import NEVER, Fault
 from twin.faults.inject import inject
@@ -80,8 +81,10 @@ def test_a_joint_that_gets_play_at_rest_lets_go_of_its_load_and_sinks_until_the_
     x, theta_m = resting(REAL, home)
     held = sampled("held", lambda t, h, u: theta_m, outputs=(Port("theta_m", 3, "rad"),))
     growth = [Fault("backlash_growth", f"joint_{leg}", onset, NEVER, play) for leg in (1, 2, 3)]
-    parts, wires = [held, Plant(REAL, x, theta_m)], [("held.theta_m", "plant.theta_m")]
-    system = System(*inject(parts, wires, growth, TICK, COUNTS, SPEED_LIMIT), TICK)
+    parts = [held, Plant(REAL, x, theta_m)]
+    feeds = joined(parts, [("held.theta_m", "plant.theta_m")])
+    components, feeds = inject(parts, feeds, growth, TICK, COUNTS, SPEED_LIMIT)
+    system = System(components, wires(feeds, components), TICK)
     rows = Simulation(system, 3000).run()
     tau_l, theta_l = (rows[:, system.columns(f"plant.{name}")] for name in ("tau_l", "theta_l"))
     np.testing.assert_array_equal(tau_l[onset], tau_l[0])
@@ -111,11 +114,11 @@ def test_two_faults_on_one_parameter_multiply_while_both_are_active(one, two):
 
 
 def test_a_plant_without_the_parameter_is_refused():
-    parts, wires = Robot().parts()
+    parts, feeds = Robot().parts()
     ports = plant().inputs
     mute = sampled("plant", lambda t, h, u: np.zeros(19), ports, outputs=plant().outputs)
     with pytest.raises(InputRefused) as refusal:
-        inject([*parts[:-1], mute], wires, [Fault("joint_friction", "joint_1", 0)], TICK, COUNTS, SPEED_LIMIT)
+        inject([*parts[:-1], mute], feeds, [Fault("joint_friction", "joint_1", 0)], TICK, COUNTS, SPEED_LIMIT)
     assert str(refusal.value) == (
         "[[fault]] 1: joint_friction writes parameters.b_j_added in the memory of component 'plant', which has none; "
         "remove the fault or use the native plant"

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.assembly.build import Build, Makers
 from twin.controller.belief import Belief
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.damping import Damping
@@ -12,11 +13,11 @@ from twin.controller.feed_forward import FeedForward
 from twin.controller.phase import Phase
 from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
-from twin.cosim.component import Component
 from twin.cosim.delay import delay
 from twin.experiment import schema
 from twin.experiment.agreement import monitor_belief
 from twin.experiment.experiment import Experiment
+from twin.experiment.monitor import Monitor as MonitorTable
 from twin.experiment.monitor import limits
 from twin.experiment.task import program_of
 from twin.monitor.component import Monitor
@@ -83,15 +84,29 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     )
 
 
-def computation_delay(experiment: Experiment) -> list[Component]:
-    """The delay between controller and drives, if one is set."""
-    ticks = experiment.controller.delay_ticks
-    return [delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))] if ticks else []
+def safety_monitor(experiment: Experiment, table: MonitorTable) -> Monitor:
+    """Who watches, as [monitor] says."""
+    bounds = limits(table, experiment.controller.speed_limit)
+    return Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)
 
 
-def safety_monitor(experiment: Experiment) -> list[Component]:
-    """Who watches, if anybody does."""
-    if experiment.monitor is None:
-        return []
-    bounds = limits(experiment.monitor, experiment.controller.speed_limit)
-    return [Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)]
+def estimators(build: Build) -> Makers:
+    """What makes the estimator."""
+    return {"estimator": lambda: estimator(build.experiment)}
+
+
+def controllers(build: Build) -> Makers:
+    """What makes the controller."""
+    return {"controller": lambda: controller(build.experiment)}
+
+
+def delays(build: Build) -> Makers:
+    """What makes the delay between controller and drives, if one is set."""
+    ticks = build.experiment.controller.delay_ticks
+    return {"delay": lambda: delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
+
+
+def monitors(build: Build) -> Makers:
+    """What makes the safety monitor, if anybody watches."""
+    table = build.experiment.monitor
+    return {} if table is None else {"monitor": lambda: safety_monitor(build.experiment, table)}

@@ -6,8 +6,8 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
+from twin.assembly.assemble import Assembly
 from twin.assembly.drives import DrivePlan
-from twin.assembly.robot import Assembly
 from twin.controller.phase import PhaseKind
 from twin.experiment.experiment import Experiment
 

@@ -9,8 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.assembly.drives import DrivePlan, drive
-from twin.assembly.robot import Assembly, DriveMaker, assemble
+from twin.assembly.assemble import HERE, Assembly, assemble
+from twin.assembly.build import DriveMaker
+from twin.assembly.drives import DrivePlan
 from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -77,7 +78,7 @@ def execute(
     progress: Progress = lambda done, total: None,
     substitutes: Mapping[str, Component] | None = None,
     timed: bool = False,
-    drive_maker: DriveMaker = drive,
+    maker: DriveMaker = HERE,
     factor: float | None = None,
     viewer: Viewer | None = None,
 ) -> Run:
@@ -89,7 +90,7 @@ def execute(
         progress: told (ticks done, ticks in all) after every slice.
         substitutes: see `assemble`. The recording, the summary and every report name them.
         timed: measure each component.
-        drive_maker: see `assemble`.
+        maker: see `assemble`.
         factor: simulated time per wall time, > 0; None: as fast as it goes. It leaves no trace in the recording.
         viewer: who watches while it goes on, and may change parameters.
 
@@ -99,7 +100,7 @@ def execute(
         NotWritten: the disk is full; likewise.
     """
     folder = Path(folder)
-    with assemble(experiment, substitutes, drive_maker) as assembly:
+    with assemble(experiment, substitutes, maker) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, pace, viewer)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}

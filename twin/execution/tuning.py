@@ -2,7 +2,7 @@
 
 import threading
 
-from twin.assembly.robot import Assembly
+from twin.assembly.assemble import Assembly
 from twin.assembly.tunable import tunables
 from twin.errors import InputRefused
 from twin.execution.watch import Event

@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.assembly.robot import Assembly
+from twin.assembly.assemble import Assembly
 from twin.controller.phase import PhaseKind
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import Monitor

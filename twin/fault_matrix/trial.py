@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.assembly.robot import assemble
+from twin.assembly.assemble import assemble
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
 from twin.faults.fault import Fault

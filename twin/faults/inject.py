@@ -1,11 +1,12 @@
 """Faults into a system: which component each kind becomes, and between which wires it goes."""
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Mapping, Sequence
 
 from twin.cosim.component import Component
+from twin.cosim.wiring import End, Feeds, ends
 from twin.faults.catalogue import kind_named, refuse_target
-from twin.faults.circuit import Circuit, Wire
+from twin.faults.circuit import Circuit
 from twin.faults.command_fault import CommandFault
 from twin.faults.count_fault import CountFault
 from twin.faults.drive_fault import DriveFault
@@ -20,19 +21,19 @@ THREE_AXES = "drive"
 
 def inject(
     components: Sequence[Component],
-    wires: Iterable[Wire],
+    feeds: Mapping[End, End],
     faults: Sequence[Fault],
     tick: float,
     counts_per_turn: tuple[float, float],
     speed_limit: float,
-) -> tuple[list[Component], list[Wire]]:
-    """Components and wires of the same system with `faults` in it; what was given stays as it is.
+) -> tuple[list[Component], Feeds]:
+    """Components and feeds of the same system with `faults` in it; what was given stays as it is.
 
     Fault n of the list is the component "fault_n". Faults on one signal act in the order of the list. A fault of the
     mechanism "body" belongs to what the robot presses on, and is passed over.
 
     Args:
-        components, wires: of the healthy system, by the names encoder, estimator, controller, monitor (if there is
+        components, feeds: of the healthy system, by the names encoder, estimator, controller, monitor (if there is
             one), drive or drive_1 .. drive_3, plant.
         faults: what breaks.
         tick: (s). counts_per_turn: of the motor and of the joint encoders. speed_limit: of a drive (rad/s).
@@ -40,7 +41,7 @@ def inject(
     Raises:
         InputRefused: a kind or target that does not exist, or a magnitude that does nothing.
     """
-    circuit = Circuit(components, wires)
+    circuit = Circuit(components, feeds)
     written: list[str] = []
     for number, fault in enumerate(faults, start=1):
         mechanism = kind_named(number, fault.kind).mechanism
@@ -55,7 +56,7 @@ def inject(
             _break_drive(circuit, number, fault)
         elif mechanism == "parameter":
             _change_parameter(circuit, number, fault, written)
-    return circuit.components, circuit.wires
+    return circuit.components, circuit.feeds
 
 
 def _name(number: int) -> str:
@@ -79,50 +80,44 @@ def _break_encoder(
     broken = CountFault(
         _name(number), number, fault, port, _element(fault.target), counts_per_rad, tick, encoder.period
     )
-    circuit.put_behind(broken, [f"encoder.{name}"], [name])
+    circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:
     sender = circuit.component(fault.target, number, fault.target)
     # of a controller only the command leaves the computer
     ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
-    names = [port.name for port in ports]
     late = MessageFault(_name(number), number, fault, ports, sender.period, tick)
-    circuit.put_behind(late, [f"{sender.name}.{name}" for name in names], names)
+    told = [end for port in ports for end in ends([sender], "output", port.name)]
+    circuit.put_behind(late, told, [end for port in ports for end in ends([late], "input", port.name)])
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
     joints = [_element(fault.target)] if fault.target != "drives" else list(range(JOINTS))
     targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
     limited = CommandFault(_name(number), fault, len(joints), speed_limit)
-    ports = ["omega_ref"] if len(joints) == 1 else [f"omega_ref[{i}]" for i in range(len(joints))]
-    circuit.put_before(limited, targets, ports)
+    circuit.put_before(limited, targets, ends([limited], "input", "omega_ref"))
 
 
 def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     joint = _element(fault.target)
     theta_m = _axis(circuit, number, fault.target, joint, "theta_m")
-    tau_load = circuit.source(_axis(circuit, number, fault.target, joint, "tau_load"))
-    drive = circuit.component(theta_m.partition(".")[0], number, fault.target)
-    initial = drive.initial("theta_m")
-    monitored = circuit.has("monitor.power")
-    start = float(initial[joint if len(initial) > 1 else 0])
+    tau_load = circuit.feeds[_axis(circuit, number, fault.target, joint, "tau_load")]
+    drive = circuit.component(theta_m.component, number, fault.target)
+    start = float(drive.initial("theta_m")[theta_m.element])
+    monitored = circuit.has("monitor")
     broken = DriveFault(_name(number), number, fault, start, monitored, drive.period)
-    circuit.put_behind(broken, [theta_m], ["theta_m"])
-    circuit.wires.append((tau_load, f"{broken.name}.tau_load"))
+    circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
+    circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
-        circuit.wires.append(("monitor.power", f"{broken.name}.power"))
+        circuit.feeds[End(broken.name, "power")] = End("monitor", "power")
 
 
-def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> str:
-    """The end "component.port" of one joint's drive; the wires of a drive of three axes are taken apart for it."""
-    if not circuit.has(f"{THREE_AXES}.theta_m"):
-        circuit.component(f"drive_{joint + 1}", number, target)
-        return f"drive_{joint + 1}.{port}"
-    drive = circuit.component(THREE_AXES, number, target)
-    whole = next(p for p in (*drive.inputs, *drive.outputs) if p.name == port)
-    circuit.split(drive.name, whole)
-    return f"{drive.name}.{port}[{joint}]"
+def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> End:
+    """The end of one joint's drive."""
+    if circuit.has(THREE_AXES):
+        return End(THREE_AXES, port, joint)
+    return End(circuit.component(f"drive_{joint + 1}", number, target).name, port)
 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:

@@ -42,6 +42,8 @@ class IsolatedDrives:
         InputRefused: this system has no futex.
     """
 
+    one_process = False
+
     def __init__(self, voice: Voice, step: float, count: int = 3):
         # raises where this cannot work, before anything is started
         kernel()

@@ -83,8 +83,6 @@ def _with_isolated_drives(
 
     with IsolatedDrives(voice, limit_step) as drives:
         try:
-            return execute(
-                experiment, folder, voice.progress, timed=True, drive_maker=drives.drive, factor=factor, viewer=viewer
-            )
+            return execute(experiment, folder, voice.progress, timed=True, maker=drives, factor=factor, viewer=viewer)
         except JobDied as death:
             raise ComponentFailed(f"{death}\n{remains(folder)}") from None

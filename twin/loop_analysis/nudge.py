@@ -14,8 +14,8 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.analysis.drive_model import Matrix
+from twin.assembly.assemble import assemble
 from twin.assembly.computer import controller
-from twin.assembly.robot import assemble
 from twin.controller.controller import Controller
 from twin.controller.phase import Phase, PhaseKind
 from twin.controller.task_controller import TaskController

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.assembly.robot import assemble
+from twin.assembly.assemble import assemble
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.qualification.finding import Measure

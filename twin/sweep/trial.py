@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.assembly.robot import assemble
+from twin.assembly.assemble import assemble
 from twin.cosim.simulation import Simulation
 from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused

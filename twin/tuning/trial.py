@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.analysis.drive_model import Matrix
-from twin.assembly.robot import assemble
+from twin.assembly.assemble import assemble
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
 from twin.execution.outcome import Outcome, Tally

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.assembly.robot import assemble
+from twin.assembly.assemble import assemble
 from twin.cosim.component import Component
 from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused
