@@ -19,9 +19,12 @@ from tests.controller.soft_floor import (
     World,
     carried_out,
     phases_of,
+    task_controller,
 )
+from tests.laws.runs import Sampled
 from twin.controller.feed_forward import REST_SPEED
 from twin.controller.phase import PhaseKind as Kind
+from twin.controller.pid import low_pass_share
 
 J = J_HOME.reshape(3, 3)
 
@@ -128,3 +131,20 @@ def test_a_second_press_begins_as_the_first_did_whatever_the_force_loop_did_befo
     first, second = (k for _, kind, k in phases_of(rows) if kind == Kind.BUILD_UP)
     # no low-pass, no derivative yet: rounding of the two ways down to the floor
     np.testing.assert_allclose(rows["dp_z"][second], rows["dp_z"][first], rtol=0, atol=1e-12)
+
+
+def test_the_rate_of_the_force_is_low_passed_as_the_force_is():
+    """A force that grows evenly from one call on: its rate rises to that as a first-order lag."""
+    component, slope, n = task_controller([PRESS]), 40.0, 25
+    controller, share = Sampled(component), low_pass_share(LAW.corner, T_s)
+    estimates = np.concatenate([*PRESS.point, APPROACH.height], axis=None)
+    estimates = np.concatenate([estimates, J_HOME, np.zeros(6)])
+    rate, F_z = 0.0, 0.0
+    for k in range(n):
+        estimates[14] = -slope * k * T_s
+        controller(estimates, k * T_s, T_s)
+        before, F_z = F_z, F_z + share * (slope * k * T_s - F_z)
+        rate += share * ((F_z - before) / T_s - rate)
+    # the same sums in the same order
+    assert component.memory["F_rate"][0] == pytest.approx(rate, rel=1e-12)
+    assert 0.5 * slope < rate < slope

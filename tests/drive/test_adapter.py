@@ -1,5 +1,6 @@
 """Values of every FMI type, by address."""
 
+import ctypes
 from pathlib import Path
 
 import numpy as np
@@ -9,11 +10,18 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.adapter import ITEM_SIZES, KINDS, _load, _store
+from twin.drive.adapter import DO_STEP, ITEM_SIZES, KINDS, MEMORY, TERMINATE, _load, _store, step
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.description import described
 from twin.drive.unpacked import unpacked
 
+STEP = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
+)
+DO_STEP_3 = ctypes.CFUNCTYPE(
+    ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_uint8, *[ctypes.c_void_p] * 4
+)
+"""fmi3DoStep (FMI 3.0, section 4.2.1.2)."""
 DTYPES = {"Float64": np.float64, "Float32": np.float32, "Boolean": np.uint8} | {
     name: np.dtype(name.lower()).type for name in KINDS if name.startswith(("Int", "UInt"))
 }
@@ -36,6 +44,23 @@ def test_whole_numbers_are_rounded_to_the_nearest():
     for j, value in enumerate((2.6, -2.6)):
         _store(KINDS.index("Int32"), buffer.ctypes.data, j, value)
     assert buffer.tolist() == [3, -3]
+
+
+@pytest.mark.parametrize(
+    ("returned", "terminates", "status"),
+    [(0, 0, 0), (0, 1, TERMINATE), (1, 0, 0), (1, 1, TERMINATE), (2, 1, DO_STEP + 2), (3, 0, DO_STEP + 3)],
+)
+def test_a_step_that_asks_for_termination_is_told_from_one_that_fails(returned: int, terminates: int, status: int):
+    @DO_STEP_3
+    def do_step(instance, t, h, final, event, terminate, early, last):
+        ctypes.cast(terminate, ctypes.POINTER(ctypes.c_uint8))[0] = terminates
+        return returned
+
+    flags, memory = np.zeros(16, dtype=np.uint8), np.zeros(1, dtype=MEMORY)
+    memory["version"], memory["returned"] = 3, flags.ctypes.data
+    memory["do_step"] = ctypes.cast(do_step, ctypes.c_void_p).value
+    u = np.zeros(1)
+    assert STEP(step.address)(memory.ctypes.data, 0.0, 1e-3, u.ctypes.data, u.ctypes.data) == status
 
 
 class Operator:
