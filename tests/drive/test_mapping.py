@@ -92,6 +92,7 @@ def test_a_drive_commanded_with_a_voltage_is_told_to_need_a_loop():
     [
         (Wiring(inputs={"omega_ref": "n_set"}), "has no variable 'n_set' for omega_ref"),
         (Wiring(inputs={"omega_ref": "n"}), "'n' has causality output; omega_ref needs input"),
+        (Wiring(outputs={"theta_m": "angle"}), "its outputs are phi, n, i_q, T_case"),
         (Wiring(outputs={"theta_m": "n"}), "output 'n' has unit 'rpm'; theta_m needs one like rad"),
         (Wiring(outputs={"theta_m": "T_case"}), "has unit 'degC'; theta_m needs one like rad"),
         (Wiring(inputs={"speed": "n_cmd"}), "[drive.inputs] has no role 'speed'"),

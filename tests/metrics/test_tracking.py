@@ -61,3 +61,11 @@ def test_path_error_is_the_distance_to_a_segment_and_beyond_its_ends_to_the_end(
     corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0], [2.0, 0.0]])
     beyond = max(0.0, -along, along - 2.0)
     assert path_error(np.array([[along, off]]), corners)[0] == pytest.approx(np.hypot(off, beyond), abs=1e-12)
+
+
+def test_round_a_corner_the_path_is_followed_segment_by_segment():
+    corners = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [1.0, 2.0]])
+    # beside the end of the first segment, where the way from one corner to the one after next would be nearer
+    assert path_error(np.array([[0.6, 0.2]]), corners)[0] == pytest.approx(0.2, abs=1e-12)
+    assert path_error(np.array([[1.1, 0.6]]), corners)[0] == pytest.approx(0.1, abs=1e-12)
+    assert path_error(np.array([[0.4, 0.3]]), corners)[0] == pytest.approx(0.3, abs=1e-12)
