@@ -22,4 +22,4 @@ def test_a_drive_that_crashes_ends_the_command_with_a_sentence(
     done = twin(command, root / EXPERIMENT, *flags, cwd=tmp_path, isolated=True)
     assert done.returncode == 3
     assert done.stderr.startswith("hostile.fmu (drive_2) crashed (SIGSEGV, segmentation fault) in the step from t = ")
-    assert "`--no-isolate` runs it under a debugger" in done.stderr and len(done.stderr.splitlines()) == 1
+    assert "`--isolate none` runs it under a debugger" in done.stderr and len(done.stderr.splitlines()) == 1

@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
-from twin.cli.options import IN_A_PROCESS, AsJson, DriveName, Isolated, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
 from twin.cli.progress import progress
 from twin.writing import json_text
 
@@ -24,7 +24,7 @@ def accuracy(
         typer.Option(metavar="DIR", help="Where accuracy.json goes: results/accuracy/EXPERIMENT."),
     ] = None,
     as_json: AsJson = False,
-    isolate: Isolated = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> None:
     """Budget of the force error: encoders, backlash, statics, coupling, parameters.
 

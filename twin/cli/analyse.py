@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
-from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, DriveName, Isolated, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, Settings
 from twin.writing import json_text, made_folder, write_json
 
 FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
@@ -32,7 +32,7 @@ def analyse(
         ),
     ] = True,
     as_json: AsJson = False,
-    isolate: Isolated = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> None:
     """Tell how stable the loops are: margins, gain limits, damping, pictures.
 

@@ -25,6 +25,7 @@ from twin.cli import (
     sweep,
     tune,
 )
+from twin.cli.options import as_spelt_now
 from twin.cli.streams import READER_GONE, Unread, standard_streams
 from twin.cli.terminal import guard_terminal
 from twin.errors import InputRefused, NotWritten, TwinError, plain
@@ -85,7 +86,7 @@ def _ended() -> tuple[int | str | None, str]:
     """Exit code of the command, and a sentence on what went wrong; "" if nothing did, or it has been told."""
     try:
         try:
-            code = app(prog_name="twin", standalone_mode=False)
+            code = app(as_spelt_now(sys.argv[1:]), prog_name="twin", standalone_mode=False)
             # Typer makes this of Ctrl-C where no command has more to say about it
             told = "interrupted" if code == INTERRUPTED else ""
         except SystemExit as end:

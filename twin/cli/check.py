@@ -1,14 +1,12 @@
 """`twin check`: experiments against their baselines."""
 
-import os
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.faults import Isolation
-from twin.cli.options import AsJson
+from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused, plain
 from twin.writing import json_text
 
@@ -47,9 +45,7 @@ def check(
         Path, typer.Option(metavar="DIR", help="Where pictures of curves outside their tubes go.")
     ] = PICTURES,
     jobs: Annotated[int, typer.Option("--jobs", "-j", metavar="N", min=1, help="Processes that run experiments.")] = 2,
-    isolate: Annotated[
-        Isolation, typer.Option(help="Processes: their own for the runs; none, for debuggers, but this one.")
-    ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
+    isolate: Isolate = JOB_ISOLATION,
     as_json: AsJson = False,
 ) -> None:
     """Check experiments against what they came to before, drive by drive.
@@ -72,7 +68,7 @@ def check(
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
     folder = baselines or (FOLDER if update else baselines_here())
     wanted = pairs(experiments or [], drives or [], folder)
-    done = finished(wanted, folder, reason, jobs if isolate == Isolation.RUN else 0)
+    done = finished(wanted, folder, reason, jobs if isolate == JobIsolation.RUN else 0)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]

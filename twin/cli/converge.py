@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
-from twin.cli.options import IN_A_PROCESS, AsJson, DriveName, Isolated, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
 from twin.cli.progress import progress
 from twin.writing import json_text
 
@@ -34,7 +34,7 @@ def converge(
         Path | None, typer.Option(metavar="DIR", help="Where files go: results/converge/EXPERIMENT.")
     ] = None,
     as_json: AsJson = False,
-    isolate: Isolated = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> None:
     """Halve the step: error, order and power residual of each coupling.
 

@@ -11,7 +11,7 @@ import typer
 
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.job import finished
-from twin.cli.options import IN_A_PROCESS, AsJson
+from twin.cli.options import JOB_ISOLATION, AsJson, Isolate
 from twin.errors import InputRefused
 from twin.writing import json_text, made_folder, write_text
 
@@ -29,7 +29,6 @@ Fmu = Annotated[
         metavar="FMU", help="An .fmu file, a mapping, a drive's folder, or a name in fmus/.", autocompletion=drive_names
     ),
 ]
-Isolate = Annotated[bool, typer.Option(help="Run the FMU in a process of its own.")]
 
 
 @app.callback()
@@ -107,7 +106,7 @@ def check(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
-    isolate: Isolate = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -144,7 +143,7 @@ def compare(
         Path, typer.Option(metavar="FILE", help="The experiment (TOML).", autocompletion=experiment_files)
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
-    isolate: Isolate = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
     as_json: AsJson = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.

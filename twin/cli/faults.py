@@ -1,17 +1,15 @@
 """`twin faults`: the matrix of faults of an experiment."""
 
-import os
 import sys
 from collections.abc import Callable
 from dataclasses import asdict
-from enum import StrEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from twin.cli.completion import experiment_files
-from twin.cli.options import AsJson, BodyName, DriveName, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, JobIsolation, Settings
 from twin.errors import ComponentFailed
 from twin.writing import growing, json_text, made_folder, write_json
 
@@ -19,13 +17,6 @@ if TYPE_CHECKING:
     from twin.fault_matrix.row import Row
 
 ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
-
-
-class Isolation(StrEnum):
-    """Where the matrix is run."""
-
-    RUN = "run"
-    NONE = "none"
 
 
 def faults(
@@ -52,9 +43,7 @@ def faults(
         Path | None, typer.Option(metavar="DIR", help="Where rows, picture and JSON go: results/faults/EXPERIMENT.")
     ] = None,
     as_json: AsJson = False,
-    isolate: Annotated[
-        Isolation, typer.Option(help="Processes: one of its own for the matrix; none, for debuggers, but this one.")
-    ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> None:
     """Break everything once: each kind of fault, with the safety monitor and without.
 
@@ -121,11 +110,11 @@ class Kept:
             print(f"\r{len(self.rows)} of {note['of']} cases", end="", file=sys.stderr, flush=True)
 
 
-def _measure(arguments: dict[str, Any], isolate: Isolation, kept: Kept) -> None:
+def _measure(arguments: dict[str, Any], isolate: JobIsolation, kept: Kept) -> None:
     from twin.guard.guard import JobDied, guarded
     from twin.guard.voice import DirectVoice
 
-    if isolate == Isolation.NONE:
+    if isolate == JobIsolation.NONE:
         measured(DirectVoice(kept.hear, lambda done, total: None), **arguments)
         return
     try:

@@ -3,17 +3,21 @@
 from collections.abc import Callable
 from typing import Any
 
+from twin.cli.options import JobIsolation
 from twin.errors import ComponentFailed
 
 
 def finished(
-    job: Callable[..., Any], arguments: dict[str, Any], isolate: bool, say: Callable[[str], None] = lambda what: None
+    job: Callable[..., Any],
+    arguments: dict[str, Any],
+    isolate: JobIsolation,
+    say: Callable[[str], None] = lambda what: None,
 ) -> Any:
     """What `job(voice, **arguments)` returns.
 
     Args:
         job: function of a module; arguments and result are what JSON can hold. What it notes as `say` is told to `say`.
-        isolate: whether it gets a process of its own.
+        isolate: what gets a process of its own.
 
     Raises:
         ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
@@ -24,7 +28,7 @@ def finished(
     def hear(note: dict[str, Any]) -> None:
         say(note["say"])
 
-    if not isolate:
+    if isolate == JobIsolation.NONE:
         from twin.guard.voice import DirectVoice
 
         return job(DirectVoice(hear, lambda done, total: None), **arguments)
@@ -33,5 +37,4 @@ def finished(
     try:
         return guarded(f"{job.__module__}:{job.__name__}", arguments, listen=hear)
     except (JobDied, JobDiedLoading) as death:
-        # what twin run, which can isolate in two ways, calls none
-        raise ComponentFailed(str(death).replace("--isolate none", "--no-isolate")) from None
+        raise ComponentFailed(str(death)) from None

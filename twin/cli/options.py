@@ -1,6 +1,7 @@
 """Options that several commands share: one meaning, one wording, one completion."""
 
 import os
+from enum import StrEnum
 from typing import Annotated
 
 import typer
@@ -34,6 +35,39 @@ ColumnMap = Annotated[
     typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
-Isolated = Annotated[bool, typer.Option(help="Run the drives in a process of their own.")]
-IN_A_PROCESS = os.name == "posix"
+
+
+class Isolation(StrEnum):
+    """What lives in a process of its own."""
+
+    RUN = "run"
+    DRIVE = "drive"
+    NONE = "none"
+
+
+class JobIsolation(StrEnum):
+    """The same, of commands that have no drives apart."""
+
+    RUN = "run"
+    NONE = "none"
+
+
+ISOLATION = Isolation.RUN if os.name == "posix" else Isolation.NONE
 """Where processes can be guarded they are, unless one says no."""
+JOB_ISOLATION = JobIsolation(ISOLATION)
+Isolate = Annotated[
+    JobIsolation,
+    typer.Option("--isolate", help="Processes: one of its own for what steps FMUs; none, for debuggers, but this one."),
+]
+
+
+def as_spelt_now(words: list[str]) -> list[str]:
+    """A command line with --isolate and --no-isolate, as some commands called them, in today's spelling."""
+    return [
+        "--isolate=none"
+        if word == "--no-isolate"
+        else "--isolate=run"
+        if word == "--isolate" and following not in list(Isolation)
+        else word
+        for word, following in zip(words, [*words[1:], ""], strict=True)
+    ]

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.job import finished
-from twin.cli.options import IN_A_PROCESS, AsJson, Isolated
+from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.cli.progress import progress
 from twin.errors import InputRefused, plain
 from twin.guard.remains import seen_from_here
@@ -33,7 +33,7 @@ def report(
         bool, typer.Option("--budget", help="Run it again without its imperfections: what adds to the force error.")
     ] = False,
     as_json: AsJson = False,
-    isolate: Isolated = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> None:
     """Write a run, or several side by side, as one HTML page to look at offline.
 
@@ -50,7 +50,7 @@ def report(
     }
     try:
         # without a budget no FMU is loaded
-        page, headline = finished(reported, arguments, budget and isolate, shown.say)
+        page, headline = finished(reported, arguments, isolate if budget else JobIsolation.NONE, shown.say)
     finally:
         shown.clear()
     _tell(Path(page), headline, as_json)

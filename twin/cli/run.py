@@ -5,7 +5,6 @@ import math
 import os
 import sys
 from collections.abc import Callable
-from enum import StrEnum
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -14,7 +13,7 @@ from typer.core import TyperCommand
 
 from twin.cli.completion import experiment_files
 from twin.cli.display import Display
-from twin.cli.options import BodyName, DriveName, Settings
+from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, Settings
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.guard.guard import GRACE, JobDied, guarded
@@ -32,14 +31,6 @@ class Command(TyperCommand):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         return super().parse_args(ctx, ["--realtime=1" if arg == "--realtime" else arg for arg in args])
-
-
-class Isolation(StrEnum):
-    """What lives in a process of its own."""
-
-    RUN = "run"
-    DRIVE = "drive"
-    NONE = "none"
 
 
 def run(
@@ -66,7 +57,7 @@ def run(
     isolate: Annotated[
         Isolation,
         typer.Option(help="Processes: one for the run; one for each drive besides; none, for debuggers, but this one."),
-    ] = Isolation.RUN if os.name == "posix" else Isolation.NONE,
+    ] = ISOLATION,
     limit_step: Annotated[
         float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")
     ] = 10.0,

@@ -9,7 +9,7 @@ import typer
 
 from twin.cli.completion import experiment_files
 from twin.cli.job import finished
-from twin.cli.options import IN_A_PROCESS, AsJson, BodyName, Isolated, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Isolate, Settings
 from twin.writing import json_text, made_folder, write_json, write_text
 
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
@@ -40,7 +40,7 @@ def tune(
         Path | None, typer.Option(metavar="DIR", help="Where gains, picture, JSON go: results/tuning/EXPERIMENT.")
     ] = None,
     as_json: AsJson = False,
-    isolate: Isolated = IN_A_PROCESS,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> None:
     """Find the fastest gains that keep a margin and an overshoot everywhere.
 
