@@ -11,7 +11,9 @@ import typer
 from tests.docs.workshop import Workshop
 from twin.cli.app import app
 
-BEFORE = "twin run fig4_force_position fig4_position fig4_imperfect fig4_imperfect_position pressing tapping rolling pushing"
+BEFORE = (
+    "twin run fig4_force_position fig4_position fig4_imperfect fig4_imperfect_position pressing tapping rolling pushing"
+)
 """What the table takes for granted: the runs that it compares."""
 CODE = re.compile(r"`(twin [^`]*)`")
 PYTHON = re.compile(r"`(from twin[^`]*)`")
