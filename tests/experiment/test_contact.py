@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from twin.assembly.load import load_experiment
 from twin.experiment.contact import Contact
-from twin.experiment.experiment import load_experiment
 from twin.experiment.mistakes import sentences
 from twin.plant.body import MotionKind
 

@@ -2,8 +2,10 @@ import pytest
 from pydantic import ValidationError
 
 from tests.monitor.motions import BELIEF, LIMITS
+from twin.assembly.beliefs import monitor_limits
+from twin.assembly.checks.monitor import contradictions
 from twin.experiment.mistakes import keys
-from twin.experiment.monitor import Monitor, contradictions, limits
+from twin.experiment.monitor import Monitor
 from twin.monitor.limits import Limits
 
 
@@ -17,14 +19,14 @@ def test_an_empty_table_is_complete_and_without_contradiction():
 
 
 def test_limits_are_si():
-    assert limits(Monitor(), 8.0) == LIMITS
+    assert monitor_limits(Monitor(), 8.0) == LIMITS
     assert (LIMITS.penetration_limit, LIMITS.speed_limit, LIMITS.z_min) == (0.025, 0.25, -0.135)
     assert LIMITS.retract == pytest.approx(0.5236, abs=1e-4)
 
 
 def test_a_command_is_saturated_at_the_controllers_limit_unless_another_is_given():
-    assert limits(Monitor(), 6.0).command_limit == 6.0
-    assert limits(Monitor.model_validate({"command_limit_rad_per_s": 5.0}), 6.0).command_limit == 5.0
+    assert monitor_limits(Monitor(), 6.0).command_limit == 6.0
+    assert monitor_limits(Monitor.model_validate({"command_limit_rad_per_s": 5.0}), 6.0).command_limit == 5.0
 
 
 def test_a_monitor_that_is_not_enabled_contradicts_nothing():

@@ -8,11 +8,12 @@ from pathlib import Path
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.assembly import assemble
+from twin.assembly.recorded import recorded_experiment
+from twin.assembly.robot import assemble
 from twin.errors import InputRefused
 from twin.execution.provenance import provenance
 from twin.experiment.experiment import Experiment
-from twin.experiment.recorded import recorded_experiment, recorded_fmus, recorded_values
+from twin.experiment.recorded import recorded_fmus, recorded_values
 
 
 def metadata_of(experiment: Experiment) -> dict[str, dict[str, str]]:

@@ -3,10 +3,11 @@
 import pytest
 
 from tests.laws.runs import shipped
+from twin.assembly.program import program_of
 from twin.controller import program as programs
 from twin.controller.phase import PhaseKind as Kind
 from twin.errors import InputRefused
-from twin.experiment.task import Press, Push, Roll, Tap, checked_tasks, program_of
+from twin.experiment.task import Press, Push, Roll, Tap, checked_tasks
 
 PRESS = {"kind": "press", "point_mm": (0.0, 5.0), "force_N": 8.0, "build_up_s": 3.5, "hold_s": 5.0}
 TAP = {

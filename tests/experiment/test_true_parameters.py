@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.experiment.true_parameters import plant_parameters
+from twin.assembly.true_parameters import plant_parameters
 from twin.plant.parameters import PlantParameters
 
 FILE = {

@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
+from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault_kind import ALWAYS, EVERY, NEVER, Kind, Seen
 from twin.faults import command_fault, count_fault, drive_fault, message_fault, parameter_fault
-from twin.faults.catalogue import CATALOGUE
-from twin.faults.kind import ALWAYS, EVERY, NEVER, Kind, Seen
 
 NO_MAGNITUDE = "none"
 

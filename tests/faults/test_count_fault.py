@@ -3,7 +3,7 @@ import pytest
 
 from tests.faults.robot import COUNTS, PERIOD, TICK, Run, run
 from twin.errors import InputRefused
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
 
 LAST = 4000
 ONSET, END = 1000, 3000

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.faults.robot import PERIOD, TICK, Run, run
 from twin.errors import InputRefused
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
 
 ONSET, END, LAST = 1000, 3000, 4000
 SENDER = [("sample_delay", "encoder"), ("controller_overrun", "controller")]

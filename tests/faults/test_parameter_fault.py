@@ -6,12 +6,12 @@ from hypothesis import strategies as st
 from tests.cosim.models import sampled
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, plant, run
 from tests.laws.runs import PARAMETERS as REAL
+from twin.assembly.faults.inject import inject
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import InputRefused
-from twin.faults.fault import NEVER, Fault
-from twin.faults.inject import inject
+from twin.experiment.fault import NEVER, Fault
 from twin.faults.parameter_fault import PARAMETERS
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting

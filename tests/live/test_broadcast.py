@@ -10,9 +10,9 @@ from foxglove_schemas_protobuf.Log_pb2 import Log
 from websockets.exceptions import InvalidStatus
 
 from tests.live.viewer import Viewer
+from twin.assembly.load import load_experiment
 from twin.assembly.robot import assemble
 from twin.execution.tuning import Tuning
-from twin.experiment.experiment import load_experiment
 from twin.live import broadcast as on_air
 from twin.live.broadcast import Broadcast
 from twin.live.client import BACKLOG

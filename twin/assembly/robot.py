@@ -10,14 +10,14 @@ import numpy as np
 
 from twin.assembly.computer import computation_delay, controller, estimator, safety_monitor
 from twin.assembly.drives import ENABLE, DrivePlan, Start, drive, planned
+from twin.assembly.faults.inject import inject
+from twin.assembly.true_parameters import plant_parameters, surface_motions
 from twin.assembly.tunable import scheduled
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.true_parameters import plant_parameters
-from twin.faults.fault import NEVER, Fault
-from twin.faults.inject import inject
+from twin.experiment.fault import NEVER, Fault
 from twin.plant.body import Body, Motion, MotionKind
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
@@ -80,7 +80,7 @@ def assemble(
     parameters = plant_parameters(experiment.plant, experiment.contact)
     x, theta_m = resting(parameters, experiment.start)
     ramp = experiment.cosim.inputs == "linear"
-    motions = [*experiment.contact.motions, *_faulty_motions(experiment)]
+    motions = [*surface_motions(experiment.contact), *_faulty_motions(experiment)]
     plant = Plant(parameters, x, theta_m, experiment.plant.substeps, bool(motions), ramp)
     tau_load = plant.initial("tau_load")
     body: list[Component] = [Body(motions)] if motions else []

@@ -3,15 +3,18 @@
 import math
 from collections.abc import Iterable, Sequence
 
+from twin.assembly.faults.components import (
+    PARAMETERS,
+    command_fault,
+    count_fault,
+    drive_fault,
+    message_fault,
+    parameter_fault,
+)
 from twin.cosim.component import Component
-from twin.faults.catalogue import kind_named, refuse_target
+from twin.experiment.fault import Fault
+from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.faults.circuit import Circuit, Wire
-from twin.faults.command_fault import CommandFault
-from twin.faults.count_fault import CountFault
-from twin.faults.drive_fault import DriveFault
-from twin.faults.fault import Fault
-from twin.faults.message_fault import MessageFault
-from twin.faults.parameter_fault import PARAMETERS, ParameterFault
 
 JOINTS = 3
 THREE_AXES = "drive"
@@ -58,10 +61,6 @@ def inject(
     return circuit.components, circuit.wires
 
 
-def _name(number: int) -> str:
-    return f"fault_{number}"
-
-
 def _element(target: str) -> int:
     """Which of three "drive_2", "joint_encoder_2" or "joint_2" means, from 0; without a number the only one."""
     last = target.rpartition("_")[2]
@@ -76,9 +75,7 @@ def _break_encoder(
     name = "count_m" if of_motor else "count_l"
     port = next(port for port in encoder.outputs if port.name == name)
     counts_per_rad = counts_per_turn[0 if of_motor else 1] / (2.0 * math.pi)
-    broken = CountFault(
-        _name(number), number, fault, port, _element(fault.target), counts_per_rad, tick, encoder.period
-    )
+    broken = count_fault(number, fault, port, _element(fault.target), counts_per_rad, tick, encoder.period)
     circuit.put_behind(broken, [f"encoder.{name}"], [name])
 
 
@@ -87,14 +84,14 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
     # of a controller only the command leaves the computer
     ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
     names = [port.name for port in ports]
-    late = MessageFault(_name(number), number, fault, ports, sender.period, tick)
+    late = message_fault(number, fault, ports, sender.period, tick)
     circuit.put_behind(late, [f"{sender.name}.{name}" for name in names], names)
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
     joints = [_element(fault.target)] if fault.target != "drives" else list(range(JOINTS))
     targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
-    limited = CommandFault(_name(number), fault, len(joints), speed_limit)
+    limited = command_fault(number, fault, len(joints), speed_limit)
     ports = ["omega_ref"] if len(joints) == 1 else [f"omega_ref[{i}]" for i in range(len(joints))]
     circuit.put_before(limited, targets, ports)
 
@@ -107,7 +104,7 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     initial = drive.initial("theta_m")
     monitored = circuit.has("monitor.power")
     start = float(initial[joint if len(initial) > 1 else 0])
-    broken = DriveFault(_name(number), number, fault, start, monitored, drive.period)
+    broken = drive_fault(number, fault, start, monitored, drive.period)
     circuit.put_behind(broken, [theta_m], ["theta_m"])
     circuit.wires.append((tau_load, f"{broken.name}.tau_load"))
     if monitored:
@@ -130,6 +127,6 @@ def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list
     element = _element(fault.target)
     cell = f"{place.component}.{place.field}[{element}]"
     owner = circuit.component(place.component, number, fault.target)
-    changed = ParameterFault(_name(number), number, fault, owner, element, chained=cell in written)
+    changed = parameter_fault(number, fault, owner, element, chained=cell in written)
     circuit.components.insert(len(written), changed)
     written.append(cell)
