@@ -104,7 +104,7 @@ class Contact(Section):
 
     @property
     def law_constants(self) -> dict[str, Any]:
-        """What is said of the law, by the names of `PlantParameters`."""
+        """What is said of the law, by attribute."""
         return {name: getattr(self, name) for name in LAW_KEYS[self.law] if getattr(self, name) is not None}
 
     @field_validator("shape")
