@@ -6,10 +6,11 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.cosim.simulation import Simulation
 from twin.execution import SLICE_TICKS, execute
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 
 ROUNDS = 7
 

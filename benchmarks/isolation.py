@@ -9,12 +9,13 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, Rounds
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
 from twin.assembly.drives import DrivePlan, Start, drive
+from twin.assembly.load import load_experiment
 from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
 from twin.execution import SLICE_TICKS
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.guard.isolated_drive import IsolatedDrives
 from twin.guard.limits import Limits
 from twin.guard.voice import DirectVoice

@@ -14,11 +14,12 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.measurement import Measurement, Rounds
+from twin.assembly.load import load_experiment
 from twin.execution import execute
 from twin.execution.tuning import Tuning
 from twin.execution.viewer import Stream, Viewer
 from twin.execution.watch import Event
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.scene.scene import Scene
 
 ROUNDS = 15

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 

@@ -4,7 +4,7 @@ import numpy as np
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
 from twin.analysis.sampled_law import STATES, LinearLaw, Settings, estimation, linear_law
-from twin.assembly import belief
+from twin.assembly.beliefs import belief
 from twin.controller.controller import Controller, Law
 from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator

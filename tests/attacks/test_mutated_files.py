@@ -10,8 +10,8 @@ import pytest
 
 from tests.attacks.mutations import endure, mutated, mutated_json
 from tests.sweep.statistics.rows import row
+from twin.assembly.load import load_experiment
 from twin.comparison.tolerance import rules
-from twin.experiment.experiment import load_experiment
 from twin.experiment.template import commented_experiment
 from twin.logs.column_map import column_map
 from twin.logs.reader import read_log

@@ -5,7 +5,8 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import FORCE, POSITION, Sampled, shipped
 from tests.plant.states import positions
-from twin.assembly import belief, controller
+from twin.assembly.beliefs import belief
+from twin.assembly.computer import controller
 from twin.controller.controller import NEVER, Controller, Law
 from twin.controller.pid import Gains
 from twin.robot.geometry import Geometry

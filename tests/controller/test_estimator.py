@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import Sampled, shipped
 from tests.plant.states import positions
-from twin.assembly import belief
+from twin.assembly.beliefs import belief
 from twin.controller.estimator import Estimator
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent

@@ -6,14 +6,15 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.convergence.coupling import FINEST
 from twin.convergence.monolith import applies, monolithic_rows, servos, within_limits
 from twin.convergence.reference import reference_of
 from twin.convergence.signals import chosen, largest_errors, sampled_run
 from twin.convergence.smoothing import comparable
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, shortened
 
 DURATION = 1.5

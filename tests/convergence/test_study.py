@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
+from twin.assembly.load import load_experiment
 from twin.convergence.coupling import COUPLINGS
 from twin.convergence.study import Point, Series, Study, convergence, recommended
-from twin.experiment.experiment import load_experiment
 from twin.report.convergence import convergence_facts
 from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text

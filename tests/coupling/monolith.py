@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.analysis.plant_system import plant_system, signal_labels
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
+from twin.assembly.true_parameters import plant_parameters
 from twin.convergence.monolith import applies, monolithic_rows, servos, within_limits
 from twin.experiment.experiment import Experiment
-from twin.experiment.true_parameters import plant_parameters
 from twin.plant.component import OUTPUTS
 
 LEGS = (1, 2, 3)

@@ -15,7 +15,7 @@ import pytest
 
 from tests.command_line import twin
 from tests.docs.code_blocks import Block
-from twin.experiment.experiment import load_experiment
+from twin.assembly.load import load_experiment
 from twin.experiment.schema import Drive
 from twin.sweep.plan import planned
 

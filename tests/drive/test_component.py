@@ -6,8 +6,9 @@ import pytest
 
 from tests.drive.archives import altered, redescribed
 from tests.drive.warning import warning_drive
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
 from twin.assembly.drives import drive, planned
+from twin.assembly.load import load_experiment
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
@@ -15,7 +16,6 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
-from twin.experiment.experiment import load_experiment
 from twin.experiment.schema import Drive
 
 TICK = 1e-3

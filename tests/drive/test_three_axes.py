@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 
 from tests.drive.three_axes import three_axes_drive
 from twin.assembly.drives import drive, planned
+from twin.assembly.load import load_experiment
 from twin.cosim.component import Component
 from twin.cosim.playback import columns, play
 from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
 from twin.recording.recording import Recording

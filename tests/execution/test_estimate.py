@@ -3,9 +3,9 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
 from twin.execution.estimate import LARGE, estimate, refuse_endless
-from twin.experiment.experiment import load_experiment
 from twin.recording.recording import Recording
 
 

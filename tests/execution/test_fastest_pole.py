@@ -6,11 +6,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin.assembly.beliefs import geometry_of
+from twin.assembly.load import load_experiment
 from twin.errors import ComponentFailed
 from twin.execution import execute
 from twin.execution.fastest_pole import STABLE, fastest_pole, too_fast
-from twin.experiment.experiment import Experiment, load_experiment
-from twin.experiment.reach import geometry_of
+from twin.experiment.experiment import Experiment
 from twin.robot.jacobian import jacobian
 
 

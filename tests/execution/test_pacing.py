@@ -8,9 +8,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.assembly.load import load_experiment
 from twin.execution import SLICE_TICKS, SUMMARY, execute, pacing
 from twin.execution.pacing import SLICE, Pace
-from twin.experiment.experiment import load_experiment
 
 FIG4 = "experiments/fig4_force_position.toml"
 

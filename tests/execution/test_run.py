@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from tests.drive.faulty import faulty_drive
+from twin.assembly.load import load_experiment
 from twin.errors import ComponentFailed
 from twin.execution import SUMMARY, execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 

@@ -5,10 +5,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
+from twin.assembly.load import load_experiment
 from twin.experiment.contact import Contact
-from twin.experiment.experiment import load_experiment
 from twin.experiment.mistakes import sentences
-from twin.plant.body import MotionKind
 
 SCALE: dict[str, Any] = {
     "kind": "scale",
@@ -32,7 +31,8 @@ def mistakes(table: dict[str, Any], **changes: Any) -> list[str]:
 
 def test_a_table_of_before_is_a_level_hunt_crossley_plane_at_rest():
     contact = Contact.model_validate(SCALE)
-    assert (contact.law, contact.shape, contact.tilt_x, contact.motions) == ("hunt_crossley", "plane", 0.0, ())
+    assert (contact.law, contact.shape, contact.tilt_x) == ("hunt_crossley", "plane", 0.0)
+    assert contact.breathing is None and contact.shift is None
     assert contact.law_constants == {"damping": 3.0}
 
 
@@ -51,11 +51,10 @@ def test_values_are_si_inside():
     )
     assert (contact.radius, contact.tilt_x) == (0.08, np.radians(30.0))
     assert contact.law_constants == {"damping": 3.0, "stiffening": 200.0}
-    breathing, shift = contact.motions
-    assert (breathing.kind, breathing.displacement, breathing.rate) == (MotionKind.BREATHING, (0.0, 0.0, 0.002), 0.25)
-    assert (breathing.onset, breathing.end) == (0.0, np.inf)
-    assert (shift.kind, shift.displacement, shift.rise) == (MotionKind.SHIFT, (0.001, 0.0, -0.004), 0.5)
-    assert (shift.onset, shift.end) == (2.0, 6.0)
+    breathing, shift = contact.breathing, contact.shift
+    assert breathing is not None and shift is not None
+    assert (breathing.amplitude, breathing.rate, breathing.start, breathing.end) == (0.002, 0.25, 0.0, None)
+    assert (shift.by, shift.rise, shift.start, shift.end) == ((0.001, 0.0, -0.004), 0.5, 2.0, 6.0)
 
 
 @pytest.mark.parametrize(

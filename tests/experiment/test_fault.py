@@ -4,10 +4,9 @@ from typing import Any
 
 import pytest
 
-from twin.experiment.fault import checked_faults, table_of
+from twin.experiment.fault import NEVER, Fault, checked_faults, table_of
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.mistakes import keys
-from twin.faults.catalogue import CATALOGUE
-from twin.faults.fault import NEVER, Fault
 
 TICK = 1e-3
 BIAS = 'kind = "encoder_bias"\ntarget = "joint_encoder_2"\nonset_s = 1.5\nmagnitude_deg = -0.5\n'

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import load_experiment
 from twin.experiment.named import experiment_file, known_experiments
 
 NAME = "fig4_force_position"

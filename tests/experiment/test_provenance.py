@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from tests.conftest import ROOT
-from twin.experiment.experiment import load_experiment
+from twin.assembly.load import load_experiment
 from twin.experiment.source import Source, read_source
 
 EXPERIMENTS = sorted((ROOT / "experiments").glob("*.toml"))

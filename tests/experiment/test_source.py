@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import load_experiment
 from twin.experiment.source import located, override, read_source, replace_drive
 
 

@@ -6,7 +6,7 @@ import jsonschema
 import pytest
 
 from tests.experiment.schema_tables import tables
-from twin.experiment.experiment import load_experiment
+from twin.assembly.load import load_experiment
 from twin.experiment.json_schema import experiment_json_schema
 from twin.experiment.template import commented_experiment
 

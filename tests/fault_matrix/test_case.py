@@ -2,9 +2,9 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.errors import InputRefused
+from twin.experiment.fault import NEVER
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.fault_matrix.case import GLITCH_SHARE, cases, known_kinds
-from twin.faults.catalogue import CATALOGUE
-from twin.faults.fault import NEVER
 
 
 def test_there_is_a_case_for_every_kind_magnitude_and_onset():

@@ -6,10 +6,10 @@ import pytest
 from tests.fault_matrix.pressing import matrix, pressing
 from tests.laws.runs import shipped
 from twin.errors import InputRefused, SafetyTrip
+from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault_kind import NEVER
 from twin.fault_matrix.case import cases
 from twin.fault_matrix.matrix import healthy_trial, rows
-from twin.faults.catalogue import CATALOGUE
-from twin.faults.kind import NEVER
 from twin.report.fault_matrix_text import fault_matrix_table, fault_matrix_text
 
 

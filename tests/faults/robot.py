@@ -7,14 +7,14 @@ from typing import Any
 import numpy as np
 
 from tests.cosim.models import continuous, sampled
+from twin.assembly.faults.inject import inject
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import Scheme, System
 from twin.cosim.wiring import End, Feeds, Side, ends, wires
-from twin.faults.fault import Fault
-from twin.faults.inject import inject
+from twin.experiment.fault import Fault
 
 TICK = 1e-3
 PERIOD = 2

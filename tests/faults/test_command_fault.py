@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from tests.faults.robot import SPEED_LIMIT, TICK, Robot, run
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
 
 ONSET, END = 40, 80
 

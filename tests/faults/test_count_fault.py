@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 
 from tests.faults.robot import COUNTS, PERIOD, TICK, Run, run
-from twin.errors import InputRefused
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
 
 LAST = 4000
 ONSET, END = 1000, 3000
@@ -128,15 +127,6 @@ def test_another_seed_and_another_fault_with_the_same_seed_lose_other_samples():
     one, two = lost(first, again)
     assert one != two
     assert lost(other)[0] != one
-
-
-@pytest.mark.parametrize(
-    ("kind", "degrees", "least"),
-    [("encoder_bias", 0.04, "0.5"), ("encoder_glitch", -0.04, "0.5"), ("encoder_quantisation", 0.1, "2")],
-)
-def test_a_magnitude_that_changes_no_count_is_refused(kind, degrees, least):
-    with pytest.raises(InputRefused, match=rf"\[\[fault\]\] 1: {kind} of .* deg changes no count .* {least} counts"):
-        run(Fault(kind, "motor_encoder_1", ONSET, END, degrees * DEG, share=0.1))
 
 
 def test_a_fault_of_lost_numbers_ends_no_run_and_one_behind_it_does_not_either():

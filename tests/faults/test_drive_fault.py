@@ -4,8 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.faults.robot import K_S, START, TICK, Robot, Run, run
+from twin.experiment.fault import NEVER, Fault
 from twin.faults.drive_fault import FRICTION, INERTIA, free_shaft
-from twin.faults.fault import NEVER, Fault
 
 ONSET, END, LAST = 40, 80, 120
 BOTH = pytest.mark.parametrize("three_axes", [False, True])

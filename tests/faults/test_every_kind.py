@@ -5,8 +5,8 @@ import pytest
 
 from tests.faults.robot import PERIOD, TICK, Robot, Run, run
 from twin.errors import ComponentFailed
-from twin.faults.catalogue import CATALOGUE
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
+from twin.experiment.fault_catalogue import CATALOGUE
 
 ONSET, END = 41, 81
 LAST = 120

@@ -4,8 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.faults.robot import PERIOD, TICK, Run, run
-from twin.errors import InputRefused
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
 
 ONSET, END, LAST = 1000, 3000, 4000
 SENDER = [("sample_delay", "encoder"), ("controller_overrun", "controller")]
@@ -73,9 +72,3 @@ def test_the_stated_share_of_messages_is_lost_and_the_counter_stands_still(share
 def test_a_late_command_changes_only_the_command():
     done = late("controller_overrun", "controller", 10 * TICK)
     assert [port.name for port in done.system.component("fault_1").outputs] == ["omega_ref", "active"]
-
-
-@pytest.mark.parametrize("milliseconds", [0.4, 1.5])
-def test_a_delay_that_is_no_whole_tick_is_refused(milliseconds):
-    with pytest.raises(InputRefused, match=rf"\[\[fault\]\] 1: sample_delay of {milliseconds} ms; expected a whole"):
-        late("sample_delay", "encoder", milliseconds * 1e-3)

@@ -4,16 +4,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.cosim.models import sampled
-from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, joined, plant, run
+from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, joined, plant, run
 from tests.laws.runs import PARAMETERS as REAL
+from twin.assembly.faults.components import PARAMETERS
+from twin.assembly.faults.inject import inject
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.cosim.wiring import wires
-from twin.errors import InputRefused
-from twin.faults.fault import NEVER, Fault
-from twin.faults.inject import inject
-from twin.faults.parameter_fault import PARAMETERS
+from twin.experiment.fault import NEVER, Fault
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
 
@@ -111,15 +110,3 @@ def test_two_faults_on_one_parameter_multiply_while_both_are_active(one, two):
     expected = np.where((k >= one[0]) & (k < one[1]), 0.5, 1.0) * np.where((k >= two[0]) & (k < two[1]), 0.25, 1.0)
     # powers of two
     np.testing.assert_array_equal(value, expected)
-
-
-def test_a_plant_without_the_parameter_is_refused():
-    parts, feeds = Robot().parts()
-    ports = plant().inputs
-    mute = sampled("plant", lambda t, h, u: np.zeros(19), ports, outputs=plant().outputs)
-    with pytest.raises(InputRefused) as refusal:
-        inject([*parts[:-1], mute], feeds, [Fault("joint_friction", "joint_1", 0)], TICK, COUNTS, SPEED_LIMIT)
-    assert str(refusal.value) == (
-        "[[fault]] 1: joint_friction writes parameters.b_j_added in the memory of component 'plant', which has none; "
-        "remove the fault or use the native plant"
-    )

@@ -10,9 +10,9 @@ from tests.drive.faulty import faulty_drive
 from tests.guard.hostile import HANG, HANG_IN_INITIALISATION, LEAK, NONE, SEGFAULT, SEGFAULT_IN_FREE, Command
 from twin.assembly.drives import drive as drive_here
 from twin.assembly.drives import planned
+from twin.assembly.load import load_experiment
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.experiment.experiment import load_experiment
 from twin.guard.guard import guarded
 from twin.guard.isolated_drive import IsolatedDrives
 from twin.guard.runs import recorded_runs

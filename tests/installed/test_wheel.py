@@ -28,7 +28,7 @@ REPOSITORY = (
 NAMES = """
 import json
 import tarfile
-from twin.experiment.experiment import load_experiment
+from twin.assembly.load import load_experiment
 from twin.places import HOME
 from twin.regression.baseline import baselines_here
 from twin.regression.job import pairs

@@ -3,10 +3,11 @@
 from dataclasses import replace
 from pathlib import Path
 
+from twin.assembly.load import load_experiment
 from twin.assembly.rows import Rows, rows_of
+from twin.assembly.true_parameters import plant_parameters
 from twin.convergence.by_hand import Sampled
-from twin.experiment.experiment import Experiment, load_experiment
-from twin.experiment.true_parameters import plant_parameters
+from twin.experiment.experiment import Experiment
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
 FORCE, POSITION = "fig4_force_position", "fig4_position"

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, Sampled, co_simulated, shipped
-from twin.assembly import belief, controller
+from twin.assembly.beliefs import belief
+from twin.assembly.computer import controller
+from twin.assembly.true_parameters import plant_parameters
 from twin.controller.estimator import Estimator
-from twin.experiment.true_parameters import plant_parameters
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian

@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, co_simulated, shipped
+from twin.assembly.load import load_experiment
+from twin.assembly.true_parameters import plant_parameters
 from twin.controller.phase import PhaseKind as Kind
-from twin.experiment.experiment import load_experiment
 from twin.experiment.task import Push, Roll, Tap
-from twin.experiment.true_parameters import plant_parameters
 from twin.plant.surface import surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.cosim.simulation import Simulation
-from twin.experiment.experiment import load_experiment
 from twin.monitor.component import Monitor
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")

@@ -11,8 +11,8 @@ from websockets.exceptions import InvalidStatus
 
 from tests.live.viewer import Viewer
 from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.execution.tuning import Tuning
-from twin.experiment.experiment import load_experiment
 from twin.live import broadcast as on_air
 from twin.live.broadcast import Broadcast
 from twin.live.client import BACKLOG

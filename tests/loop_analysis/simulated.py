@@ -5,8 +5,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from tests.laws.runs import EXACT_ENCODERS, EXPERIMENTS, Rows, co_simulated
+from twin.assembly.load import load_experiment
 from twin.errors import ComponentFailed
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 
 LINEAR = (
     *EXACT_ENCODERS,

@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.experiment.agreement import monitor_belief
+from twin.assembly.beliefs import monitor_belief, monitor_limits
 from twin.experiment.monitor import Monitor as Section
-from twin.experiment.monitor import limits
 from twin.monitor.belief import Belief
 from twin.monitor.component import Monitor
 from twin.monitor.limits import Limits
@@ -21,7 +20,7 @@ from twin.robot.jacobian import jacobian
 BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)
 MASSES = Masses(BELIEF.m_a, BELIEF.m_b, BELIEF.m_p, 0.0)
-LIMITS: Limits = limits(Section(), speed_limit=8.0)
+LIMITS: Limits = monitor_limits(Section(), speed_limit=8.0)
 DT = 2e-3
 """Between two encoder messages, each of which the monitor looks at (s)."""
 

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.assembly.rows import Rows, rows_of
-from twin.experiment.experiment import load_experiment
 
 RUNAWAY = 'fault=[{kind="drive_runaway", onset_s=2.0, magnitude_rad_per_s=2.0}]'
 

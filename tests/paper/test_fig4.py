@@ -7,11 +7,11 @@ import pytest
 
 from tests.paper.printed import PrintedEstimator
 from tests.paper.test_fig4_claims import WHILE_SWEEPING
-from twin.assembly import belief
+from twin.assembly.beliefs import belief
+from twin.assembly.load import load_experiment
 from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.metrics.response import first_time, settling_time
 from twin.metrics.tracking import rms
 from twin.paper.claim import judged

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from tests.paper.fig5_recordings import pressed, pushed, rolled, tapped
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.paper.claim import Finding
 from twin.paper.fig5 import CLAIMS
 from twin.paper.fig5_runs import body_of, drive_of, task_runs, trip_sentence

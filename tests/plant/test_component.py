@@ -4,7 +4,7 @@ from hypothesis import given
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
 from tests.plant.states import moving
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation

@@ -4,7 +4,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.laws.runs import EXPERIMENTS
-from twin.experiment.experiment import load_experiment
+from twin.assembly.load import load_experiment
 from twin.regression.baseline import read_baseline
 from twin.regression.measurement import measured
 from twin.regression.trace import traced

@@ -8,8 +8,8 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.laws.runs import Rows, co_simulated, shipped
-from twin.experiment.experiment import load_experiment
-from twin.experiment.true_parameters import plant_parameters
+from twin.assembly.load import load_experiment
+from twin.assembly.true_parameters import plant_parameters
 from twin.regression.baseline import read_baseline
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import G_ACCELERATION

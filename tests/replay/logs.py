@@ -7,8 +7,8 @@ from tempfile import mkdtemp
 
 import numpy as np
 
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.logs.reader import recorded
 from twin.recording.reader import read
 from twin.recording.recording import Recording

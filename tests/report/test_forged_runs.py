@@ -10,11 +10,11 @@ import pytest
 from tests.memory import growth
 from tests.recording.forgery import data_records, sealed, with_metadata
 from tests.report.attacks import Attack
+from twin.assembly.load import load_experiment
 from twin.comparison.comparison import compared
 from twin.comparison.inputs import both
 from twin.errors import InputRefused, TwinError
 from twin.execution import SUMMARY, execute
-from twin.experiment.experiment import load_experiment
 from twin.export.export import export_recording
 from twin.report.identification import Request as Identification
 from twin.report.identification import identification_report

@@ -9,9 +9,9 @@ from mcap.writer import Writer
 
 from tests.identification.calibrations import identification
 from tests.replay.logs import EXPERIMENTS, ran, write_log
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.identification import Request, identification_report

@@ -4,8 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 
 
 def test_the_doctor_passes_a_recording_with_pictures(root: Path, tmp_path: Path):

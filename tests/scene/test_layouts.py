@@ -9,8 +9,8 @@ from xml.etree import ElementTree
 
 import pytest
 
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 

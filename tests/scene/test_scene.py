@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from tests.robot.poses import GEOMETRY
 from tests.scene.pictures import at, frames, messages, numbers
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.robot.skeleton import AXIS, OUTWARD

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from tests.sweep.definitions import written
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import load_experiment
 from twin.paper.claim import as_facts
 from twin.paper.fig4_runs import fig4_runs
 from twin.paper.score import fig4_score

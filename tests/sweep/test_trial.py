@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.sweep.definitions import STIFFNESS
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.regression.measurement import measured
 from twin.regression.trace import traced

@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import load_experiment
 from twin.report.tuning_text import WIDTH, tuning_text
 from twin.tuning.fragment import fragment
 from twin.tuning.gains import gains_of

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from twin.assembly.build import Build, DriveMaker, InThisProcess
 from twin.assembly.drives import DrivePlan
+from twin.assembly.faults.inject import inject
 from twin.assembly.joints import planned_drives, refuse_second_instances
 from twin.assembly.mechanics import at_rest
 from twin.assembly.robot import ROBOT, connected
@@ -16,7 +17,6 @@ from twin.cosim.system import System
 from twin.cosim.wiring import wires
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.faults.inject import inject
 
 HERE = InThisProcess()
 

@@ -1,11 +1,12 @@
-"""The robot's computer: estimator, controller and safety monitor, each with what it believes."""
+"""The robot's computer: estimator, controller and safety monitor."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from twin.assembly.beliefs import belief, monitor_belief, monitor_limits
 from twin.assembly.build import Build, Makers
-from twin.controller.belief import Belief
+from twin.assembly.program import program_of
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator
@@ -14,28 +15,9 @@ from twin.controller.phase import Phase
 from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.delay import delay
-from twin.experiment import schema
-from twin.experiment.agreement import monitor_belief
 from twin.experiment.experiment import Experiment
 from twin.experiment.monitor import Monitor as MonitorTable
-from twin.experiment.monitor import limits
-from twin.experiment.task import program_of
 from twin.monitor.component import Monitor
-
-
-def belief(experiment: Experiment) -> Belief:
-    """What the controller believes."""
-    return believed(experiment.controller)
-
-
-def believed(computer: schema.Controller) -> Belief:
-    """[controller.model] and the dead zone as the estimator takes them."""
-    m = computer.model
-    return Belief(
-        a=m.a, b=m.b, l_a=m.l_a, l_b=m.l_b, m_a=m.m_a, m_b=m.m_b, m_p=m.m_p, k_s=m.k_s, N=m.N, eta=m.eta,
-        motor_counts=m.motor_counts_per_turn, joint_counts=m.joint_counts_per_turn,
-        motor_zero=m.motor_zero, joint_zero=m.joint_zero, backlash=computer.dead_zone,
-    )  # fmt: skip
 
 
 def estimator(experiment: Experiment) -> Estimator:
@@ -86,7 +68,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
 
 def safety_monitor(experiment: Experiment, table: MonitorTable) -> Monitor:
     """Who watches, as [monitor] says."""
-    bounds = limits(table, experiment.controller.speed_limit)
+    bounds = monitor_limits(table, experiment.controller.speed_limit)
     return Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 
 from twin.assembly.build import Build, Makers
+from twin.assembly.true_parameters import plant_parameters, surface_motions
 from twin.experiment.experiment import Experiment
-from twin.experiment.true_parameters import plant_parameters
-from twin.faults.fault import NEVER, Fault
+from twin.experiment.fault import NEVER, Fault
 from twin.plant.body import Body, Motion, MotionKind
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
@@ -64,7 +64,7 @@ def scale(build: Build) -> Makers:
 def motions(experiment: Experiment) -> list[Motion]:
     """How the surface moves, by itself and because of faults."""
     faulty = (motion for fault in experiment.faults for motion in _motion(fault, experiment.cosim.tick))
-    return [*experiment.contact.motions, *faulty]
+    return [*surface_motions(experiment.contact), *faulty]
 
 
 def _motion(fault: Fault, tick: float) -> list[Motion]:

@@ -63,7 +63,7 @@ def analysed(
     voice: Any, experiment: str, drive: str | None, body: str | None, settings: list[str], tried: bool, out: str
 ) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of the loops, and the files of `out`; a job of the guard."""
-    from twin.experiment.experiment import load_experiment
+    from twin.assembly.load import load_experiment
     from twin.loop_analysis.stability import stability
     from twin.report.analysis import draw_analysis
     from twin.report.analysis_map import draw_stability_maps

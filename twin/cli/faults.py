@@ -134,7 +134,7 @@ def measured(
     settings: list[str],
 ) -> None:
     """Measure the matrix; a job of the guard. Notes: {"row": a row taken apart, "of": how many there will be}."""
-    from twin.experiment.experiment import load_experiment
+    from twin.assembly.load import load_experiment
     from twin.fault_matrix.case import cases, known_kinds
     from twin.fault_matrix.matrix import healthy_trial, onsets_of, rows
 

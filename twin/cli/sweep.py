@@ -212,8 +212,8 @@ def cores() -> int:
 
 def _refuse_endless(plan: "Plan") -> None:
     """Ask whoever starts a sweep whose runs take hours each; also the estimate makes two of them."""
+    from twin.assembly.load import load_experiment
     from twin.execution.estimate import LONG, estimate
-    from twin.experiment.experiment import load_experiment
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))

@@ -83,7 +83,7 @@ def tuned_loops(
     out: str,
 ) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of the gains found, and the files of `out`; a job of the guard."""
-    from twin.experiment.experiment import load_experiment
+    from twin.assembly.load import load_experiment
     from twin.experiment.named import experiment_file
     from twin.report.tuning import draw_tuning
     from twin.report.tuning_text import tuning_text

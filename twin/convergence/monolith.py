@@ -11,12 +11,13 @@ from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twin.analysis.coupled import MOTION, coupled_derivative
-from twin.assembly.computer import belief, controller
+from twin.assembly.beliefs import belief
+from twin.assembly.computer import controller
 from twin.assembly.drives import ALONE, DrivePlan
+from twin.assembly.true_parameters import plant_parameters, surface_motions
 from twin.controller.estimator import Estimator
 from twin.convergence.by_hand import Sampled
 from twin.experiment.experiment import Experiment
-from twin.experiment.true_parameters import plant_parameters
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
@@ -66,7 +67,7 @@ def applies(experiment: Experiment) -> bool:
         experiment.tasks
         or experiment.faults
         or experiment.changes
-        or experiment.contact.motions
+        or surface_motions(experiment.contact)
         or experiment.monitor
         or experiment.controller.delay_ticks
         or experiment.plant.motor_noise

@@ -28,7 +28,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.assembly import Assembly, assemble
+from twin.assembly.assemble import Assembly, assemble
 from twin.cosim.component import Component
 from twin.cosim.port import width
 from twin.cosim.simulation import Simulation

@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.assembly import assemble
+from twin.assembly.assemble import assemble
+from twin.assembly.true_parameters import plant_parameters
 from twin.convergence.coupling import FINEST
 from twin.convergence.monolith import ATOL, applies, monolithic_rows, servos, within_limits
 from twin.convergence.signals import FORCE, Samples, chosen, largest_errors, sampled_run
 from twin.experiment.experiment import Experiment
-from twin.experiment.true_parameters import plant_parameters
 
 FINER = 32
 """The finest run's steps per tick of the experiment: 1/16 of the error of order two at an eighth of the tick."""

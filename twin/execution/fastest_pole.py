@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from twin.assembly.true_parameters import plant_parameters
 from twin.errors import Unreachable
 from twin.experiment.experiment import Experiment
-from twin.experiment.true_parameters import plant_parameters
 from twin.plant.component import STILL
 from twin.plant.dynamics import derivative
 from twin.plant.equilibrium import resting

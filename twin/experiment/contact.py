@@ -1,12 +1,10 @@
 """[contact]: what the robot presses on. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-import math
 from typing import Any, Literal
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from twin.experiment.quantity import Section, quantity
-from twin.plant.body import Motion, MotionKind
 
 LAW_KEYS = {
     "hunt_crossley": ("damping", "exponent", "reference_depth"),
@@ -30,11 +28,6 @@ class Breathing(Section):
     start: float = quantity("start_s", 0.0, ge=0, description="first breath")
     end: float | None = quantity("end_s", None, ge=0, examples=[20.0], description="last breath")
 
-    @property
-    def motion(self) -> Motion:
-        end = math.inf if self.end is None else self.end
-        return Motion(MotionKind.BREATHING, (0.0, 0.0, self.amplitude), self.start, end, rate=self.rate)
-
 
 class Shift(Section):
     """[contact.shift]: the person moves once; if an end is given, back again from then on."""
@@ -43,11 +36,6 @@ class Shift(Section):
     start: float = quantity("start_s", ge=0, examples=[5.0], description="when it moves")
     rise: float = quantity("rise_s", gt=0, examples=[0.5], description="how long it takes")
     end: float | None = quantity("end_s", None, ge=0, examples=[20.0], description="when it moves back")
-
-    @property
-    def motion(self) -> Motion:
-        end = math.inf if self.end is None else self.end
-        return Motion(MotionKind.SHIFT, self.by, self.start, end, rise=self.rise)
 
 
 class Contact(Section):
@@ -116,13 +104,8 @@ class Contact(Section):
 
     @property
     def law_constants(self) -> dict[str, Any]:
-        """What is said of the law, by the names of `PlantParameters`."""
+        """What is said of the law, by attribute."""
         return {name: getattr(self, name) for name in LAW_KEYS[self.law] if getattr(self, name) is not None}
-
-    @property
-    def motions(self) -> tuple[Motion, ...]:
-        """How the surface moves; empty: it does not."""
-        return tuple(table.motion for table in (self.breathing, self.shift) if table is not None)
 
     @field_validator("shape")
     @classmethod

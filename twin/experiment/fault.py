@@ -1,17 +1,43 @@
 """[[fault]]: what breaks during the experiment. Each kind has a magnitude of its own, with its unit in the key."""
 
 from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from pydantic import Field, ValidationError, create_model
 
 from twin.errors import InputRefused
+from twin.experiment.fault_catalogue import kind_named, refuse_target
+from twin.experiment.fault_kind import Kind
 from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.ticks import whole_ticks
-from twin.faults.catalogue import kind_named, refuse_target
-from twin.faults.fault import NEVER, Fault
-from twin.faults.kind import Kind
+
+NEVER = 1 << 62
+"""The end, in ticks, of a fault that stays."""
+
+
+@dataclass(frozen=True)
+class Fault:
+    """What breaks, where, when and how badly.
+
+    Attributes:
+        kind: a key of `CATALOGUE`. target: one of that kind's targets.
+        onset, end: active in ticks onset <= k < end. Of a continuous component: in the steps that begin at these.
+        magnitude: SI (rad, m, s, a share, a factor); 0 where the kind has none.
+        share: of an encoder's samples that a glitch hits, 0..1.
+        ramp: ticks over which a parameter fault grows from nothing to its magnitude; 0: at once.
+        seed: of the random kinds; the same seed gives the same faults.
+    """
+
+    kind: str
+    target: str
+    onset: int
+    end: int = NEVER
+    magnitude: float = 0.0
+    share: float = 0.0
+    ramp: int = 0
+    seed: int = 0
 
 
 class FaultTable(Section):

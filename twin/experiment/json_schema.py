@@ -17,9 +17,9 @@ from twin.experiment.change import CHANGEABLE, ChangeTable
 from twin.experiment.drive_files import JOINTS
 from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
 from twin.experiment.fault import table_of
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.task import KINDS as TASKS
-from twin.faults.catalogue import CATALOGUE
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
 SCHEMA_FILE = "experiment.schema.json"

@@ -4,8 +4,6 @@ from typing import Any, Literal
 
 from pydantic import Field, ValidationError, model_validator
 
-from twin.controller import program as programs
-from twin.controller.phase import Phase
 from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section, quantity
 
@@ -108,22 +106,3 @@ def checked_tasks(tables: Any, mistakes: list[str]) -> dict[int, Task]:
         except ValidationError as error:
             mistakes += sentences(error, KINDS[kind], f"task {number}")
     return tasks
-
-
-def program_of(approach: Approach, contact_force: float, tasks: tuple[Task, ...]) -> list[Phase]:
-    """The phases of `tasks`; `contact_force` (N) counts as touching."""
-    manner = programs.Approach(contact_force=contact_force, **dict(approach))
-    return programs.program(manner, [_in_program(task) for task in tasks])
-
-
-def _in_program(task: Task) -> programs.Task:
-    fields = {name: value for name, value in task if name != "kind"}
-    match task:
-        case Press():
-            return programs.Press(**fields)
-        case Tap():
-            return programs.Tap(**fields)
-        case Roll():
-            return programs.Roll(**fields)
-        case Push():
-            return programs.Push(**fields)

@@ -18,11 +18,11 @@ from twin.experiment.body_files import fill_from_body
 from twin.experiment.change import ChangeTable
 from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
 from twin.experiment.fault import table_of
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.source import Source, located, read_source
 from twin.experiment.task import KINDS
-from twin.faults.catalogue import CATALOGUE
 
 ROBOT = "robots/massage_robot.toml"
 OTHERS = ("fig4_force_position.toml", "massage.toml")

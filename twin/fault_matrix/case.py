@@ -6,9 +6,8 @@ from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import checked_faults
-from twin.faults.catalogue import CATALOGUE, expected
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault, checked_faults
+from twin.experiment.fault_catalogue import CATALOGUE, expected
 
 GLITCH_SHARE = 0.02
 """Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""

@@ -6,11 +6,11 @@ import numpy as np
 
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
+from twin.experiment.fault import NEVER
 from twin.fault_matrix.case import Case
 from twin.fault_matrix.onset import default_onsets, touching
 from twin.fault_matrix.row import End, Outcome, Row
 from twin.fault_matrix.trial import Trial, trial
-from twin.faults.fault import NEVER
 from twin.monitor.reasons import trip_sentence
 
 FAILURE = "FAILURE"

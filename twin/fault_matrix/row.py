@@ -3,7 +3,7 @@
 from dataclasses import asdict, dataclass
 from typing import Any, Literal, Self
 
-from twin.faults.catalogue import CATALOGUE
+from twin.experiment.fault_catalogue import CATALOGUE
 
 ALLOWANCE = 1.2
 """How far above the force limit the true peak may be, as a factor: 20 % for the time that a reaction takes."""

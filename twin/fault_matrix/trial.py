@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from twin.assembly.assemble import assemble
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
-from twin.faults.fault import Fault
+from twin.experiment.fault import Fault
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import Trip
 

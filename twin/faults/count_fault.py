@@ -8,10 +8,8 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.errors import InputRefused
-from twin.faults.fault import Fault
-from twin.faults.randomness import drawn, first_state
-from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
+from twin.faults.randomness import drawn
+from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
 class Law(IntEnum):
@@ -29,18 +27,6 @@ class Law(IntEnum):
     SWAP = 9
 
 
-LAWS = {
-    "encoder_bias": Law.BIAS,
-    "encoder_drift": Law.DRIFT,
-    "encoder_quantisation": Law.QUANTISATION,
-    "encoder_dropout_hold": Law.HOLD,
-    "encoder_dropout_zero": Law.ZERO,
-    "encoder_dropout_nan": Law.NAN,
-    "encoder_stuck": Law.STUCK,
-    "encoder_glitch": Law.GLITCH,
-    "encoder_flip": Law.FLIP,
-    "encoder_swap": Law.SWAP,
-}
 # plain integers: what compiled code compares with
 _BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in Law)
 
@@ -136,50 +122,30 @@ class CountFault(NativeComponent):
     Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.
 
     Args:
-        name: of the component. number: of the fault in its file, from 1.
-        fault: its magnitude is an angle of the encoder's own shaft (rad), of a drift a speed (rad/s), of a dropout a
-            share of samples.
+        name: of the component. span: when it is active. law: what becomes of a count.
         port: the encoder's port of counts (3). element: which of the three.
-        counts_per_rad: of this encoder. tick: (s). period: of the encoder, in ticks.
-
-    Raises:
-        InputRefused: the magnitude is too small to change a count.
+        counts: by which a count is off, or of one step; of a drift per tick.
+        share: of the samples that are lost, or hit by a glitch.
+        random: state in which its generator begins, see `first_state`. period: of the encoder, in ticks.
     """
 
     def __init__(
         self,
         name: str,
-        number: int,
-        fault: Fault,
+        span: Span,
+        law: Law,
         port: Port,
         element: int,
-        counts_per_rad: float,
-        tick: float,
+        counts: float,
+        share: float,
+        random: int,
         period: int,
     ):
-        law = LAWS[fault.kind]
-        counts = fault.magnitude * counts_per_rad
-        if law == Law.DRIFT:
-            counts *= tick
-        if law == Law.QUANTISATION:
-            counts = np.floor(counts + 0.5)
-        _refuse_unnoticeable(number, fault, law, counts, counts_per_rad)
         memory = np.zeros(1, dtype=MEMORY)
         m = memory[0]
-        memory["window"][0] = window(fault, period)
+        memory["window"][0] = window(span, period)
         m["law"], m["element"], m["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
-        m["counts"], m["random"] = counts, first_state(fault.seed, number)
-        m["share"] = fault.share if law == Law.GLITCH else fault.magnitude
+        m["counts"], m["share"], m["random"] = counts, share, random
         out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
         super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
         self.finite = law != Law.NAN
-
-
-def _refuse_unnoticeable(number: int, fault: Fault, law: Law, counts: float, counts_per_rad: float) -> None:
-    least = {Law.BIAS: 0.5, Law.GLITCH: 0.5, Law.QUANTISATION: 2.0}.get(law, 0.0)
-    if abs(counts) < least:
-        enough = np.degrees(least / counts_per_rad)
-        raise InputRefused(
-            f"[[fault]] {number}: {fault.kind} of {np.degrees(fault.magnitude):g} deg changes no count of "
-            f"{fault.target}; expected at least {least:g} counts, which are {enough:.3g} deg"
-        )

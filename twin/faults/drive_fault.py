@@ -9,8 +9,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.faults.fault import Fault
-from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
+from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
 class Law(IntEnum):
@@ -23,13 +22,6 @@ class Law(IntEnum):
     FAILURE = 4
 
 
-LAWS = {
-    "drive_runaway": Law.RUNAWAY,
-    "drive_freewheel": Law.FREEWHEEL,
-    "drive_dead": Law.DEAD,
-    "joint_jam": Law.JAM,
-    "drive_failure": Law.FAILURE,
-}
 # plain integers: what compiled code compares with
 _RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in Law)
 
@@ -136,23 +128,33 @@ class DriveFault(NativeComponent):
     where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
 
     Args:
-        name: of the component. number: of the fault in its file, from 1.
-        fault: its magnitude is the speed of a runaway (rad/s).
-        theta_m: angle of the drive's shaft before tick 0 (rad).
+        name: of the component. span: when it is active. law: how the shaft moves.
+        omega: speed of a runaway (rad/s). theta_m: angle of the drive's shaft before tick 0 (rad).
         monitored: whether there is an input `power`; without it the power is always on.
         period: of the drive, in ticks.
+        label, target: what people know the fault and its drive by.
     """
 
-    def __init__(self, name: str, number: int, fault: Fault, theta_m: float, monitored: bool, period: int):
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        law: Law,
+        omega: float,
+        theta_m: float,
+        monitored: bool,
+        period: int,
+        label: str,
+        target: str,
+    ):
         memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(fault, period)
+        memory["window"][0] = window(span, period)
         m = memory[0]
-        m["law"], m["omega"] = LAWS[fault.kind], fault.magnitude
+        m["law"], m["omega"] = law, omega
         m["drive"] = m["theta_m"] = theta_m
         initial = np.array([theta_m, 0.0, 0.0])
         super().__init__(name, inputs(monitored), OUTPUTS, False, step_of(monitored), memory, initial, period)
-        self.label = f"[[fault]] {number}"
-        self.target = fault.target
+        self.label, self.target = label, target
 
     def explain(self, status: int) -> str:
         return f"made {self.target} fail (drive_failure)"

@@ -12,12 +12,11 @@ from numba import carray, njit, types
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, pointer_to, step_function
 from twin.cosim.port import Port, width
-from twin.errors import InputRefused
-from twin.faults.fault import NEVER, Fault
-from twin.faults.randomness import drawn, first_state
-from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
+from twin.faults.randomness import drawn
+from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
-KINDS = ("sample_delay", "sample_jitter", "sample_loss", "controller_overrun")
+NEVER = 1 << 62
+"""The tick at which a lost message arrives."""
 
 MEMORY = np.dtype(
     [
@@ -97,42 +96,33 @@ class MessageFault(NativeComponent):
     Once the fault is over the reader has the sender's own message again at once; what is still under way is dropped.
 
     Args:
-        name: of the component. number: of the fault in its file, from 1.
-        fault: its magnitude is a delay (s), the longest of random delays (s), or the share of messages lost.
-        ports: the sender's ports that make one message.
-        sender_period: in ticks. tick: (s).
-
-    Raises:
-        InputRefused: a delay that is not at least one whole tick.
+        name: of the component. span: when it is active.
+        ports: the sender's ports that make one message. sender_period: in ticks.
+        least, most: how long a message is under way, in ticks. share: of the messages that are lost.
+        random: state in which its generator begins, see `first_state`.
     """
 
-    def __init__(self, name: str, number: int, fault: Fault, ports: tuple[Port, ...], sender_period: int, tick: float):
-        least = most = 0
-        if fault.kind != "sample_loss":
-            most = _whole_ticks(number, fault, tick)
-            least = 0 if fault.kind == "sample_jitter" else most
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        ports: tuple[Port, ...],
+        sender_period: int,
+        least: int,
+        most: int,
+        share: float,
+        random: int,
+    ):
         size, capacity = width(ports), most // sender_period + 2
         messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
         memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(fault, 1)
+        memory["window"][0] = window(span, 1)
         m = memory[0]
         m["size"], m["sender_period"], m["least"], m["most"] = size, sender_period, least, most
-        m["share"] = fault.magnitude if fault.kind == "sample_loss" else 0.0
-        m["capacity"], m["random"] = capacity, first_state(fault.seed, number)
+        m["share"], m["capacity"], m["random"] = share, capacity, random
         m["messages"], m["arrivals"] = messages.ctypes.data, arrivals.ctypes.data
         m["present"] = present.ctypes.data
         kept = (messages, arrivals, present)
         # a count that came through a fault before may be NaN
         read = (replace(port, kind="double") for port in ports)
         super().__init__(name, ports, (*read, ACTIVE), True, step, memory, keep=kept)
-
-
-def _whole_ticks(number: int, fault: Fault, tick: float) -> int:
-    ticks = round(fault.magnitude / tick)
-    # a delay in ms over a tick in ms is whole up to rounding of the two
-    if ticks < 1 or abs(ticks * tick - fault.magnitude) > 1e-9 * fault.magnitude:
-        raise InputRefused(
-            f"[[fault]] {number}: {fault.kind} of {1e3 * fault.magnitude:g} ms; "
-            f"expected a whole number of ticks of {1e3 * tick:g} ms, at least one; change magnitude_ms"
-        )
-    return ticks

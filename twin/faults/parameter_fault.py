@@ -1,7 +1,6 @@
 """A constant of another component that changes while the robot runs."""
 
 from dataclasses import replace
-from typing import Literal, NamedTuple
 
 import numpy as np
 from numba import carray
@@ -9,32 +8,7 @@ from numba import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
-from twin.errors import InputRefused
-from twin.faults.fault import Fault
-from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
-
-Operation = Literal["factor", "added"]
-
-
-class Parameter(NamedTuple):
-    """Where in the memory of which component a kind's parameter lies, and how the magnitude acts on it."""
-
-    component: str
-    record: str
-    field: str
-    operation: Operation
-
-
-PARAMETERS = {
-    "spring_softened": Parameter("plant", "parameters", "k_s_share", "factor"),
-    "spring_broken": Parameter("plant", "parameters", "k_s_share", "factor"),
-    "stiffness_change": Parameter("plant", "parameters", "K", "factor"),
-    "backlash_growth": Parameter("plant", "parameters", "backlash_added", "added"),
-    "joint_friction": Parameter("plant", "parameters", "b_j_added", "added"),
-    "belt_slip": Parameter("plant", "parameters", "slip", "added"),
-    "belief_k_s": Parameter("estimator", "belief", "k_s", "factor"),
-    "belief_eta": Parameter("estimator", "belief", "eta", "factor"),
-}
+from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
 MEMORY = np.dtype(
@@ -72,41 +46,30 @@ class ParameterFault(NativeComponent):
     Before the onset and after the end that is the nominal value, to the last bit.
 
     Args:
-        name: of the component. number: of the fault in its file, from 1.
-        fault: its magnitude is a factor on the parameter or an addition to it (SI), as `PARAMETERS` says.
-        owner: the component whose memory holds the parameter.
-        element: which element of the field; 0 where it is a single number.
+        name: of the component. span: when it is active.
+        owner: the component in whose memory the parameter lies. parameter: what it is called there.
+        cell: the parameter itself, a view (1,) of that memory.
+        factor, added: what the nominal value is multiplied by, and what is added to it (SI).
+        ramp: ticks in which both grow from nothing; 0: at once.
         chained: whether a fault before it in the tick writes to the same place.
-
-    Raises:
-        InputRefused: `owner` has no such parameter.
     """
 
-    def __init__(self, name: str, number: int, fault: Fault, owner: Component, element: int, chained: bool):
-        cell = parameter_cell(number, fault, owner, element)
+    def __init__(
+        self,
+        name: str,
+        span: Span,
+        owner: Component,
+        parameter: str,
+        cell: np.ndarray,
+        factor: float,
+        added: float,
+        ramp: int,
+        chained: bool,
+    ):
         memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(fault, 1)
+        memory["window"][0] = window(span, 1)
         m = memory[0]
-        m["address"], m["nominal"], m["chained"], m["ramp"] = cell.ctypes.data, cell[0], chained, fault.ramp
-        is_factor = PARAMETERS[fault.kind].operation == "factor"
-        m["factor"], m["added"] = (fault.magnitude, 0.0) if is_factor else (1.0, fault.magnitude)
-        value = replace(VALUE, meaning=f"{PARAMETERS[fault.kind].field} of {owner.name}, as it holds now")
+        m["address"], m["nominal"], m["chained"], m["ramp"] = cell.ctypes.data, cell[0], chained, ramp
+        m["factor"], m["added"] = factor, added
+        value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
         super().__init__(name, (), (value, ACTIVE), True, step, memory, keep=owner)
-
-
-def parameter_cell(number: int, fault: Fault, owner: Component, element: int) -> np.ndarray:
-    """The parameter itself in the memory of `owner`, (1,) float64, a view.
-
-    Raises:
-        InputRefused: it has no such parameter.
-    """
-    place = PARAMETERS[fault.kind]
-    memory = getattr(owner, "memory", None)
-    try:
-        field = memory[place.record][place.field]  # type: ignore[index]
-    except (TypeError, ValueError, IndexError):
-        raise InputRefused(
-            f"[[fault]] {number}: {fault.kind} writes {place.record}.{place.field} in the memory of component "
-            f"'{owner.name}', which has none; remove the fault or use the native {owner.name}"
-        ) from None
-    return field[0, element : element + 1] if field.ndim == 2 else field[0:1]

@@ -1,10 +1,11 @@
 """When a fault is active, in whole ticks that its component counts itself."""
 
+from typing import NamedTuple
+
 import numpy as np
 from numba import njit
 
 from twin.cosim.port import Port
-from twin.faults.fault import Fault
 
 WINDOW = np.dtype([("next", "i8"), ("period", "i8"), ("onset", "i8"), ("end", "i8")], align=True)
 """The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
@@ -12,9 +13,16 @@ WINDOW = np.dtype([("next", "i8"), ("period", "i8"), ("onset", "i8"), ("end", "i
 ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")
 
 
-def window(fault: Fault, period: int) -> tuple[int, int, int, int]:
+class Span(NamedTuple):
+    """The ticks onset <= k < end in which a fault is active; of a continuous component, steps that begin at these."""
+
+    onset: int
+    end: int
+
+
+def window(span: Span, period: int) -> tuple[int, int, int, int]:
     """A `WINDOW` before the first step of a component of `period` ticks."""
-    return 0, period, fault.onset, fault.end
+    return 0, period, span.onset, span.end
 
 
 @njit(cache=True)

@@ -4,11 +4,12 @@ from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
 
+from twin.assembly.load import load_experiment
 from twin.errors import ComponentFailed, SafetyTrip
 from twin.execution import Run, execute
 from twin.execution.estimate import refuse_endless
 from twin.execution.viewer import Viewer
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.guard.guard import JobDied
 from twin.guard.limits import Limits
 from twin.guard.remains import remains

@@ -9,7 +9,7 @@ from twin.analysis.loops import Loops, open_loops
 from twin.analysis.plant_system import linear_plant
 from twin.analysis.sampled_law import LOOPS, Estimation, Settings, estimation, linear_law
 from twin.analysis.sampled_robot import Stepping, period_map, tick_map
-from twin.assembly import belief
+from twin.assembly.beliefs import belief
 from twin.assembly.drives import planned
 from twin.controller.damping import Damping
 from twin.controller.pid import Gains

@@ -7,10 +7,10 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import brentq
 
+from twin.assembly.true_parameters import plant_parameters
 from twin.errors import InputRefused, Unreachable
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Push, Tap
-from twin.experiment.true_parameters import plant_parameters
 from twin.plant.contact import contact_force
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters

@@ -8,8 +8,9 @@ from typing import Any
 import numpy as np
 
 from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.cosim.simulation import Simulation
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.qualification.finding import Measure
 from twin.qualification.true_run import COMPARED, TrueRun
 

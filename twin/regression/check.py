@@ -4,8 +4,9 @@ import shlex
 from dataclasses import dataclass
 from pathlib import Path
 
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.experiment.named import experiment_file
 from twin.places import HOME
 from twin.regression.baseline import (

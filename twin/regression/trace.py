@@ -7,12 +7,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.assembly.assemble import Assembly, assemble
+from twin.assembly.beliefs import geometry_of
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Watched
-from twin.experiment.reach import geometry_of
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
 from twin.robot.inverse_kinematics import joint_angles

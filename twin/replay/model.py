@@ -7,17 +7,18 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from twin.assembly.computer import believed
+from twin.assembly.beliefs import believed
+from twin.assembly.load import load_experiment
+from twin.assembly.true_parameters import plant_parameters, surface_motions
 from twin.controller.belief import Belief
 from twin.errors import InputRefused
 from twin.experiment.contact import Contact
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import sentences, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.recorded import recorded_name, recorded_values
 from twin.experiment.schema import Controller, Cosim, Plant, Scale
 from twin.experiment.source import Source, override
-from twin.experiment.true_parameters import plant_parameters
 from twin.plant.body import Motion
 from twin.plant.parameters import PlantParameters
 from twin.robot.gravity import G_ACCELERATION
@@ -113,7 +114,7 @@ def _model(
         gravity_compensation=computer.gravity_compensation,
         plant=plant_parameters(plant, contact),
         substeps=plant.substeps,
-        motions=contact.motions,
+        motions=surface_motions(contact),
         tick=cosim.tick,
         resolution=scale.resolution * G_ACCELERATION if scale else 0.0,
     )

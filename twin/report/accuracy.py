@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.accuracy.budget import Budget, accuracy_budget
-from twin.experiment.experiment import load_experiment
+from twin.assembly.load import load_experiment
 from twin.report.accuracy_text import accuracy_text
 from twin.writing import made_folder, write_json
 

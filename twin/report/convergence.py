@@ -5,10 +5,10 @@ from dataclasses import asdict, dataclass
 from math import isfinite
 from pathlib import Path
 
+from twin.assembly.load import load_experiment
 from twin.convergence.order import Order
 from twin.convergence.signals import SIGNALS
 from twin.convergence.study import Series, Study, convergence
-from twin.experiment.experiment import load_experiment
 from twin.report.convergence_picture import draw_convergence
 from twin.report.convergence_text import convergence_text
 from twin.writing import made_folder, write_json

@@ -13,8 +13,8 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.fault_matrix.row import ALLOWANCE, Row
-from twin.faults.catalogue import CATALOGUE
 from twin.report.fault_matrix_text import magnitude_text
 from twin.report.figure import save
 

@@ -4,8 +4,8 @@ import textwrap
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.fault_matrix.row import ALLOWANCE, Row
-from twin.faults.catalogue import CATALOGUE
 
 WIDTH = 80
 UNITS = {

@@ -172,7 +172,7 @@ class _Foundations:
     def _read(self, drive: str | None, settings: tuple[str, ...]) -> str:
         # the FMU tool chain takes a while to import
         from twin.assembly.drives import planned as planned_drive
-        from twin.experiment.experiment import load_experiment
+        from twin.assembly.load import load_experiment
         from twin.sweep.fig4 import refuse_unfit
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"

@@ -37,7 +37,7 @@ def problems(voice: Voice, experiment: str, runs: list[tuple[str | None, list[st
         experiment: its file. runs: (drive, settings) for `load_experiment`.
     """
     from twin.assembly.drives import planned
-    from twin.experiment.experiment import load_experiment
+    from twin.assembly.load import load_experiment
     from twin.qualification.lifecycle import reset_finding
 
     told = []

@@ -10,12 +10,13 @@ from typing import Any
 import numpy as np
 
 from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
 from twin.cosim.simulation import Simulation
 from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.execution import execute
 from twin.execution.outcome import Tally
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
 from twin.paper.fig4_runs import Fig4Run, Fig4Runs

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from twin.accuracy.budget import Budget, Contribution, accuracy_budget
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun

@@ -8,8 +8,8 @@ import pytest
 
 from tests.paper.fig5_recordings import pressed
 from tests.recording import samples
+from twin.assembly.load import load_experiment
 from twin.execution import execute
-from twin.experiment.experiment import load_experiment
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 
 from twin.assembly.assemble import assemble
+from twin.assembly.load import load_experiment
+from twin.assembly.recorded import recorded_experiment
 from twin.cosim.component import Component
 from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused
 from twin.execution import SUMMARY, execute
-from twin.experiment.experiment import load_experiment
-from twin.experiment.recorded import recorded_experiment
 from twin.logs.reader import recorded
 from twin.recording.reader import read
 from twin.recording.recording import Recording

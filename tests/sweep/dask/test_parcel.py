@@ -4,8 +4,9 @@ from typing import Any
 
 import pytest
 
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 from twin.sweep.dask import depot
 from twin.sweep.dask.parcel import Parcel
 from twin.sweep.plan import Task

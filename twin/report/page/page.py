@@ -10,7 +10,7 @@ from string import Template
 from typing import Any
 
 from twin.accuracy.budget import Budget, accuracy_budget
-from twin.experiment.recorded import recorded_experiment
+from twin.assembly.recorded import recorded_experiment
 from twin.report.page.block import Block
 from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined

@@ -5,8 +5,8 @@ from functools import cache
 from typing import Any
 
 from twin.experiment import contact, fault, monitor, schema, task
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
-from twin.faults.catalogue import CATALOGUE
 from twin.report.page.markup import Markup, element, table
 from twin.report.page.run import ReportRun
 

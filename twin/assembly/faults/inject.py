@@ -3,16 +3,19 @@
 import math
 from collections.abc import Mapping, Sequence
 
+from twin.assembly.faults.circuit import Circuit
+from twin.assembly.faults.components import (
+    PARAMETERS,
+    command_fault,
+    count_fault,
+    drive_fault,
+    message_fault,
+    parameter_fault,
+)
 from twin.cosim.component import Component
 from twin.cosim.wiring import End, Feeds, ends
-from twin.faults.catalogue import kind_named, refuse_target
-from twin.faults.circuit import Circuit
-from twin.faults.command_fault import CommandFault
-from twin.faults.count_fault import CountFault
-from twin.faults.drive_fault import DriveFault
-from twin.faults.fault import Fault
-from twin.faults.message_fault import MessageFault
-from twin.faults.parameter_fault import PARAMETERS, ParameterFault
+from twin.experiment.fault import Fault
+from twin.experiment.fault_catalogue import kind_named, refuse_target
 
 JOINTS = 3
 THREE_AXES = "drive"
@@ -59,10 +62,6 @@ def inject(
     return circuit.components, circuit.feeds
 
 
-def _name(number: int) -> str:
-    return f"fault_{number}"
-
-
 def _element(target: str) -> int:
     """Which of three "drive_2", "joint_encoder_2" or "joint_2" means, from 0; without a number the only one."""
     last = target.rpartition("_")[2]
@@ -77,9 +76,7 @@ def _break_encoder(
     name = "count_m" if of_motor else "count_l"
     port = next(port for port in encoder.outputs if port.name == name)
     counts_per_rad = counts_per_turn[0 if of_motor else 1] / (2.0 * math.pi)
-    broken = CountFault(
-        _name(number), number, fault, port, _element(fault.target), counts_per_rad, tick, encoder.period
-    )
+    broken = count_fault(number, fault, port, _element(fault.target), counts_per_rad, tick, encoder.period)
     circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
 
 
@@ -87,7 +84,7 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
     sender = circuit.component(fault.target, number, fault.target)
     # of a controller only the command leaves the computer
     ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
-    late = MessageFault(_name(number), number, fault, ports, sender.period, tick)
+    late = message_fault(number, fault, ports, sender.period, tick)
     told = [end for port in ports for end in ends([sender], "output", port.name)]
     circuit.put_behind(late, told, [end for port in ports for end in ends([late], "input", port.name)])
 
@@ -95,7 +92,7 @@ def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) ->
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
     joints = [_element(fault.target)] if fault.target != "drives" else list(range(JOINTS))
     targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
-    limited = CommandFault(_name(number), fault, len(joints), speed_limit)
+    limited = command_fault(number, fault, len(joints), speed_limit)
     circuit.put_before(limited, targets, ends([limited], "input", "omega_ref"))
 
 
@@ -106,7 +103,7 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     drive = circuit.component(theta_m.component, number, fault.target)
     start = float(drive.initial("theta_m")[theta_m.element])
     monitored = circuit.has("monitor")
-    broken = DriveFault(_name(number), number, fault, start, monitored, drive.period)
+    broken = drive_fault(number, fault, start, monitored, drive.period)
     circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
     circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
@@ -125,6 +122,6 @@ def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list
     element = _element(fault.target)
     cell = f"{place.component}.{place.field}[{element}]"
     owner = circuit.component(place.component, number, fault.target)
-    changed = ParameterFault(_name(number), number, fault, owner, element, chained=cell in written)
+    changed = parameter_fault(number, fault, owner, element, chained=cell in written)
     circuit.components.insert(len(written), changed)
     written.append(cell)

@@ -8,8 +8,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.assembly.checks.reach import unreachable
 from twin.experiment.monitor import Monitor
-from twin.experiment.reach import unreachable
 from twin.experiment.schema import Controller
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.plant.contact_law import elastic_force

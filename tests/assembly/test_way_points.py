@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
+from twin.assembly.beliefs import geometry_of
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, load_experiment
-from twin.experiment.reach import geometry_of
+from twin.experiment.experiment import Experiment
 from twin.robot.inverse_kinematics import joint_angles
 
 

@@ -5,8 +5,8 @@ import re
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, shipped
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import load_experiment
 
 TASKS = ("massage", "pressing", "pushing", "rolling", "tapping")
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))

@@ -1,10 +1,11 @@
-"""Each number of a file becomes the constant of that name, in SI."""
+"""Each number of a file becomes the constant of that name, in SI; what moves becomes motions of the surface."""
 
 import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.experiment.true_parameters import plant_parameters
+from twin.assembly.true_parameters import plant_parameters, surface_motions
+from twin.plant.body import MotionKind
 from twin.plant.parameters import PlantParameters
 
 FILE = {
@@ -33,3 +34,17 @@ def test_what_the_file_says_is_what_the_plant_is_made_of():
     assert {name: value for name, value in found.items() if name not in SI} == {
         name: default for name, default in PlantParameters._field_defaults.items() if name not in SI
     }
+
+
+def test_a_surface_at_rest_has_no_motions():
+    assert surface_motions(shipped().contact) == ()
+
+
+def test_breathing_and_a_shift_move_the_surface():
+    breath, once = "{amplitude_mm=2.0, rate_per_min=15.0}", "{by_mm=[1, 0, -4], start_s=2, rise_s=0.5, end_s=6}"
+    contact = shipped(FORCE, f"contact.breathing={breath}", f"contact.shift={once}").contact
+    breathing, shift = surface_motions(contact)
+    assert (breathing.kind, breathing.displacement, breathing.rate) == (MotionKind.BREATHING, (0.0, 0.0, 0.002), 0.25)
+    assert (breathing.onset, breathing.end) == (0.0, np.inf)
+    assert (shift.kind, shift.displacement, shift.rise) == (MotionKind.SHIFT, (0.001, 0.0, -0.004), 0.5)
+    assert (shift.onset, shift.end) == (2.0, 6.0)

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, Robot, run
+from twin.assembly.faults.inject import inject
 from twin.cosim.component import Component
 from twin.cosim.wiring import End, Feeds
 from twin.errors import InputRefused
-from twin.faults.fault import Fault
-from twin.faults.inject import inject
+from twin.experiment.fault import Fault
 
 DEG = np.pi / 180.0
 TURN = 2.0 * np.pi

@@ -1,9 +1,10 @@
-"""[plant] and [contact] as the constants of the plant."""
+"""[plant] and [contact] as the constants of the plant, and as how the surface moves."""
 
 import math
 
-from twin.experiment.contact import Contact
+from twin.experiment.contact import Breathing, Contact, Shift
 from twin.experiment.schema import Plant
+from twin.plant.body import Motion, MotionKind
 from twin.plant.contact_law import Law
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import Shape
@@ -20,3 +21,15 @@ def plant_parameters(plant: Plant, contact: Contact) -> PlantParameters:
         law=int(Law[c.law.upper()]), K=c.stiffness, **{"damping": 0.0, **c.law_constants},
         mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
     )  # fmt: skip
+
+
+def surface_motions(contact: Contact) -> tuple[Motion, ...]:
+    """How the surface moves; empty: it does not."""
+    return tuple(_motion(table) for table in (contact.breathing, contact.shift) if table is not None)
+
+
+def _motion(table: Breathing | Shift) -> Motion:
+    end = math.inf if table.end is None else table.end
+    if isinstance(table, Breathing):
+        return Motion(MotionKind.BREATHING, (0.0, 0.0, table.amplitude), table.start, end, rate=table.rate)
+    return Motion(MotionKind.SHIFT, table.by, table.start, end, rise=table.rise)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.experiment.test_task_checks import told
+from tests.assembly.checks.test_tasks import told
 from tests.laws.runs import EXPERIMENTS, FORCE
 
 EITHER = "expected either [reference] with way points or [[task]] tables"

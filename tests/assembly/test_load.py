@@ -2,8 +2,9 @@ from pathlib import Path
 
 import pytest
 
+from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.experiment.experiment import Experiment, load_experiment
+from twin.experiment.experiment import Experiment
 
 
 @pytest.fixture

@@ -2,9 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.faults import command_fault, count_fault, drive_fault, message_fault, parameter_fault
-from twin.faults.catalogue import CATALOGUE
-from twin.faults.kind import ALWAYS, EVERY, NEVER, Kind, Seen
+from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault_kind import ALWAYS, EVERY, NEVER, Kind, Seen
 
 NO_MAGNITUDE = "none"
 
@@ -36,20 +35,6 @@ def told(seen: Seen) -> str:
 def test_the_table_in_the_documentation_is_the_catalogue(root: Path):
     lines = (root / "docs" / "faults.md").read_text().splitlines()
     assert [line for line in lines if line.startswith("| `") and line.count(" | ") == 7] == rows(CATALOGUE)
-
-
-@pytest.mark.parametrize(
-    ("mechanism", "kinds"),
-    [
-        ("counts", count_fault.LAWS),
-        ("message", message_fault.KINDS),
-        ("command", command_fault.KINDS),
-        ("drive", drive_fault.LAWS),
-        ("parameter", parameter_fault.PARAMETERS),
-    ],
-)
-def test_each_mechanism_does_its_kinds_and_no_others(mechanism, kinds):
-    assert set(kinds) == {name for name, known in CATALOGUE.items() if known.mechanism == mechanism}
 
 
 @pytest.mark.parametrize("kind", CATALOGUE)

@@ -6,17 +6,12 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.reference import WayPoints
-from twin.experiment.schema import Model, Triple
+from twin.experiment.schema import Triple
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
 WAY_POINT_SPACING = 1e-3
 """How densely (m) straight lines are checked for reach."""
-
-
-def geometry_of(model: Model) -> Geometry:
-    """Fig. 2 as `model` has it."""
-    return Geometry(model.a, model.b, model.l_a, model.l_b)
 
 
 def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:

@@ -3,7 +3,7 @@
 import difflib
 
 from twin.errors import InputRefused
-from twin.faults.kind import ALWAYS, EVERY, NEVER, POSITIVE, SHARE, Kind, Seen
+from twin.experiment.fault_kind import ALWAYS, EVERY, NEVER, POSITIVE, SHARE, Kind, Seen
 
 MANY = 10
 """So many names are not listed in a sentence."""
