@@ -15,9 +15,10 @@ import numpy as np
 
 from benchmarks.measurement import Measurement, Rounds
 from twin.execution import execute
+from twin.execution.observer import Event
+from twin.execution.streams import Stream
 from twin.execution.tuning import Tuning
-from twin.execution.viewer import Stream, Viewer
-from twin.execution.watch import Event
+from twin.execution.viewer import Viewer
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.scene.scene import Scene
 

@@ -3,8 +3,8 @@
 from dataclasses import replace
 from pathlib import Path
 
-from twin.assembly.rows import Rows, rows_of
 from twin.convergence.by_hand import Sampled
+from twin.execution.trace import Trace, run_in_memory
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.experiment.true_parameters import plant_parameters
 
@@ -13,7 +13,7 @@ FORCE, POSITION = "fig4_force_position", "fig4_position"
 EVERY_EXPERIMENT = sorted(path.stem for path in EXPERIMENTS.glob("*.toml"))
 
 __all__ = [
-    "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "Rows", "Sampled",
+    "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "Sampled",
     "co_simulated", "shipped",
 ]  # fmt: skip
 
@@ -34,6 +34,6 @@ PARAMETERS = plant_parameters(shipped().plant, shipped().contact)
 """The plant of the shipped experiment."""
 
 
-def co_simulated(experiment: Experiment, duration: float = 20.0) -> Rows:
+def co_simulated(experiment: Experiment, duration: float = 20.0) -> Trace:
     """`experiment` with its real drive FMUs, from 0 to `duration` (s)."""
-    return rows_of(replace(experiment, duration_ticks=round(duration / experiment.cosim.tick)))
+    return run_in_memory(replace(experiment, duration_ticks=round(duration / experiment.cosim.tick)))

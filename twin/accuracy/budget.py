@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.accuracy.uncertainty import UNCERTAINTIES
-from twin.assembly.rows import rows_of
 from twin.errors import InputRefused
+from twin.execution.trace import run_in_memory
 from twin.experiment.experiment import Experiment
 from twin.experiment.schema import Model
 from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
@@ -82,7 +82,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class _Trace:
+class _Forces:
     """True and estimated pressing force at the controller's ticks, (n,) N."""
 
     true: NDArray[np.float64]
@@ -182,12 +182,13 @@ def _fine(experiment: Experiment) -> Experiment:
     return with_cosim(experiment, tick=experiment.cosim.tick / FINER, scheme="gauss_seidel", inputs="linear")
 
 
-def _trace(experiment: Experiment) -> _Trace:
-    rows = rows_of(experiment, experiment.controller_ticks)
-    return _Trace(-rows["plant.F_ee_B"][:, 2], -rows["estimator.F_ee_B"][:, 2])
+def _trace(experiment: Experiment) -> _Forces:
+    true, estimate = "plant.F_ee_B", "estimator.F_ee_B"
+    run = run_in_memory(experiment, experiment.controller_ticks, (true, estimate))
+    return _Forces(-run[true][:, 2], -run[estimate][:, 2])
 
 
-def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
+def _window(experiment: Experiment, traces: list[_Forces]) -> NDArray[np.bool_]:
     """Instants at which the robot presses in every run, from `SETTLED` after the first on, (n,)."""
     pressing = np.all([trace.true > PRESSING for trace in traces], axis=0)
     if not pressing.any():

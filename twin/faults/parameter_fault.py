@@ -1,13 +1,14 @@
 """A constant of another component that changes while the robot runs."""
 
-from dataclasses import replace
-from typing import Literal, NamedTuple
+from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from numba import carray
 
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
+from twin.cosim.place import Place
 from twin.cosim.port import Port
 from twin.errors import InputRefused
 from twin.faults.fault import Fault
@@ -16,12 +17,10 @@ from twin.faults.window import ACTIVE, WINDOW, tick_now, window, within
 Operation = Literal["factor", "added"]
 
 
-class Parameter(NamedTuple):
-    """Where in the memory of which component a kind's parameter lies, and how the magnitude acts on it."""
+@dataclass(frozen=True)
+class Parameter(Place):
+    """Where a kind's parameter lies, and how the magnitude acts on it."""
 
-    component: str
-    record: str
-    field: str
     operation: Operation
 
 
@@ -101,12 +100,10 @@ def parameter_cell(number: int, fault: Fault, owner: Component, element: int) ->
         InputRefused: it has no such parameter.
     """
     place = PARAMETERS[fault.kind]
-    memory = getattr(owner, "memory", None)
-    try:
-        field = memory[place.record][place.field]  # type: ignore[index]
-    except (TypeError, ValueError, IndexError):
+    field = place.memory_of(owner)
+    if field is None:
         raise InputRefused(
             f"[[fault]] {number}: {fault.kind} writes {place.record}.{place.field} in the memory of component "
             f"'{owner.name}', which has none; remove the fault or use the native {owner.name}"
-        ) from None
+        )
     return field[0, element : element + 1] if field.ndim == 2 else field[0:1]
