@@ -12,8 +12,8 @@ from benchmarks.measurement import Measurement, Rounds
 from twin.assembly import assemble
 from twin.assembly.drives import DrivePlan, Start, drive
 from twin.cosim.component import Component
-from twin.cosim.simulation import Simulation
 from twin.execution import SLICE_TICKS
+from twin.execution.loop import simulate
 from twin.experiment.experiment import Experiment, load_experiment
 from twin.guard.isolated_drive import IsolatedDrives
 from twin.guard.limits import Limits
@@ -80,11 +80,7 @@ def stepped(experiment: Experiment, isolated: int) -> float:
             return (drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
 
         with assemble(experiment, drive_maker=made) as assembly:
-            simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
-            began = time.perf_counter()
-            while not simulation.finished:
-                simulation.advance()
-            seconds = time.perf_counter() - began
-            if simulation.failure:
-                raise simulation.failure
-            return seconds
+            done = simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS)
+            if done.failure:
+                raise done.failure
+            return done.stepping

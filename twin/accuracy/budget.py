@@ -82,7 +82,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class _Forces:
+class _Trace:
     """True and estimated pressing force at the controller's ticks, (n,) N."""
 
     true: NDArray[np.float64]
@@ -182,13 +182,13 @@ def _fine(experiment: Experiment) -> Experiment:
     return with_cosim(experiment, tick=experiment.cosim.tick / FINER, scheme="gauss_seidel", inputs="linear")
 
 
-def _trace(experiment: Experiment) -> _Forces:
+def _trace(experiment: Experiment) -> _Trace:
     true, estimate = "plant.F_ee_B", "estimator.F_ee_B"
     run = run_in_memory(experiment, experiment.controller_ticks, (true, estimate))
-    return _Forces(-run[true][:, 2], -run[estimate][:, 2])
+    return _Trace(-run[true][:, 2], -run[estimate][:, 2])
 
 
-def _window(experiment: Experiment, traces: list[_Forces]) -> NDArray[np.bool_]:
+def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:
     """Instants at which the robot presses in every run, from `SETTLED` after the first on, (n,)."""
     pressing = np.all([trace.true > PRESSING for trace in traces], axis=0)
     if not pressing.any():

@@ -45,7 +45,8 @@ class Trace(Observer):
         self._signals: dict[str, _Kept] = {}
 
     def begin(self, simulation: Simulation) -> None:
-        self.tick, taken = simulation.system.tick, []
+        self.tick = simulation.system.tick
+        taken: list[int] = []
         for stream in streams_of(simulation.system):
             column = stream.columns.start
             for field in stream.topic.fields:
