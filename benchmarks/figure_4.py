@@ -1,15 +1,14 @@
 """The whole Fig. 4 experiment: stepping alone, by component, and with recording."""
 
 import tempfile
-import time
 from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
 from twin.assembly.assemble import assemble
 from twin.assembly.load import load_experiment
-from twin.cosim.simulation import Simulation
 from twin.execution import SLICE_TICKS, execute
+from twin.execution.loop import simulate
 from twin.experiment.experiment import Experiment
 
 ROUNDS = 7
@@ -18,17 +17,10 @@ ROUNDS = 7
 def stepped(experiment: Experiment, timed: bool) -> tuple[float, dict[str, float]]:
     """Wall seconds of stepping `experiment`, nothing recorded; microseconds per tick by component if `timed`."""
     with assemble(experiment) as assembly:
-        simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS, timed)
-        began = time.perf_counter()
-        while not simulation.finished:
-            simulation.advance()
-        seconds = time.perf_counter() - began
-        if simulation.failure:
-            raise simulation.failure
-        shares = simulation.cycles / max(1, simulation.cycles.sum())
-        per_tick = 1e6 * seconds / (experiment.duration_ticks + 1)
-        names = [component.name for component in assembly.system.components]
-        return seconds, dict(zip(names, (per_tick * shares).tolist(), strict=False))
+        done = simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS, timed)
+        if done.failure:
+            raise done.failure
+        return done.stepping, {name: 1e6 * cost for name, cost in done.costs.items()}
 
 
 def measurements(path: Path) -> list[Measurement]:

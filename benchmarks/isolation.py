@@ -13,8 +13,8 @@ from twin.assembly.assemble import assemble
 from twin.assembly.drives import DrivePlan, Start, drive
 from twin.assembly.load import load_experiment
 from twin.cosim.component import Component
-from twin.cosim.simulation import Simulation
 from twin.execution import SLICE_TICKS
+from twin.execution.loop import simulate
 from twin.experiment.experiment import Experiment
 from twin.guard.isolated_drive import IsolatedDrives
 from twin.guard.limits import Limits
@@ -92,11 +92,7 @@ def stepped(experiment: Experiment, isolated: int) -> float:
         IsolatedDrives(VOICE, Limits.step, count=isolated) as drives,
         assemble(experiment, maker=FirstElsewhere(drives, isolated)) as assembly,
     ):
-        simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
-        began = time.perf_counter()
-        while not simulation.finished:
-            simulation.advance()
-        seconds = time.perf_counter() - began
-        if simulation.failure:
-            raise simulation.failure
-        return seconds
+        done = simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS)
+        if done.failure:
+            raise done.failure
+        return done.stepping

@@ -16,9 +16,10 @@ import numpy as np
 from benchmarks.measurement import Measurement, Rounds
 from twin.assembly.load import load_experiment
 from twin.execution import execute
+from twin.execution.observer import Event
+from twin.execution.streams import Stream
 from twin.execution.tuning import Tuning
-from twin.execution.viewer import Stream, Viewer
-from twin.execution.watch import Event
+from twin.execution.viewer import Viewer
 from twin.experiment.experiment import Experiment
 from twin.scene.scene import Scene
 

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import FORCE, shipped
-from twin.assembly.rows import rows_of
 from twin.convergence.coupling import Coupling
 from twin.convergence.power import power_residuals
 from twin.convergence.smoothing import Smooth, smoothed
+from twin.execution.trace import run_in_memory
 from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, shortened
 
@@ -49,9 +49,9 @@ def test_interpolated_values_create_a_hundredth_of_that_and_iterated_ones_next_t
 def test_a_motor_end_that_is_turned_at_once_takes_half_of_k_s_times_the_turn_squared(descent: Experiment):
     # Gauss-Seidel: the drive turns against tau_load(t_k), the spring is wound up from there by the whole turn
     held = Coupling("gauss_seidel", "hold").of(descent, descent.cosim.tick)
-    rows = rows_of(held)
+    rows = run_in_memory(held)
     for joint, residual in enumerate(power_residuals(held), start=1):
-        turns = np.diff(rows[f"drive_{joint}.theta_m"])
+        turns = np.diff(rows[f"drive/{joint}.theta_m"])
         expected = float(np.sum(0.5 * held.plant.k_s * turns**2))
         # differences of squares of torques: rounding of 2000 of them
         assert residual.energy == pytest.approx(expected, rel=1e-9)

@@ -5,7 +5,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.execution.block import Block
-from twin.execution.watch import Event
+from twin.execution.observer import Event
 
 SIZE = 12
 

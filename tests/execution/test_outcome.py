@@ -39,10 +39,10 @@ def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_po
     rows = rows_of(force_position)
     tally = Tally(System())  # type: ignore[arg-type]
     for start in range(0, len(rows), size):
-        tally.take(rows[start : start + size])
+        tally.take(start, rows[start : start + size], [])
     found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
     whole = Tally(System())  # type: ignore[arg-type]
-    whole.take(rows)
+    whole.take(0, rows, [])
     assert found == whole.outcome
     # sums in another order round differently
     assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)
@@ -61,5 +61,5 @@ def test_a_run_tells_its_outcome_in_its_summary(force_position: Recording):
 
 def test_without_a_force_loop_there_is_no_force_error(position: Recording):
     tally = Tally(System())  # type: ignore[arg-type]
-    tally.take(rows_of(position))
+    tally.take(0, rows_of(position), [])
     assert tally.outcome.force_error is None

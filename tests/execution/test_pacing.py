@@ -37,7 +37,7 @@ def clock(monkeypatch: pytest.MonkeyPatch) -> Clock:
 
 def kept(pace: Pace, clock: Clock, work: list[float], ticks: int = 10) -> None:
     """One slice of `ticks` for each time in `work` (s)."""
-    pace.begin()
+    pace.ready(0)
     for k, seconds in enumerate(work, start=1):
         clock.now += seconds
         pace.keep(k * ticks)

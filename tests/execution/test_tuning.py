@@ -10,9 +10,9 @@ import pytest
 from tests.laws.runs import shipped
 from twin.errors import InputRefused
 from twin.execution import SLICE_TICKS, Run, execute
+from twin.execution.observer import Event
+from twin.execution.streams import Stream
 from twin.execution.tuning import Tuning
-from twin.execution.viewer import Stream
-from twin.execution.watch import Event
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.scene.scene import Scene

@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.plant.test_energy import stored
-from twin.assembly.rows import Rows
+from twin.execution.trace import Trace
 from twin.plant.parameters import PlantParameters
 from twin.robot.gravity import G_ACCELERATION, leg_inertia, platform_mass
 
@@ -17,14 +17,14 @@ def wind_up(parameters: PlantParameters, theta_m: Numbers, theta_l: Numbers) -> 
     return np.sign(d) * np.maximum(np.abs(d) - parameters.backlash, 0.0)
 
 
-def gained_with_motors_held(parameters: PlantParameters, rows: Rows) -> Numbers:
+def gained_with_motors_held(parameters: PlantParameters, rows: Trace, scheme: str) -> Numbers:
     """What the robot's energy (J) grows by within each tick (n - 1,), on a plane that does not move.
 
     The plant sees the motors' angles of a tick's end, in Jacobi's scheme of its start, all through the tick. Energy is
     kinetic, of weight, springs, surface and bristle.
     """
-    theta_m = np.stack([rows[f"drive_{i}.theta_m"] for i in (1, 2, 3)], axis=1)
-    held = theta_m[:-1] if rows.system.scheme == "jacobi" else theta_m[1:]
+    theta_m = rows.of_drives("theta_m")
+    held = theta_m[:-1] if scheme == "jacobi" else theta_m[1:]
     p_B, v_B, theta_l, omega_l = (rows[f"plant.{name}"] for name in ("p_B", "v_B", "theta_l", "omega_l"))
     n = np.array([np.sin(parameters.tilt), 0.0, np.cos(parameters.tilt)])
     depth = np.maximum((np.array([0.0, 0.0, parameters.z_s]) - p_B) @ n, 0.0)

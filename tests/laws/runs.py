@@ -4,9 +4,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from twin.assembly.load import load_experiment
-from twin.assembly.rows import Rows, rows_of
 from twin.assembly.true_parameters import plant_parameters
 from twin.convergence.by_hand import Sampled
+from twin.execution.trace import Trace, run_in_memory
 from twin.experiment.experiment import Experiment
 
 EXPERIMENTS = Path(__file__).resolve().parents[2] / "experiments"
@@ -14,7 +14,7 @@ FORCE, POSITION = "fig4_force_position", "fig4_position"
 EVERY_EXPERIMENT = sorted(path.stem for path in EXPERIMENTS.glob("*.toml"))
 
 __all__ = [
-    "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "Rows", "Sampled",
+    "EVERY_EXPERIMENT", "EXACT_ENCODERS", "EXPERIMENTS", "FORCE", "PARAMETERS", "POSITION", "Sampled",
     "co_simulated", "shipped",
 ]  # fmt: skip
 
@@ -35,6 +35,6 @@ PARAMETERS = plant_parameters(shipped().plant, shipped().contact)
 """The plant of the shipped experiment."""
 
 
-def co_simulated(experiment: Experiment, duration: float = 20.0) -> Rows:
+def co_simulated(experiment: Experiment, duration: float = 20.0) -> Trace:
     """`experiment` with its real drive FMUs, from 0 to `duration` (s)."""
-    return rows_of(replace(experiment, duration_ticks=round(duration / experiment.cosim.tick)))
+    return run_in_memory(replace(experiment, duration_ticks=round(duration / experiment.cosim.tick)))

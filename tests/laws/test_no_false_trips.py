@@ -6,8 +6,8 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.assembly.assemble import assemble
 from twin.assembly.load import load_experiment
-from twin.cosim.simulation import Simulation
-from twin.monitor.component import Monitor
+from twin.execution.loop import simulate
+from twin.execution.trace import Trace
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
 DRIVES = sorted(path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu"))
@@ -19,22 +19,16 @@ NOISE = ("plant.motor_noise_deg=0.044", "plant.joint_noise_deg=0.022")
 """Standard deviations: half a count of the motors' encoders, a whole one of the joints', which are finer and magnetic.
 Four times as much trips nothing in massage.toml either, eight times trips JUMP (docs/safety.md)."""
 
-SLICE_TICKS = 5000
-
 
 def use(name: str, drive: str, body: str | None, seed: int) -> float:
     """Largest share of any limit that a run without faults has in use."""
     experiment = load_experiment(EXPERIMENTS / f"{name}.toml", (*NOISE, f"seed={seed}"), drive, body)
+    run = Trace(only=["monitor.utilisation"])
     with assemble(experiment) as assembly:
-        simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
-        columns, largest = assembly.system.columns("monitor.utilisation"), 0.0
-        while not simulation.finished:
-            largest = max(largest, float(np.max(simulation.advance()[:, columns], initial=0.0)))
-        assert simulation.failure is None
-        monitor = assembly.system.component("monitor")
-        assert isinstance(monitor, Monitor)
-        assert monitor.trip is None
-        return largest
+        done = simulate(assembly, experiment.duration_ticks, [run])
+    assert done.failure is None
+    assert done.monitor is not None and done.monitor.trip is None
+    return float(np.max(run["monitor.utilisation"]))
 
 
 def test_there_are_nine_drives():

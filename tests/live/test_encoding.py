@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.execution.viewer import Stream
+from twin.execution.streams import Stream
 from twin.live.encoding import Encoder
 from twin.recording.layout import Field, Topic
 from twin.recording.messages import HEAD_SIZE, message_layout, message_records

@@ -4,9 +4,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from tests.laws.runs import EXACT_ENCODERS, EXPERIMENTS, Rows, co_simulated
+from tests.laws.runs import EXACT_ENCODERS, EXPERIMENTS, co_simulated
 from twin.assembly.load import load_experiment
 from twin.errors import ComponentFailed
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 
 LINEAR = (
@@ -56,7 +57,7 @@ def fig4(overrides: Sequence[str], drive: str | None = None) -> Experiment:
     return load_experiment(EXPERIMENTS / "fig4_force_position.toml", overrides, drive)
 
 
-def difference(base: Sequence[str], changed: Sequence[str], duration: float) -> tuple[Rows, Rows]:
+def difference(base: Sequence[str], changed: Sequence[str], duration: float) -> tuple[Trace, Trace]:
     """The same run twice, the second with one more override, so that what both do falls out of the difference."""
     return co_simulated(fig4(base), duration), co_simulated(fig4([*base, *changed]), duration)
 

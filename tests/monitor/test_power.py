@@ -8,24 +8,24 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.assembly.assemble import assemble
 from twin.assembly.load import load_experiment
-from twin.assembly.rows import Rows, rows_of
+from twin.execution.trace import Trace, run_in_memory
 
 RUNAWAY = 'fault=[{kind="drive_runaway", onset_s=2.0, magnitude_rad_per_s=2.0}]'
 
 
-def run(*settings: str) -> Rows:
+def run(*settings: str) -> Trace:
     """Pressing with drives whose current `enable` switches, one of which runs away."""
     experiment = load_experiment(
         EXPERIMENTS / "pressing.toml", [RUNAWAY, "duration_s=12", *settings], "torque_motor_fmi3"
     )
-    return rows_of(replace(experiment, duration_ticks=3000))
+    return run_in_memory(replace(experiment, duration_ticks=3000))
 
 
 def test_a_drive_that_can_be_switched_loses_its_current_with_the_power():
     rows = run()
-    off = int(np.argmin(rows["monitor.power"]))
+    off = int(np.argmin(rows.held("monitor.power")))
     assert 2000 < off < 3000
-    tau_motor = np.array([rows[f"drive_{i}.tau_motor"] for i in (1, 2, 3)])
+    tau_motor = np.array([rows[f"drive/{i}.tau_motor"] for i in (1, 2, 3)])
     assert np.abs(tau_motor[:, off - 10 : off]).max() > 0.01
     # the current dies within some ms; what is left of a torque is the cogging of the machine
     assert np.abs(tau_motor[:, off + 50 :]).max() < 1e-3

@@ -8,9 +8,7 @@ import pytest
 
 from tests.conftest import ROOT
 from tests.drive.faulty import faulty_drive
-from twin.cosim.component import Component
-from twin.cosim.port import Port
-from twin.cosim.system import System
+from tests.execution.made_up import made_up
 from twin.errors import InputRefused
 from twin.qualification.comparison import Trial, comparison_facts, trials
 from twin.qualification.true_run import COMPARED, TrueRun
@@ -76,35 +74,30 @@ def test_nothing_runs_if_one_drive_is_refused():
         trials(FIG4, ["velocity_servo", "nowhere"])
 
 
-def made_up(rows: int, **signals: Any) -> dict[str, float | None]:
+def measured(rows: int, **signals: Any) -> dict[str, float | None]:
     """Measures of a made-up run of `rows` ticks without contact; `signals` by port, 0 where nothing is said."""
-    plant = (Port("p_B", 3), Port("F_ee_B", 3), Port("tau_load", 3))
-    controller = (Port("p_ref_B", 3), Port("triggered"), Port("F_z_ref"))
-    told = (Port("current", 3), Port("power", 3)) if "power" in signals else ()
-    ports = {"plant": plant, "controller": controller, "drive": (Port("omega_m", 3), *told)}
-    system = System(
-        [
-            Component(name, (), outputs, True, 0, 0, np.zeros(sum(p.size for p in outputs)))
-            for name, outputs in ports.items()
-        ],
-        [],
-        1e-3,
+    owners = {
+        "plant": {"p_B": 3, "F_ee_B": 3, "tau_load": 3},
+        "controller": {"p_ref_B": 3, "triggered": 1, "F_z_ref": 1},
+        "drive": {"omega_m": 3} | ({"current": 3, "power": 3} if "power" in signals else {}),
+    }
+    run = made_up(
+        {
+            f"{owner}.{port}": np.zeros((rows, size)) + signals.get(port, 0.0)
+            for owner, ports in owners.items()
+            for port, size in ports.items()
+        }
     )
-    values = np.zeros((rows, system.outputs_width))
-    for name, outputs in ports.items():
-        for port in outputs:
-            if port.name in signals:
-                values[:, system.columns(f"{name}.{port.name}")] = signals[port.name]
-    return {measure.name: measure.value for measure in TrueRun(system, values).measures(cost=0.0)}
+    return {measure.name: measure.value for measure in TrueRun(run).measures(cost=0.0)}
 
 
 def position_run(z: np.ndarray, z_ref: np.ndarray) -> dict[str, float | None]:
     """Measures of a made-up run of heights alone."""
-    return made_up(len(z), p_B=z[:, None] * [0.0, 0.0, 1.0], p_ref_B=z_ref[:, None] * [0.0, 0.0, 1.0])
+    return measured(len(z), p_B=z[:, None] * [0.0, 0.0, 1.0], p_ref_B=z_ref[:, None] * [0.0, 0.0, 1.0])
 
 
 def test_work_and_energy_are_power_times_time():
-    found = made_up(
+    found = measured(
         2001,
         tau_load=[0.5, 0.5, -0.2],
         omega_m=[2.0, -1.0, -3.0],

@@ -7,7 +7,7 @@ from tests.regression.traces import EXPERIMENT, measuring, t, trace
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.regression.measurement import measured
-from twin.regression.trace import Trace
+from twin.regression.signals import Signals
 
 STEP = {"kind": "step", "name": "z", "signal": "plant.z", "reference": "controller.z", "begin_s": 1.0}
 METRES = {"plant.z": "m", "controller.z": "m"}
@@ -15,7 +15,7 @@ METRES = {"plant.z": "m", "controller.z": "m"}
 SAMPLED = 2e-3
 
 
-def numbers(experiment: Experiment, run: Trace) -> dict[str, float]:
+def numbers(experiment: Experiment, run: Signals) -> dict[str, float]:
     return {name: metric.value for name, metric in measured(experiment, run).metrics.items()}
 
 

@@ -7,7 +7,7 @@ from tests.laws.runs import EXPERIMENTS
 from twin.assembly.load import load_experiment
 from twin.regression.baseline import read_baseline
 from twin.regression.measurement import measured
-from twin.regression.trace import traced
+from twin.regression.signals import run_for_measures
 from twin.regression.verdict import Row, verdict
 
 
@@ -17,7 +17,7 @@ def broken(name: str, drive: str, override: str) -> dict[str, Row]:
     baseline = read_baseline(ROOT / f"tests/baselines/{name}/{drive}.toml")
     return {
         row.name: row
-        for row in verdict(experiment, drive, baseline, measured(experiment, traced(experiment))).deviations
+        for row in verdict(experiment, drive, baseline, measured(experiment, run_for_measures(experiment))).deviations
     }
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
-from tests.laws.runs import Rows, co_simulated, shipped
+from tests.laws.runs import co_simulated, shipped
 from twin.assembly.load import load_experiment
 from twin.assembly.true_parameters import plant_parameters
 from twin.regression.baseline import read_baseline
@@ -23,11 +23,6 @@ KP = shipped("step_z_air").controller.position.kp
 
 def value(experiment: str, name: str) -> float:
     return read_baseline(ROOT / f"tests/baselines/{experiment}/ideal_velocity.toml").metrics[name].value
-
-
-def motor_angles(rows: Rows) -> np.ndarray:
-    """theta_m (rows, 3), rad."""
-    return np.stack([rows[f"drive_{i}.theta_m"] for i in (1, 2, 3)], axis=1)
 
 
 @pytest.mark.parametrize(
@@ -96,10 +91,10 @@ def test_wherever_it_presses_the_force_is_short_by_what_the_play_of_the_springs_
     J_z = jacobian(Geometry(*plant[:4]), rows["plant.p_B"][late].mean(axis=0))[:, 2]
     hidden = np.abs(J_z).sum() * plant.k_s * plant.N * plant.eta * plant.backlash
     # what the encoders' counts add to the wind-up, as large as half of that
-    seen = [np.mean(rows[f"encoder.count_{side}"][late], axis=0) * 2.0 * np.pi / counts for side, counts in COUNTS]
-    true = [np.mean(column, axis=0) for column in (motor_angles(rows)[late], rows["plant.theta_l"][late])]
+    seen = [np.mean(rows.held(f"encoder.count_{side}")[late], axis=0) * 2.0 * np.pi / counts for side, counts in COUNTS]
+    true = [np.mean(column, axis=0) for column in (rows.of_drives("theta_m")[late], rows["plant.theta_l"][late])]
     rounding = (seen[0] - true[0]) - plant.N * (seen[1] - true[1])
-    read = rows["controller.F_z"][late].mean() + J_z @ rounding * plant.k_s * plant.N * plant.eta
+    read = rows.held("controller.F_z")[late].mean() + J_z @ rounding * plant.k_s * plant.N * plant.eta
     # the force creeps by 4 mN a second still, and the reading is filtered
     assert value(experiment, "steady_force.mean") == pytest.approx(read - hidden, abs=2e-3)
 

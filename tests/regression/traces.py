@@ -7,10 +7,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.execution.made_up import made_up
 from tests.laws.runs import shipped
+from twin.assembly.beliefs import geometry_of
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import checked_measures
-from twin.regression.trace import Trace
+from twin.regression.signals import Signals
 
 t: NDArray[np.float64] = np.arange(10_001, dtype=np.float64) * 1e-3
 EXPERIMENT = shipped("step_z_air")
@@ -24,7 +26,6 @@ def measuring(*tables: Mapping[str, Any]) -> Experiment:
     return replace(EXPERIMENT, measures=measures)
 
 
-def trace(vectors: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Trace:
+def trace(vectors: Mapping[str, NDArray[Any]], units: Mapping[str, str]) -> Signals:
     """Ten seconds at 1 ms of signals by name; a vector's are (n, k)."""
-    columns = {name: np.asarray(values, dtype=float).reshape(len(t), -1) for name, values in vectors.items()}
-    return Trace(t=t, units=dict(units), fmus={"x.fmu": "0" * 64}, vectors=columns)
+    return Signals(made_up(vectors, units), geometry_of(EXPERIMENT.controller.model), {"x.fmu": "0" * 64})

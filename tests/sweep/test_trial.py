@@ -9,7 +9,7 @@ from twin.assembly.load import load_experiment
 from twin.execution import execute
 from twin.recording.reader import read
 from twin.regression.measurement import measured
-from twin.regression.trace import traced
+from twin.regression.signals import run_for_measures
 from twin.sweep.measures import BY_KIND, METRICS, metric_names, metrics_of
 from twin.sweep.trial import record, trial
 
@@ -31,7 +31,7 @@ def test_metrics_equal_those_of_a_recorded_run(root: Path, tmp_path: Path, drive
 def test_measures_are_what_twin_check_measures(root: Path, name: str):
     path = root / f"experiments/{name}.toml"
     experiment = load_experiment(path)
-    found = {metric: m.value for metric, m in measured(experiment, traced(experiment)).metrics.items()}
+    found = {metric: m.value for metric, m in measured(experiment, run_for_measures(experiment)).metrics.items()}
     mine = trial(path, None, ()).metrics
     assert found and found.items() <= mine.items()
     assert mine.keys() == {*METRICS, *found} <= set(metric_names(experiment.measures))

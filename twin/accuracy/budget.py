@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.accuracy.uncertainty import UNCERTAINTIES
-from twin.assembly.rows import rows_of
 from twin.errors import InputRefused
+from twin.execution.trace import run_in_memory
 from twin.experiment.experiment import Experiment
 from twin.experiment.schema import Model
 from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
@@ -183,8 +183,9 @@ def _fine(experiment: Experiment) -> Experiment:
 
 
 def _trace(experiment: Experiment) -> _Trace:
-    rows = rows_of(experiment, experiment.controller_ticks)
-    return _Trace(-rows["plant.F_ee_B"][:, 2], -rows["estimator.F_ee_B"][:, 2])
+    true, estimate = "plant.F_ee_B", "estimator.F_ee_B"
+    run = run_in_memory(experiment, experiment.controller_ticks, (true, estimate))
+    return _Trace(-run[true][:, 2], -run[estimate][:, 2])
 
 
 def _window(experiment: Experiment, traces: list[_Trace]) -> NDArray[np.bool_]:

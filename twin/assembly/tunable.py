@@ -5,60 +5,48 @@ integral of a loop is kept in units of its output (`controller/pid.py`), so a ne
 kp moves the output by the error times its change; a new reference is a step of the reference.
 """
 
-from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
 
-from twin.controller.controller import Controller
-from twin.controller.task_controller import TaskController
+from twin.cosim.place import Place
 from twin.cosim.system import Change, System
 from twin.experiment.change import changeable
 from twin.experiment.experiment import Experiment
 
-
-class Place(NamedTuple):
-    """Part and field of the controller's record."""
-
-    part: str
-    field: str
-
-
+FORCE_REFERENCE = "controller.force.reference_N"
 PLACES = {
-    "controller.force.reference_N": Place("law", "F_z_ref"),
-    "controller.force.kp_mm_per_N": Place("force", "kp"),
-    "controller.force.ki_mm_per_N_s": Place("force", "ki"),
-    "controller.position.kp_per_s": Place("position", "kp"),
+    FORCE_REFERENCE: Place("controller", "law", "F_z_ref"),
+    "controller.force.kp_mm_per_N": Place("controller", "force", "kp"),
+    "controller.force.ki_mm_per_N_s": Place("controller", "force", "ki"),
+    "controller.position.kp_per_s": Place("controller", "position", "kp"),
 }
 """By the keys of the experiment's file, those of `twin.experiment.change.CHANGEABLE`."""
 
 
-@dataclass(frozen=True)
-class Tunable:
-    """A number of a controller that may be changed between two ticks.
+class Tunable(NamedTuple):
+    """A number that may be changed between two ticks.
 
     Attributes:
-        key: in the experiment's file, with table and unit. number: what the file says, in that unit.
-        memory: where the controller keeps it, SI; one number, or the same for x, y and z.
+        number: what the experiment's file says, in the unit of its key.
+        memory: where its component keeps it, SI; one number, or the same for x, y and z.
     """
 
-    key: str
     number: float
     memory: np.ndarray
 
 
 def tunables(experiment: Experiment, system: System) -> dict[str, Tunable]:
-    """What may be changed in `system`, which was assembled of `experiment`, by key.
+    """What may be changed in `system`, which was assembled of `experiment`, by its key in the experiment's file.
 
-    Nothing of a controller that is not ours.
+    Nothing of a controller that keeps it elsewhere than ours.
     """
-    controller = system.component("controller")
-    if not isinstance(controller, Controller | TaskController):
-        return {}
-    return {
-        key: Tunable(key, number, controller.memory[PLACES[key].part][PLACES[key].field])
-        for key, number in changeable(experiment.values).items()
-    }
+    found = {}
+    for key, number in changeable(experiment.values).items():
+        memory = PLACES[key].memory_of(system.component(PLACES[key].component))
+        if memory is not None:
+            found[key] = Tunable(number, memory)
+    return found
 
 
 def scheduled(experiment: Experiment, system: System) -> tuple[Change, ...]:

@@ -32,6 +32,9 @@ from twin.assembly.assemble import Assembly, assemble
 from twin.cosim.component import Component
 from twin.cosim.port import width
 from twin.cosim.simulation import Simulation
+from twin.execution.loop import simulate
+from twin.execution.observer import Event, Observer
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
 
@@ -72,34 +75,44 @@ def power_residuals(experiment: Experiment) -> tuple[Residual, Residual, Residua
     return one, two, three
 
 
+class _Inputs(Observer):
+    """What drives and plant were given in each step: sees the inputs of a slice's last step, so slices are one tick.
+
+    Attributes:
+        load: of the drives, (ticks, 3) N m. end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where
+            it is given only one.
+    """
+
+    def begin(self, simulation: Simulation) -> None:
+        components = simulation.system.components
+        self._simulation = simulation
+        self._plant = simulation.system.component("plant")
+        self._drives = [component for component in components if component.name.startswith("drive")]
+        self.ramp = any(port.name == "theta_m_start" for port in self._plant.inputs)
+        self.load, self.end, self.start = (np.empty((simulation.last_tick, 3)) for _ in range(3))
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        # in the last tick no step is made
+        if first < len(self.load):
+            self.load[first] = np.concatenate([self._input(drive, "tau_load") for drive in self._drives])
+            self.end[first] = self._input(self._plant, "theta_m")
+            self.start[first] = self._input(self._plant, "theta_m_start") if self.ramp else self.end[first]
+
+    def _input(self, component: Component, name: str) -> NDArray[np.float64]:
+        names = [port.name for port in component.inputs]
+        first = width(component.inputs[: names.index(name)])
+        return self._simulation.inputs(component)[first : first + component.inputs[names.index(name)].size]
+
+
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
-    system, p = assembly.system, experiment.plant
-    plant, drives = system.component("plant"), [c for c in system.components if c.name.startswith("drive")]
-    # one tick per slice: then the inputs are those of that tick's step
-    simulation = Simulation(system, experiment.duration_ticks, slice_ticks=1)
-    ramp = any(port.name == "theta_m_start" for port in plant.inputs)
-    size = experiment.duration_ticks
-    rows = np.empty((size + 1, system.outputs_width))
-    load, end, start = np.empty((size, 3)), np.empty((size, 3)), np.empty((size, 3))
-    for k in range(size):
-        rows[k] = simulation.advance()[0]
-        if simulation.failure:
-            raise simulation.failure
-        load[k] = np.concatenate([_input(simulation, drive, "tau_load") for drive in drives])
-        end[k] = _input(simulation, plant, "theta_m")
-        start[k] = _input(simulation, plant, "theta_m_start") if ramp else end[k]
-    rows[size] = simulation.advance()[0]
-    theta_m = np.concatenate([rows[:, system.columns(f"{drive.name}.theta_m")] for drive in drives], axis=1)
-    tau_load, theta_l = rows[:, system.columns("plant.tau_load")], rows[:-1, system.columns("plant.theta_l")]
-    W_drive = load * np.diff(theta_m, axis=0)
-    if ramp:
-        return W_drive, 0.5 * (tau_load[:-1] + tau_load[1:]) * (end - start)
-    tau = motor_load_torque(p.k_s, np.vectorize(dead_zone)(deflection(end, theta_l, p.N), p.backlash))
+    run, inputs, p = Trace(), _Inputs(), experiment.plant
+    done = simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1)
+    if done.failure:
+        raise done.failure
+    tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]
+    W_drive = inputs.load * np.diff(run.of_drives("theta_m"), axis=0)
+    if inputs.ramp:
+        return W_drive, 0.5 * (tau_load[:-1] + tau_load[1:]) * (inputs.end - inputs.start)
+    tau = motor_load_torque(p.k_s, np.vectorize(dead_zone)(deflection(inputs.end, theta_l, p.N), p.backlash))
     return W_drive, (tau**2 - tau_load[:-1] ** 2) / (2.0 * p.k_s)
-
-
-def _input(simulation: Simulation, component: Component, name: str) -> NDArray[np.float64]:
-    names = [port.name for port in component.inputs]
-    first = width(component.inputs[: names.index(name)])
-    return simulation.inputs(component)[first : first + component.inputs[names.index(name)].size].copy()

@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.assembly.rows import Rows, rows_of
+from twin.assembly.assemble import assemble
+from twin.execution.loop import simulate
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 
 
@@ -30,14 +32,6 @@ Samples = dict[str, NDArray[np.float64]]
 """By name of the signal, (n, values): one row per tick of the controller."""
 
 
-def samples_of(rows: Rows) -> Samples:
-    """The signals of a run; `rows` are those of the controller's ticks."""
-    names = [component.name for component in rows.system.components]
-    drives = [name for name in names if name == "drive" or name.startswith("drive_")]
-    theta_m = np.concatenate([rows[f"{name}.theta_m"].reshape(len(rows.values), -1) for name in drives], axis=1)
-    return chosen({f"plant.{name}": rows[f"plant.{name}"] for name in ("F_ee_B", "p_B", "tau_load")}, theta_m)
-
-
 def chosen(plant: Samples, theta_m: NDArray[np.float64]) -> Samples:
     """The signals out of the plant's outputs, by "plant.port", and the motor angles (n, 3)."""
     return {
@@ -54,9 +48,14 @@ def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
     Raises:
         InputRefused: a drive does not fit. ComponentFailed: a component failed.
     """
-    rows = rows_of(experiment, experiment.controller_ticks)
+    run = Trace(experiment.controller_ticks)
+    with assemble(experiment) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [run])
+        if done.failure:
+            raise done.failure
+    plant = {key: run[key] for key in ("plant.F_ee_B", "plant.p_B", "plant.tau_load")}
     simulated = experiment.duration_ticks * experiment.cosim.tick
-    return samples_of(rows), rows.stepping / simulated
+    return chosen(plant, run.of_drives("theta_m")), done.stepping / simulated
 
 
 def largest_errors(samples: Samples, reference: Samples) -> dict[str, float]:

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.assembly.rows import rows_of
 from twin.errors import InputRefused
+from twin.execution.trace import run_in_memory
 from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, with_plant
 
@@ -44,7 +44,7 @@ def comparable(experiment: Experiment) -> Smooth:
         # it believes in the encoders of the robot
         smooth = replace(smooth, monitor=None)
         changes.append("no safety monitor")
-    triggered = np.flatnonzero(rows_of(experiment)["controller.triggered"])
+    triggered = np.flatnonzero(run_in_memory(experiment, only=["controller.triggered"]).held("controller.triggered"))
     if len(triggered) and experiment.controller.force.trigger is not None:
         when = float(triggered[0] * experiment.cosim.tick)
         force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})

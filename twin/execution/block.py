@@ -6,7 +6,7 @@ size both give the same bytes.
 
 import numpy as np
 
-from twin.execution.watch import Event
+from twin.execution.observer import Event
 
 
 class Block:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.cosim.system import System
+from twin.execution.observer import Event, Observer
 
 END = 1.0
 """The end of a run is its last second (s)."""
@@ -33,7 +34,7 @@ class Outcome:
     z_error: float
 
 
-class Tally:
+class Tally(Observer):
     """Sums up the rows of a run. How they are sliced makes no difference, not even to the last bit.
 
     Args:
@@ -51,8 +52,7 @@ class Tally:
         self._peak, self._peak_tick = -math.inf, 0
         self._last = np.empty(0)
 
-    def take(self, rows: np.ndarray) -> None:
-        """Go on with `rows` (n, width), one per tick."""
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
         waiting = np.vstack([self._waiting, np.hstack([rows[:, columns] for columns in self._columns])])
         # sums of floating-point numbers depend on their order: these are always of the same rows
         whole = len(waiting) // BLOCK * BLOCK

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from twin.execution.observer import Event, Observer
+
 SLICE = 0.01
 """Wall time (s) between two deadlines: short for whoever turns a knob, long compared with what a slice costs."""
 
@@ -39,7 +41,7 @@ class Punctuality:
         return f"{self.achieved:.4g} x real time; {missed}; jitter {1e3 * self.jitter:.2f} ms"
 
 
-class Pace:
+class Pace(Observer):
     """Lets simulated time pass `factor` times as fast as the clock on the wall.
 
     Deadlines are absolute: the slice that ends before tick k is due k tick/factor after the beginning, whatever came
@@ -66,9 +68,13 @@ class Pace:
         most = max(1, math.floor(SLICE / self.tick_time + 1e-9))
         return max(n for n in range(1, block + 1) if n <= most and block % n == 0)
 
-    def begin(self) -> None:
+    def ready(self, tick: int) -> None:
         """Tick 0 is now."""
-        self._began = time.monotonic()
+        if tick == 0:
+            self._began = time.monotonic()
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        self.keep(first + len(rows))
 
     def keep(self, tick: int) -> None:
         """Wait until `tick` is due; go on at once if that is over."""

@@ -1,9 +1,7 @@
 """One run: an experiment assembled, stepped in slices, recorded as it goes."""
 
-import re
 import shlex
-import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -14,24 +12,25 @@ from twin.assembly.build import DriveMaker
 from twin.assembly.drives import DrivePlan
 from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
 from twin.errors import ComponentFailed
-from twin.execution.block import Block
 from twin.execution.fastest_pole import too_fast
+from twin.execution.loop import simulate
+from twin.execution.observer import Event, Observer
 from twin.execution.outcome import Outcome, Tally
 from twin.execution.pacing import Pace, Punctuality
 from twin.execution.provenance import driven, provenance
+from twin.execution.recorder import BLOCK_TICKS, Recorder
+from twin.execution.streams import streams_of
 from twin.execution.tuning import Tuning
-from twin.execution.viewer import Stream, Viewer
-from twin.execution.watch import Event, Watch
+from twin.execution.viewer import Shown, Viewer
+from twin.execution.watch import Watch
 from twin.experiment.experiment import Experiment
 from twin.recording.folder import RECORDING
-from twin.recording.layout import Field, Topic
 from twin.recording.writer import Writer
 from twin.scene.scene import Scene
 from twin.writing import write_json
 
-SLICE_TICKS = 100
+SLICE_TICKS = BLOCK_TICKS
 SUMMARY = "summary.json"
 
 Progress = Callable[[int, int], None]
@@ -99,14 +98,24 @@ def execute(
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
         NotWritten: the disk is full; likewise.
     """
-    folder = Path(folder)
+    path = Path(folder) / RECORDING
     with assemble(experiment, substitutes, maker) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
-        run = _recorded(experiment, assembly, folder / RECORDING, progress, timed, pace, viewer)
+        run = _recorded(experiment, assembly, path, progress, timed, pace, viewer)
         summary = asdict(run) | {"recording": run.recording.name, "real_time_factor": run.real_time_factor}
         # before the FMUs are freed: one that crashes then shall take nothing with it
-        write_json(folder / SUMMARY, summary)
+        write_json(path.with_name(SUMMARY), summary)
     return run
+
+
+class _Progress(Observer):
+    """Tells how far a run of `ticks` has come."""
+
+    def __init__(self, tell: Progress, ticks: int):
+        self._tell, self._ticks = tell, ticks
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        self._tell(first + len(rows), self._ticks)
 
 
 def _recorded(
@@ -118,82 +127,36 @@ def _recorded(
     pace: Pace | None,
     viewer: Viewer | None,
 ) -> Run:
-    system = assembly.system
-    slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
-    simulation = Simulation(system, experiment.duration_ticks, slice_ticks, timed)
-    streams = [Stream(_topic(component, experiment), _span(system, c)) for c, component in enumerate(system.components)]
-    watch, scene, tally = Watch(assembly, experiment), Scene(experiment, system), Tally(system)
-    tuning = Tuning(experiment, assembly)
-    events: list[Event] = []
-    block = Block(SLICE_TICKS, system.outputs_width)
-    stepping, writing, marked = 0.0, 0.0, False
+    system, last_tick = assembly.system, experiment.duration_ticks
+    # at the rate "controller" nothing is recorded more often than the controller acts
+    streams = streams_of(system, experiment.controller_ticks if experiment.recording.rate == "controller" else 1)
+    scene, tuning, tally = Scene(experiment, system), Tuning(experiment, assembly), Tally(system)
     topics = [stream.topic for stream in streams]
     with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
-        if viewer:
-            viewer.begin(streams, scene, system.tick, tuning)
-        if pace:
-            pace.begin()
-        while not simulation.finished:
-            first = simulation.next_tick
-            changes = tuning.apply(first)
-            if changes and not marked:
-                # whoever repeats the experiment will not get this run
-                writer.write_metadata("changed", {"first": changes[0].text, "all": "the events of 'tuning'"})
-                marked = True
-            began = time.perf_counter()
-            rows = simulation.advance()
-            stepped = time.perf_counter()
-            scheduled = tuning.scheduled(first, simulation.next_tick)
-            happened = [*changes, *sorted([*scheduled, *watch.events(first, rows)], key=lambda event: event.tick)]
-            block.add(rows, happened)
-            tally.take(rows)
-            events += happened
-            if block.full or simulation.finished:
-                _write(writer, streams, scene, block)
-            stepping += stepped - began
-            writing += time.perf_counter() - stepped
-            progress(simulation.next_tick, experiment.duration_ticks + 1)
-            if pace:
-                pace.keep(simulation.next_tick)
-            if viewer:
-                viewer.show(first, rows, happened)
+        recorder = Recorder(writer, streams, scene, tuning)
+        observers = [tuning, Watch(assembly, experiment), tally, recorder, _Progress(progress, last_tick + 1)]
+        observers += [pace] if pace else []
+        observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
+        slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
+        done = simulate(assembly, last_tick, observers, slice_ticks, timed)
         tuning.close()
-        if simulation.failure:
-            writer.write_event(simulation.next_tick, "ERROR", str(simulation.failure), "cosim")
-            raise _with_remedy(experiment, simulation, assembly, writer.abandon())
-        began = time.perf_counter()
-        recording = writer.finish()
-        writing += time.perf_counter() - began
-    share = 1e6 * stepping / max(1, simulation.cycles.sum()) / (experiment.duration_ticks + 1)
+        if done.failure:
+            raise _with_remedy(experiment, done.simulation, assembly, recorder.abandon(done.failure))
+        recording = recorder.finish()
     return Run(
         recording=recording,
-        simulated=experiment.duration_ticks * system.tick,
-        stepping=stepping,
-        writing=writing,
-        events=tuple((event.tick * system.tick, event.level, event.text) for event in events),
-        trip=watch.trip,
+        simulated=last_tick * system.tick,
+        stepping=done.stepping,
+        writing=recorder.writing,
+        events=tuple((event.tick * system.tick, event.level, event.text) for event in recorder.events),
+        trip=done.trip,
         drives=tuple(_told(plan) for _, plan in driven(assembly)),
         substituted=assembly.substituted,
         outcome=tally.outcome,
-        microseconds={c.name: float(n * share) for c, n in zip(system.components, simulation.cycles, strict=False)},
-        changed=tuning.changed,
+        microseconds={name: 1e6 * cost for name, cost in done.costs.items()},
+        changed=bool(tuning.first),
         punctuality=pace.punctuality() if pace else None,
     )
-
-
-def _write(writer: Writer, streams: Sequence[Stream], scene: Scene, block: Block) -> None:
-    """Record `block` and clear it."""
-    for stream in streams:
-        start = -block.first % stream.topic.period
-        rows = block.rows[start :: stream.topic.period, stream.columns]
-        writer.write(stream.topic.name, block.first + start, rows)
-    for drawing in scene.drawings(block.first, block.rows):
-        writer.write(*drawing)
-    for event in block.events:
-        writer.write_event(event.tick, event.level, event.text, event.source)
-    # a component may take this process with it in the next slice
-    writer.end_slice()
-    block.clear()
 
 
 def _told(plan: DrivePlan) -> str:
@@ -201,21 +164,6 @@ def _told(plan: DrivePlan) -> str:
     lines = [f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
     lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
-
-
-def _topic(component: Component, experiment: Experiment) -> Topic:
-    """`drive_1` is recorded as the topic drive/1, `fault_1` as fault/1, everything else under its own name.
-
-    At the rate "controller" nothing is recorded more often than the controller acts.
-    """
-    shortest = experiment.controller_ticks if experiment.recording.rate == "controller" else 1
-    name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
-    fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
-    return Topic(name, fields, max(shortest, component.period))
-
-
-def _span(system: System, position: int) -> slice:
-    return slice(int(system.y_start[position]), int(system.y_start[position + 1]))
 
 
 def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assembly, partial: Path) -> ComponentFailed:

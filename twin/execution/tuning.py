@@ -2,30 +2,33 @@
 
 import threading
 
+import numpy as np
+
 from twin.assembly.assemble import Assembly
 from twin.assembly.tunable import tunables
 from twin.errors import InputRefused
-from twin.execution.watch import Event
+from twin.execution.observer import Event, Observer
 from twin.experiment.change import changed_value
 from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import unknown
 
 
-class Tuning:
+class Tuning(Observer):
     """The parameters of one run that may be changed while it goes on.
 
-    `values`, `request` and `close` may be called from any thread, `apply` only from the one that steps.
+    `values`, `request` and `close` may be called from any thread.
 
     Attributes:
-        changed: whether anything has been.
+        first: what was changed by hand first, as its event says it; "" as long as nothing was.
     """
 
     def __init__(self, experiment: Experiment, assembly: Assembly):
-        self.changed = False
+        self.first = ""
         self._experiment = experiment
         self._tunables = tunables(experiment, assembly.system)
         self._values = {key: float(tunable.number) for key, tunable in self._tunables.items()}
         self._asked: dict[str, tuple[float, float]] = {}
+        self._changes: list[Event] = []
         self._open = True
         self._lock = threading.Lock()
 
@@ -51,31 +54,29 @@ class Tuning:
                 raise InputRefused(f"{key} = {number}: the run is over, nothing can be changed any more")
             self._asked[key] = (float(number), value)  # type: ignore[arg-type]
 
-    def apply(self, tick: int) -> list[Event]:
-        """Make the changes asked for, so that they act from `tick` on; what was changed."""
+    def ready(self, tick: int) -> None:
+        """Make the changes asked for, so that they act from `tick` on."""
         with self._lock:
             asked, self._asked = self._asked, {}
-            events = []
             for key, (number, value) in asked.items():
-                before = self._values[key]
-                if number == before:
-                    continue
-                self._tunables[key].memory[...] = value
-                self._values[key] = number
-                events.append(Event(tick, "INFO", f"{key}: {_written(before)} -> {_written(number)} (live)", "tuning"))
-            self.changed = self.changed or bool(events)
-            return events
+                if number != self._values[key]:
+                    self._tunables[key].memory[...] = value
+                    self._tell(tick, key, number, " (live)")
+                    self.first = self.first or self._changes[0].text
 
-    def scheduled(self, first: int, end: int) -> list[Event]:
-        """What the experiment itself has changed in the ticks from `first` to before `end`."""
-        events = []
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        """Tell what was changed by hand before this slice, and by the experiment itself in it."""
         with self._lock:
             for change in self._experiment.changes:
-                if first <= change.tick < end and change.key in self._values:
-                    before, self._values[change.key] = self._values[change.key], change.number
-                    told = f"{change.key}: {_written(before)} -> {_written(change.number)}"
-                    events.append(Event(change.tick, "INFO", told, "tuning"))
-        return events
+                if first <= change.tick < first + len(rows) and change.key in self._values:
+                    self._tell(change.tick, change.key, change.number)
+        events += self._changes
+        self._changes = []
+
+    def _tell(self, tick: int, key: str, number: float, how: str = "") -> None:
+        before, self._values[key] = self._values[key], number
+        told = f"{key}: {_written(before)} -> {_written(number)}{how}"
+        self._changes.append(Event(tick, "INFO", told, "tuning"))
 
     def close(self) -> None:
         """Refuse from now on."""

@@ -1,23 +1,15 @@
 """Whoever watches a run while it goes on: what a run asks of one."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
 
+from twin.cosim.simulation import Simulation
+from twin.execution.observer import Event, Observer
+from twin.execution.streams import Stream
 from twin.execution.tuning import Tuning
-from twin.execution.watch import Event
-from twin.recording.layout import Topic
 from twin.scene.scene import Scene
-
-
-@dataclass(frozen=True)
-class Stream:
-    """A recorded topic, and the columns of a row that it is made of."""
-
-    topic: Topic
-    columns: slice
 
 
 class Viewer(Protocol):
@@ -38,3 +30,16 @@ class Viewer(Protocol):
             first: tick of the first row. rows: (n, width of the system's outputs), overwritten by the next slice.
             events: what happened in them.
         """
+
+
+class Shown(Observer):
+    """Shows a run to `viewer`; the arguments are those of its `begin`."""
+
+    def __init__(self, viewer: Viewer, streams: Sequence[Stream], scene: Scene, tuning: Tuning):
+        self._viewer, self._streams, self._scene, self._tuning = viewer, streams, scene, tuning
+
+    def begin(self, simulation: Simulation) -> None:
+        self._viewer.begin(self._streams, self._scene, simulation.system.tick, self._tuning)
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        self._viewer.show(first, rows, events)

@@ -1,17 +1,15 @@
 """What happens in a run, for the time line: triggers, phases of tasks, trips, faults, messages of FMUs."""
 
 from collections.abc import Iterator
-from typing import Literal, NamedTuple
 
 import numpy as np
 
 from twin.assembly.assemble import Assembly
 from twin.controller.phase import PhaseKind
+from twin.execution.observer import Event, Observer
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
-
-Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 
 PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 UNREACHED = "did not reach the force down to the floor of the approach"
@@ -24,37 +22,21 @@ CUT_SHORT = {
 """What it means if a phase is followed by the retraction that is not its turn."""
 
 
-class Event(NamedTuple):
-    """Something that happened at a tick: how much it matters, what, and in which component."""
-
-    tick: int
-    level: Level
-    text: str
-    source: str
-
-
-class Watch:
-    """Finds the events of a run in its rows, slice by slice.
-
-    Attributes:
-        trip: why the safety monitor tripped; "" as long as it has not.
-    """
+class Watch(Observer):
+    """Finds the events of a run in its rows, slice by slice."""
 
     def __init__(self, assembly: Assembly, experiment: Experiment):
-        self.trip = ""
         self._system = assembly.system
         self._experiment = experiment
         self._tasks = [type(task).__name__.lower() for task in experiment.tasks]
         self._before = np.zeros(2)
         self._monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
-        self._power = True
+        self._tripped, self._power = False, True
 
-    def events(self, first: int, rows: np.ndarray) -> list[Event]:
-        """What happened in `rows`, the first of which is tick `first`, in order."""
-        if len(rows) == 0:
-            return []
-        found = [*self._faults(first, len(rows)), *self._progress(first, rows), *self._trips(), *self._messages()]
-        return sorted(found, key=lambda event: event.tick)
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        if len(rows):
+            events += [*self._faults(first, len(rows)), *self._progress(first, rows), *self._trips(), *self._messages()]
+            events.sort(key=lambda event: event.tick)
 
     def _progress(self, first: int, rows: np.ndarray) -> Iterator[Event]:
         columns = ("controller.task", "controller.phase") if self._tasks else ("controller.triggered",) * 2
@@ -85,9 +67,9 @@ class Watch:
         if self._monitor is None:
             return
         trip = self._monitor.trip
-        if trip is not None and not self.trip:
-            self.trip = trip_sentence(trip)
-            yield Event(trip.tick, "ERROR", self.trip, "monitor")
+        if trip is not None and not self._tripped:
+            self._tripped = True
+            yield Event(trip.tick, "ERROR", trip_sentence(trip), "monitor")
         off = self._monitor.power_off_tick
         if off is not None and self._power:
             self._power = False

@@ -7,13 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.assembly.assemble import assemble
-from twin.cosim.simulation import Simulation
+from twin.execution.loop import simulate
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault import Fault
-from twin.monitor.component import Monitor
 from twin.monitor.reasons import Trip
-
-SLICE_TICKS = 1000
 
 
 @dataclass(frozen=True)
@@ -45,21 +43,14 @@ def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> Trial:
     """
     faults = () if fault is None else (fault,)
     monitor = experiment.monitor if watched else None
+    run = Trace(only=("plant.F_ee_B", "plant.p_B"))
     with assemble(dataclasses.replace(experiment, faults=faults, monitor=monitor)) as assembly:
-        system = assembly.system
-        simulation = Simulation(system, experiment.duration_ticks, SLICE_TICKS)
-        F_ee_B, p_B = system.columns("plant.F_ee_B"), system.columns("plant.p_B")
-        force, z = [], []
-        while not simulation.finished:
-            rows = simulation.advance()
-            force.append(np.linalg.norm(rows[:, F_ee_B], axis=1))
-            z.append(rows[:, p_B][:, 2].copy())
-        watch = next((c for c in system.components if isinstance(c, Monitor)), None)
-        return Trial(
-            force=np.concatenate(force),
-            z=np.concatenate(z),
-            trip=watch.trip if watch else None,
-            power_off_tick=watch.power_off_tick if watch else None,
-            failure=str(simulation.failure or ""),
-            culprit=simulation.culprit,
-        )
+        done = simulate(assembly, experiment.duration_ticks, [run])
+    return Trial(
+        force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
+        z=run["plant.p_B"][:, 2],
+        trip=done.monitor.trip if done.monitor else None,
+        power_off_tick=done.monitor.power_off_tick if done.monitor else None,
+        failure=str(done.failure or ""),
+        culprit=done.simulation.culprit,
+    )

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from twin.execution.viewer import Stream
+from twin.execution.streams import Stream
 from twin.recording.layout import Kind
 from twin.recording.messages import HEAD_SIZE, VALUE_TYPES, message_layout
 

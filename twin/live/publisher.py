@@ -10,7 +10,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from twin.execution.watch import Event
+from twin.execution.observer import Event
 from twin.live.broadcast import Broadcast
 from twin.live.topics import Topics
 

@@ -8,9 +8,9 @@ from typing import Self
 import numpy as np
 
 from twin.errors import InputRefused
+from twin.execution.observer import Event
+from twin.execution.streams import Stream
 from twin.execution.tuning import Tuning
-from twin.execution.viewer import Stream
-from twin.execution.watch import Event
 from twin.live.broadcast import HOST, Broadcast
 from twin.live.gate import Gate
 from twin.live.publisher import Publisher

@@ -5,8 +5,8 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from twin.execution.viewer import Stream
-from twin.execution.watch import Event
+from twin.execution.observer import Event
+from twin.execution.streams import Stream
 from twin.live.encoding import Encoder
 from twin.live.protocol import Channel, Message
 from twin.recording.form import form_layout, form_records

@@ -6,8 +6,6 @@ model encoders are exact, springs have no backlash, and the controller limits ne
 all they have: friction, registers, sampling, limits.
 """
 
-from collections.abc import Generator
-from contextlib import closing
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -19,7 +17,10 @@ from twin.assembly.computer import controller
 from twin.controller.controller import Controller
 from twin.controller.phase import Phase, PhaseKind
 from twin.controller.task_controller import TaskController
-from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
+from twin.execution.loop import simulate
+from twin.execution.observer import Event, Observer
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 from twin.experiment.reference import WayPoints
 from twin.experiment.variation import exactly_measured, with_plant
@@ -66,17 +67,17 @@ def aftermath(experiment: Experiment, point: OperatingPoint, law: str, factor: f
     Raises:
         InputRefused: a drive FMU does not fit.
     """
-    rows, tick = [], experiment.cosim.tick
-    with closing(_path(held(experiment, point, nudge), point, law, factor, nudge)) as slices:
-        for p_B in slices:
-            rows.append(p_B)
-            if not np.abs(p_B[-1] - point.p_B).max() < FAR:
-                return Aftermath(0.0, np.inf)
-    p_B = np.vstack(rows)
-    width, nudged = round(WINDOW / tick), round(NUDGED / tick)
-    if len(p_B) <= round(OVER / tick):
+    nudged = held(experiment, point, nudge)
+    substitutes = {"controller": holding_controller(nudged, point)} if experiment.tasks else {}
+    with assemble(nudged, substitutes) as assembly:
+        system = assembly.system
+        path, raising = Trace(only=["plant.p_B"]), _Raising(system, point, law, factor, nudge)
+        simulate(assembly, nudged.duration_ticks, [raising, path], max(1, round(SLICE / system.tick)))
+    p_B, tick = path["plant.p_B"], experiment.cosim.tick
+    width, before = round(WINDOW / tick), round(NUDGED / tick)
+    if raising.enough or len(p_B) <= round(OVER / tick):
         return Aftermath(0.0, np.inf)
-    return Aftermath(swing(p_B[nudged - width : nudged]), swing(p_B[-width:]))
+    return Aftermath(swing(p_B[before - width : before]), swing(p_B[-width:]))
 
 
 def swing(p_B: Matrix) -> float:
@@ -108,27 +109,30 @@ def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experim
     return exactly_measured(with_plant(alone, backlash=0.0))
 
 
-def _path(experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float) -> Generator[Matrix]:
-    """Slices of the platform's path (n, 3) while the gains go evenly, in their logarithm, to `factor` times theirs.
+class _Raising(Observer):
+    """Lets gains go evenly, in their logarithm, to `factor` times theirs; has seen enough once the platform is far off.
 
     Gains that are lowered are low from the beginning: with the higher ones the robot may shake.
     """
-    substitutes = {"controller": holding_controller(experiment, point)} if experiment.tasks else {}
-    with assemble(experiment, substitutes) as assembly:
-        system = assembly.system
+
+    def __init__(self, system: System, point: OperatingPoint, law: str, factor: float, nudge: float):
+        self._tick, self._factor, self._p_B = system.tick, factor, system.columns("plant.p_B")
+        self._point_B, self._nudged_B = point.p_B, np.add(point.p_B, nudge)
         memory = system.component("controller").memory  # type: ignore[attr-defined]
-        as_set = {name: memory[law][name].copy() for name in GAINS}
-        simulation = Simulation(system, experiment.duration_ticks, max(1, round(SLICE / system.tick)))
-        column = system.columns("plant.p_B")
-        while not simulation.finished:
-            t = simulation.next_tick * system.tick
-            if experiment.tasks and t >= NUDGED:
-                memory["machine"]["start"] = memory["machine"]["end"] = np.add(point.p_B, nudge)
-            share = min(max((t - SETTLED) / (RAISED - SETTLED), 0.0), 1.0)
-            now = factor**share if factor > 1.0 else factor
-            for name, gain in as_set.items():
-                memory[law][name][...] = now * gain
-            yield simulation.advance()[:, column].copy()
+        self._gains = [(memory[law][name], memory[law][name].copy()) for name in GAINS]
+        # of tasks: way points are nudged by their reference
+        self._machine = memory["machine"] if "machine" in (memory.dtype.names or ()) else None
+
+    def ready(self, tick: int) -> None:
+        t = tick * self._tick
+        if self._machine is not None and t >= NUDGED:
+            self._machine["start"] = self._machine["end"] = self._nudged_B
+        share = min(max((t - SETTLED) / (RAISED - SETTLED), 0.0), 1.0)
+        for gain, as_set in self._gains:
+            gain[...] = (self._factor**share if self._factor > 1.0 else self._factor) * as_set
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        self.enough = len(rows) > 0 and not np.abs(rows[-1, self._p_B] - self._point_B).max() < FAR
 
 
 def holding_controller(experiment: Experiment, point: OperatingPoint) -> Controller | TaskController:

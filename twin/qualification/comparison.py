@@ -1,15 +1,13 @@
 """The same experiment with one drive after the other, judged on what is true."""
 
-import time
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from twin.assembly.assemble import assemble
 from twin.assembly.load import load_experiment
-from twin.cosim.simulation import Simulation
+from twin.execution.loop import simulate
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 from twin.qualification.finding import Measure
 from twin.qualification.true_run import COMPARED, TrueRun
@@ -61,19 +59,11 @@ def comparison_facts(experiment: Path, done: tuple[Trial, ...]) -> dict[str, Any
 
 
 def _trial(experiment: Experiment, name: str) -> Trial:
+    trace = Trace()
     with assemble(experiment) as assembly:
-        system = assembly.system
-        simulation = Simulation(system, experiment.duration_ticks, timed=True)
-        slices, elapsed = [], 0.0
-        while not simulation.finished:
-            began = time.perf_counter()
-            rows = simulation.advance()
-            elapsed += time.perf_counter() - began
-            slices.append(rows.copy())
-        run = TrueRun(system, np.concatenate(slices))
-        of_drives = sum(simulation.cycles[system.components.index(d)] for d in run.drives) / simulation.cycles.sum()
-        cost = float(of_drives * elapsed / len(run.rows))
-    if simulation.failure:
+        done = simulate(assembly, experiment.duration_ticks, [trace], timed=True)
+    run = TrueRun(trace)
+    if done.failure:
         lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
-        return Trial(name, run, lost, str(simulation.failure))
-    return Trial(name, run, run.measures(cost))
+        return Trial(name, run, lost, str(done.failure))
+    return Trial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))

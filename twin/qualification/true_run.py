@@ -5,8 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.controller.phase import PhaseKind
-from twin.cosim.component import Component
-from twin.cosim.system import System
+from twin.execution.trace import Trace
 from twin.metrics.response import Curve, first_time, overshoot, settling_time
 from twin.metrics.tracking import rms
 from twin.qualification.definitions import Definition
@@ -57,53 +56,34 @@ NOT_TOLD = {True: "", False: "the drive does not tell"}
 
 @dataclass(frozen=True)
 class TrueRun:
-    """A robot's run.
+    """A robot's `run`, every tick and signal of it."""
 
-    Attributes:
-        system: the robot. rows: its outputs, one row per tick (ticks, outputs).
-    """
-
-    system: System
-    rows: np.ndarray
+    run: Trace
 
     @property
     def t(self) -> Curve:
         """s, (ticks,)."""
-        return self.system.tick * np.arange(len(self.rows), dtype=float)
+        return self.run.t
 
     @property
     def F_z(self) -> Curve:
         """True pressing force (N), (ticks,)."""
-        return -self._column("plant.F_ee_B[2]")
+        return -self.run["plant.F_ee_B"][:, 2]
 
     @property
     def F_z_ref(self) -> Curve:
         """What it should be while the force loop is on (N), (ticks,)."""
-        return self._column("controller.F_z_ref")
+        return self.run.held("controller.F_z_ref")
 
     @property
     def z(self) -> Curve:
         """True height of the platform (m), (ticks,)."""
-        return self._column("plant.p_B[2]")
+        return self.run["plant.p_B"][:, 2]
 
     @property
     def z_ref(self) -> Curve:
         """Pre-defined height, before the force loop shifts it, in tasks after that (m), (ticks,)."""
-        return self._column("controller.p_cmd_B[2]" if self._tasks else "controller.p_ref_B[2]")
-
-    @property
-    def drives(self) -> tuple[Component, ...]:
-        """One per joint, or one for all."""
-        return tuple(c for c in self.system.components if c.name.startswith("drive"))
-
-    def of_drives(self, port: str) -> np.ndarray:
-        """An output of all three drives, (ticks, 3), or (ticks, 0) where they do not offer it."""
-        columns = [
-            self.rows[:, self.system.columns(f"{drive.name}.{port}")]
-            for drive in self.drives
-            if any(output.name == port for output in drive.outputs)
-        ]
-        return np.hstack(columns) if columns else np.zeros((len(self.rows), 0))
+        return self.run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
         """All of `COMPARED`.
@@ -111,11 +91,11 @@ class TrueRun:
         Args:
             cost: wall time in the drives per tick (s).
         """
-        late = np.arange(len(self.rows)) >= len(self.rows) // 2
-        pressing = np.isin(self._column("controller.phase"), UNDER_FORCE) if self._tasks else late
+        late = np.arange(len(self.t)) >= len(self.t) // 2
+        pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
         touching = bool(np.any(self.F_z[pressing] > 0.0))
-        shaft_power = self._column("plant.tau_load") * self.of_drives("omega_m")
-        current, power = self.of_drives("current"), self.of_drives("power")
+        shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
+        current, power = self.run.of_drives("current"), self.run.of_drives("power")
         return (
             *self._approach(),
             Measure(
@@ -135,12 +115,12 @@ class TrueRun:
     @property
     def _tasks(self) -> bool:
         """Whether tasks lead the robot, not way points."""
-        return any(port.name == "task" for port in self.system.component("controller").outputs)
+        return "controller.task" in self.run.fields()
 
     @property
     def _force_loop(self) -> np.ndarray:
         """Whether the force loop is on, (ticks,)."""
-        return self._column("controller.triggered") > 0.0
+        return self.run.held("controller.triggered")
 
     def _approach(self) -> tuple[Measure, Measure]:
         """Measures `settling_time` and `overshoot`: of the force once it is controlled, else of the height."""
@@ -172,11 +152,6 @@ class TrueRun:
             Measure("overshoot", 100.0 * overshoot(y[after], target)),
         )
 
-    def _column(self, end: str) -> np.ndarray:
-        """The output `end`: (ticks,) for a single number, else (ticks, size)."""
-        values = self.rows[:, self.system.columns(end)]
-        return values[:, 0] if values.shape[1] == 1 else values
-
     def _integral(self, power: np.ndarray) -> float:
         """Energy (J) of `power` (ticks, n), W, held from tick to tick."""
-        return float(np.sum(power[:-1]) * self.system.tick)
+        return float(np.sum(power[:-1]) * self.run.tick)

@@ -66,7 +66,7 @@ class Recording:
             UnknownSeries: no such topic or field; it names the nearest ones.
         """
         if key not in self.fields():
-            raise UnknownSeries(f"{self.path}: no series {key!r}; {_nearest(key, self.fields())}")
+            raise UnknownSeries(f"{self.path}: no series {key!r}; {nearest(key, self.fields())}")
         topic, _, name = key.rpartition(".")
         return np.ascontiguousarray(self.streams[topic].values[name])
 
@@ -77,7 +77,7 @@ class Recording:
             UnknownSeries: no such topic; it names the nearest ones.
         """
         if topic not in self.streams:
-            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {_nearest(topic, self.streams)}")
+            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams)}")
         return self.streams[topic].head["log_time"] / NANOSECONDS
 
     @property
@@ -96,7 +96,7 @@ class Recording:
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}
 
 
-def _nearest(name: str, names: Iterable[str]) -> str:
+def nearest(name: str, names: Iterable[str]) -> str:
     """Half a sentence that leads from a misspelt `name` to those there are."""
     there = list(names)
     close = difflib.get_close_matches(name, there)

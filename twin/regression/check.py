@@ -19,7 +19,7 @@ from twin.regression.baseline import (
     stored_drives,
 )
 from twin.regression.measurement import Measured, measured
-from twin.regression.trace import traced
+from twin.regression.signals import run_for_measures
 from twin.regression.verdict import Row, verdict
 
 
@@ -70,7 +70,7 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
 def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
     """The experiment in `file` with `drive` as every joint's, and what it comes to; exceptions as `check`."""
     experiment = _loaded(file, drive)
-    return experiment, measured(experiment, traced(experiment))
+    return experiment, measured(experiment, run_for_measures(experiment))
 
 
 def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:

@@ -14,7 +14,7 @@ from twin.metrics.response import within
 from twin.metrics.step import step_info
 from twin.metrics.tracking import lag, path_error, rms
 from twin.regression.metric import SHARE, Metric, floor_of
-from twin.regression.trace import Trace
+from twin.regression.signals import Signals
 
 SETTLING_FLOOR = 0.02
 """Of settling times (s): a response leaves its band so flat that a count moves the instant by far more than a tick."""
@@ -65,8 +65,8 @@ class Measured:
     fmus: dict[str, str]
 
 
-def measured(experiment: Experiment, trace: Trace) -> Measured:
-    """Measure `trace`, a run of `experiment`.
+def measured(experiment: Experiment, signals: Signals) -> Measured:
+    """Measure `signals`, those of a run of `experiment`.
 
     Raises:
         InputRefused: nothing to measure, or a measure that this run gives no meaning; all of those at once.
@@ -79,56 +79,56 @@ def measured(experiment: Experiment, trace: Trace) -> Measured:
     curves, mistakes = {}, []
     for measure in experiment.measures:
         try:
-            metrics |= metrics_of_measure(measure, trace)
+            metrics |= metrics_of_measure(measure, signals)
         except InputRefused as problem:
             mistakes.append(f'{experiment.name}: [[measure]] "{measure.name}": {problem}')
             continue
         if isinstance(measure, measures.Step | measures.Tracking):
-            curves[measure.name] = _curve(measure.signal, trace, _inside(measure, trace))
+            curves[measure.name] = _curve(measure.signal, signals, _inside(measure, signals))
     if mistakes:
         raise InputRefused("\n".join(mistakes))
-    return Measured(metrics, curves, trace.fmus)
+    return Measured(metrics, curves, signals.fmus)
 
 
-def metrics_of_measure(measure: measures.Measure, trace: Trace) -> Metrics:
-    """The numbers of one measure of `trace`, by "measure.metric".
+def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
+    """The numbers of one measure of a run, by "measure.metric".
 
     Raises:
         InputRefused: this run gives it no meaning.
     """
-    inside = _inside(measure, trace)
+    inside = _inside(measure, signals)
     if np.count_nonzero(inside) < 2:
         raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
-    found = KINDS[type(measure)](measure, trace, inside)
+    found = KINDS[type(measure)](measure, signals, inside)
     # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
     return {f"{measure.name}.{name}": metric for name, metric in found.items() if np.isfinite(metric.value)}
 
 
-def _inside(measure: measures.Window, trace: Trace) -> NDArray[np.bool_]:
-    return within(trace.t, measure.begin, np.inf if measure.until is None else measure.until)
+def _inside(measure: measures.Window, signals: Signals) -> NDArray[np.bool_]:
+    return within(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
 
 
-def _curve(signal: str, trace: Trace, inside: NDArray[np.bool_]) -> Sampled:
-    values, unit = trace[signal][inside], trace.unit(signal)
+def _curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> Sampled:
+    values, unit = signals[signal][inside], signals.unit(signal)
     tolerance = max(SHARE * float(np.ptp(values)), TUBE_FLOORS.get(unit, 0.0))
-    return Sampled(signal, unit, trace.t[inside], values, tolerance, TUBE_TIME)
+    return Sampled(signal, unit, signals.t[inside], values, tolerance, TUBE_TIME)
 
 
-def _step(measure: measures.Step, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    unit = _common_unit(measure, trace)
-    reference, y = trace[measure.reference], trace[measure.signal][inside]
+def _step(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit = _common_unit(measure, signals)
+    reference, y = signals[measure.reference], signals[measure.signal][inside]
     first = int(np.argmax(inside))
-    settled = reference[inside & (trace.t >= trace.t[first] + STEPPED)]
+    settled = reference[inside & (signals.t >= signals.t[first] + STEPPED)]
     if len(settled) == 0:
         raise InputRefused(f"measures for less than {STEPPED:g} s; expected the whole response")
     if np.ptp(settled) > _still(settled):
         raise InputRefused(f"{measure.reference} still moves after the step at {measure.begin:g} s; expected one step")
     if abs(settled[-1] - reference[max(0, first - 1)]) <= _still(settled):
         raise InputRefused(f"{measure.reference} makes no step at {measure.begin:g} s; set begin_s to when it does")
-    before = trace[measure.signal][max(0, first - 1)]
-    info = step_info(trace.t[inside] - trace.t[first], y, float(before), float(settled[-1]))
+    before = signals[measure.signal][max(0, first - 1)]
+    info = step_info(signals.t[inside] - signals.t[first], y, float(before), float(settled[-1]))
     step = abs(info.final - float(before))
-    floor, length = floor_of(unit), float(trace.t[inside][-1] - trace.t[first])
+    floor, length = floor_of(unit), float(signals.t[inside][-1] - signals.t[first])
     return {
         "delay_time": Metric(info.delay_time, "s", floor_of("s")),
         "rise_time": Metric(info.rise_time, "s", floor_of("s")),
@@ -144,22 +144,22 @@ def _step(measure: measures.Step, trace: Trace, inside: NDArray[np.bool_]) -> Me
     }
 
 
-def _tracking(measure: measures.Tracking, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    unit = _common_unit(measure, trace)
-    error = (trace[measure.reference] - trace[measure.signal])[inside]
+def _tracking(measure: measures.Tracking, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit = _common_unit(measure, signals)
+    error = (signals[measure.reference] - signals[measure.signal])[inside]
     return {
         "rms_error": Metric(rms(error), unit, floor_of(unit)),
         "max_error": Metric(float(np.max(np.abs(error))), unit, floor_of(unit)),
     }
 
 
-def _lag(measure: measures.Lag, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    _common_unit(measure, trace)
-    reference, y = trace[measure.reference][inside], trace[measure.signal][inside]
+def _lag(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    _common_unit(measure, signals)
+    reference, y = signals[measure.reference][inside], signals[measure.signal][inside]
     for name, values in ((measure.reference, reference), (measure.signal, y)):
         if np.ptp(values) <= _still(values):
             raise InputRefused(f"{name} does not move, so no lag can be told; measure while it does")
-    t = trace.t[inside]
+    t = signals.t[inside]
     found = lag(t, y, reference, measure.longest)
     if found >= measure.longest - (t[1] - t[0]):
         raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
@@ -169,41 +169,38 @@ def _lag(measure: measures.Lag, trace: Trace, inside: NDArray[np.bool_]) -> Metr
     return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
 
 
-def _spread(measure: measures.Spread, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    unit, values = trace.unit(measure.signal), trace[measure.signal][inside]
+def _spread(measure: measures.Spread, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit, values = signals.unit(measure.signal), signals[measure.signal][inside]
     return {
         "mean": Metric(float(np.mean(values)), unit, floor_of(unit), "none"),
         "std": Metric(float(np.std(values)), unit, floor_of(unit)),
     }
 
 
-def _onset(measure: measures.Onset, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    true = np.flatnonzero(trace[measure.signal][inside] > 0.0)
+def _onset(measure: measures.Onset, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    true = np.flatnonzero(signals[measure.signal][inside] > 0.0)
     if len(true) == 0:
         raise InputRefused(f"{measure.signal} is never true")
-    return {"time": Metric(float(trace.t[inside][true[0]]), "s", floor_of("s"), "none")}
+    return {"time": Metric(float(signals.t[inside][true[0]]), "s", floor_of("s"), "none")}
 
 
-def _path(measure: measures.Path, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    path = trace["controller.p_ref_B"][inside]
+def _path(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    path = signals["controller.p_ref_B"][inside]
     if np.all(np.ptp(path, axis=0) == 0.0):
         raise InputRefused("the reference does not move, so it has no path; measure while it does")
-    error = path_error(trace["plant.p_B"][inside], path)
+    error = path_error(signals["plant.p_B"][inside], path)
     return {
         "rms_error": Metric(rms(error), "m", floor_of("m")),
         "max_error": Metric(float(np.max(error)), "m", floor_of("m")),
     }
 
 
-def _effort(measure: measures.Effort, trace: Trace, inside: NDArray[np.bool_]) -> Metrics:
-    t = trace.t[inside]
-    angles = [
-        values for name, values in trace.vectors.items() if name.startswith("drive") and name.endswith(".theta_m")
-    ]
-    omega_m = np.gradient(np.hstack(angles)[inside], t, axis=0)
-    delivered, returned = work(t, trace["plant.tau_load"][inside], omega_m)
+def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    t = signals.t[inside]
+    omega_m = np.gradient(signals.run.of_drives("theta_m")[inside], t, axis=0)
+    delivered, returned = work(t, signals["plant.tau_load"][inside], omega_m)
     return {
-        "commanded_travel": Metric(travel(t, trace["controller.omega_ref"][inside]), "rad", floor_of("rad")),
+        "commanded_travel": Metric(travel(t, signals["controller.omega_ref"][inside]), "rad", floor_of("rad")),
         "work_delivered": Metric(delivered, "J", floor_of("J")),
         "work_returned": Metric(returned, "J", floor_of("J"), "none"),
     }
@@ -214,8 +211,8 @@ def _still(values: Curve) -> float:
     return 1e-9 * float(np.max(np.abs(values)))
 
 
-def _common_unit(measure: measures.Led, trace: Trace) -> str:
-    unit, other = trace.unit(measure.signal), trace.unit(measure.reference)
+def _common_unit(measure: measures.Led, signals: Signals) -> str:
+    unit, other = signals.unit(measure.signal), signals.unit(measure.reference)
     if unit != other:
         raise InputRefused(f"{measure.signal} is in {unit}, but its reference {measure.reference} in {other}")
     return unit

@@ -7,28 +7,22 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from twin.assembly.assemble import assemble
+from twin.assembly.beliefs import geometry_of
 from twin.assembly.load import load_experiment
-from twin.cosim.simulation import Simulation
 from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.execution import execute
+from twin.execution.loop import simulate
 from twin.execution.outcome import Tally
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
-from twin.monitor.component import Monitor
-from twin.monitor.reasons import trip_sentence
 from twin.paper.fig4_runs import Fig4Run, Fig4Runs
 from twin.regression.measurement import metrics_of_measure
-from twin.regression.trace import refuse_unknown, trace_of
+from twin.regression.signals import Signals, refuse_unknown
 from twin.sweep.fig4 import COMPANION, findings
 from twin.sweep.measures import Finding, metrics_of
-from twin.sweep.series import RunSeries
 from twin.writing import made_folder
-
-SLICE_TICKS = 1000
-"""Nobody watches between slices, so they may be long; but the rows of one are to stay in the processor's cache."""
 
 
 def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> Finding:
@@ -85,42 +79,30 @@ class _Ran:
     """A run that came to its end.
 
     Attributes:
-        trip: why the monitor tripped; "" if it did not. stepping: wall time (s). series: None unless it was asked for.
+        trip: why the monitor tripped; "" if it did not. stepping: wall time (s). run: None if nobody looks at it.
     """
 
     metrics: dict[str, float | None]
     trip: str
     stepping: float
-    series: RunSeries | None
+    run: Trace | None
 
 
 def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        simulation = Simulation(assembly.system, experiment.duration_ticks, SLICE_TICKS)
-        tally, stepping, kept = Tally(assembly.system), 0.0, []
-        while not simulation.finished:
-            began = time.perf_counter()
-            rows = simulation.advance()
-            stepping += time.perf_counter() - began
-            tally.take(rows)
-            if experiment.measures or kept_whole:
-                # the next slice overwrites them
-                kept.append(rows.copy())
-        if simulation.failure:
-            raise simulation.failure
-        monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
-        trip = trip_sentence(monitor.trip) if monitor and monitor.trip else ""
-        metrics = metrics_of(tally.outcome)
-        values = np.concatenate(kept) if kept else None
-        if experiment.measures and values is not None:
-            trace = trace_of(experiment, assembly, values)
-            for measure in experiment.measures:
-                # no step, or a force that never comes, at some values: then there are no such numbers
-                with contextlib.suppress(InputRefused):
-                    metrics |= {name: m.value for name, m in metrics_of_measure(measure, trace).items()}
-        series = RunSeries(assembly.system, values) if values is not None else None
-    return _Ran(metrics, trip, stepping, series)
+        tally, run = Tally(assembly.system), Trace() if experiment.measures or kept_whole else None
+        done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally])
+        if done.failure:
+            raise done.failure
+    metrics = metrics_of(tally.outcome)
+    if run:
+        signals = Signals(run, geometry_of(experiment.controller.model))
+        for measure in experiment.measures:
+            # no step, or a force that never comes, at some values: then there are no such numbers
+            with contextlib.suppress(InputRefused):
+                metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
+    return _Ran(metrics, done.trip, done.stepping, run)
 
 
 def _judged(ran: _Ran, companion: _Ran) -> dict[str, Any]:
@@ -129,7 +111,7 @@ def _judged(ran: _Ran, companion: _Ran) -> dict[str, Any]:
     Raises:
         ComponentFailed: the monitor tripped in the companion.
     """
-    assert ran.series is not None and companion.series is not None
+    assert ran.run is not None and companion.run is not None
     if companion.trip:
         raise ComponentFailed(f"without force control: {companion.trip}")
-    return findings(Fig4Runs(Fig4Run(ran.series), Fig4Run(companion.series)))
+    return findings(Fig4Runs(Fig4Run(ran.run), Fig4Run(companion.run)))

@@ -7,10 +7,12 @@ import numpy as np
 
 from twin.analysis.drive_model import Matrix
 from twin.assembly.assemble import assemble
-from twin.cosim.simulation import Simulation
+from twin.assembly.tunable import FORCE_REFERENCE, PLACES
+from twin.cosim.system import Change
 from twin.errors import ComponentFailed
+from twin.execution.loop import simulate
 from twin.execution.outcome import Outcome, Tally
-from twin.execution.watch import Watch
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 from twin.experiment.reference import WayPoints
 from twin.tuning.corner import Corner, at_stiffness
@@ -27,8 +29,6 @@ ENDING = 0.25
 """Share of the samples after the step in which a swing that lasts is looked for."""
 SPECTRUM = 2**18
 """Samples to which the step is continued before its spectrum is taken: frequencies 0.01 Hz apart."""
-SLICE = 1000
-"""Ticks of a whole run between two looks at it."""
 
 
 @dataclass(frozen=True)
@@ -118,22 +118,19 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
         reference=reference,
         controller=c.model_copy(update={"mode": mode, "force": force}),
     )
-    rest = round(REST / experiment.cosim.tick)
+    rest, over = (round(time / experiment.cosim.tick) for time in (REST, HORIZON))
+    pressed, risen = "plant.F_ee_B", "plant.p_B"
+    run = Trace(only=(pressed, risen))
     with assemble(held) as assembly:
         system = assembly.system
-        simulation = Simulation(system, rest + round(HORIZON / system.tick), rest)
-        simulation.advance()
         if stepped and point.force_on:
-            system.component("controller").memory["law"]["F_z_ref"][...] = high  # type: ignore[attr-defined]
-        rows = [simulation.advance().copy()]
-        while not simulation.finished:
-            rows.append(simulation.advance().copy())
-        if simulation.failure:
-            raise ComponentFailed(str(simulation.failure))
-        after = np.vstack(rows)
-        if point.force_on:
-            return -after[:, system.columns("plant.F_ee_B")][:, 2]
-        return after[:, system.columns("plant.p_B")][:, 2]
+            memory = PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
+            assert memory is not None
+            system.changes = (*system.changes, Change(rest, memory, high))
+        done = simulate(assembly, rest + over, [run])
+        if done.failure:
+            raise done.failure
+    return -run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2]
 
 
 @dataclass(frozen=True)
@@ -153,11 +150,6 @@ def whole_run(experiment: Experiment, drive: str, gains: LawGains) -> Whole:
     """Simulate `experiment` from beginning to end with `gains`; nothing is recorded."""
     tried = with_gains(experiment, gains)
     with assemble(tried) as assembly:
-        simulation = Simulation(assembly.system, tried.duration_ticks, SLICE)
-        tally, watch = Tally(assembly.system), Watch(assembly, tried)
-        while not simulation.finished:
-            first = simulation.next_tick
-            rows = simulation.advance()
-            watch.events(first, rows)
-            tally.take(rows)
-        return Whole(drive, None if simulation.failure else tally.outcome, watch.trip)
+        tally = Tally(assembly.system)
+        done = simulate(assembly, tried.duration_ticks, [tally])
+    return Whole(drive, None if done.failure else tally.outcome, done.trip)

@@ -1,10 +1,12 @@
 """Each fault as the component that does it; what of a fault would do nothing, or cannot be done, is refused."""
 
-from typing import Literal, NamedTuple
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
 from twin.cosim.component import Component
+from twin.cosim.place import Place
 from twin.cosim.port import Port
 from twin.errors import InputRefused
 from twin.experiment.fault import Fault
@@ -41,12 +43,10 @@ DRIVE_LAWS = {
 }
 
 
-class Parameter(NamedTuple):
-    """Where in the memory of which component a kind's parameter lies, and how the magnitude acts on it."""
+@dataclass(frozen=True)
+class Parameter(Place):
+    """Where a kind's parameter lies, and how the magnitude acts on it."""
 
-    component: str
-    record: str
-    field: str
     operation: Literal["factor", "added"]
 
 
@@ -178,12 +178,10 @@ def _delay(number: int, fault: Fault, tick: float) -> int:
 def _cell(number: int, fault: Fault, owner: Component, element: int) -> np.ndarray:
     """The parameter itself in the memory of `owner`, (1,) float64, a view."""
     place = PARAMETERS[fault.kind]
-    memory = getattr(owner, "memory", None)
-    try:
-        field = memory[place.record][place.field]  # type: ignore[index]
-    except (TypeError, ValueError, IndexError):
+    field = place.memory_of(owner)
+    if field is None:
         raise InputRefused(
             f"[[fault]] {number}: {fault.kind} writes {place.record}.{place.field} in the memory of component "
             f"'{owner.name}', which has none; remove the fault or use the native {owner.name}"
-        ) from None
+        )
     return field[0, element : element + 1] if field.ndim == 2 else field[0:1]

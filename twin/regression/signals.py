@@ -1,52 +1,61 @@
-"""One run in memory: the signals that an experiment's measures ask for, at every tick."""
+"""A run as an experiment's measures look at it: signals by the names that they use, at every tick."""
 
 import difflib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.assembly.assemble import Assembly, assemble
 from twin.assembly.beliefs import geometry_of
-from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import InputRefused, SafetyTrip
+from twin.execution.loop import simulate
+from twin.execution.streams import streams_of
+from twin.execution.trace import Trace
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Watched
-from twin.monitor.component import Monitor
-from twin.monitor.reasons import trip_sentence
+from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
-SLICE_TICKS = 1000
 REFERENCE_THETA_L = "reference.theta_l"
 """Load angles (rad) at which the platform, as the controller believes it to be made, is at controller.p_ref_B."""
 
 
 @dataclass(frozen=True)
-class Trace:
-    """A run that went to its end.
+class Signals:
+    """Of a run that went to its end.
 
     Attributes:
-        t: times of the ticks (s), (n,).
-        units: SI unit of every vector, by its recorded name without an index.
+        run: every signal of it at every tick. believed: what the controller believes the robot to be.
         fmus: SHA-256 of every FMU that took part, by file name.
     """
 
-    t: NDArray[np.float64]
-    units: dict[str, str]
-    fmus: dict[str, str]
-    vectors: dict[str, NDArray[np.float64]]
+    run: Trace
+    believed: Geometry
+    fmus: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times of the ticks (s), (n,)."""
+        return self.run.t
 
     def __getitem__(self, signal: str) -> NDArray[np.float64]:
         """Values (n,) of a signal as [[measure]] writes it, (n, k) without an index where it has k components."""
         vector, index = split(signal.removeprefix("-"))
-        values = self.vectors[vector]
-        values = values[:, index or 0] if index is not None or values.shape[1] == 1 else values
+        values = self._theta_l if vector == REFERENCE_THETA_L else self.run.held(vector).astype(float, copy=False)
+        values = values if index is None else values[:, index]
         return -values if signal.startswith("-") else values
 
     def unit(self, signal: str) -> str:
         """SI unit of a signal."""
-        return self.units[split(signal.removeprefix("-"))[0]]
+        vector, _ = split(signal.removeprefix("-"))
+        return "rad" if vector == REFERENCE_THETA_L else self.run.fields()[vector].unit
+
+    @cached_property
+    def _theta_l(self) -> NDArray[np.float64]:
+        return joint_angles(self.believed, self["controller.p_ref_B"])
 
 
 def split(signal: str) -> tuple[str, int | None]:
@@ -55,55 +64,23 @@ def split(signal: str) -> tuple[str, int | None]:
     return vector, int(index.removesuffix("]")) if bracket else None
 
 
-def traced(experiment: Experiment) -> Trace:
-    """Run `experiment` and keep every output.
+def run_for_measures(experiment: Experiment) -> Signals:
+    """Run `experiment` in this process.
 
     Raises:
         InputRefused: a drive FMU does not fit, or a measure names signals that there are not; all of those at once.
         ComponentFailed: a component failed.
         SafetyTrip: the safety monitor tripped.
     """
+    run = Trace()
     with assemble(experiment) as assembly:
-        system = assembly.system
-        refuse_unknown(experiment, system)
-        values = Simulation(system, experiment.duration_ticks, SLICE_TICKS).run()
-        for component in system.components:
-            if isinstance(component, Monitor) and component.trip is not None:
-                raise SafetyTrip(f"{experiment.name}: {trip_sentence(component.trip)}")
-        return trace_of(experiment, assembly, values)
-
-
-def trace_of(experiment: Experiment, assembly: Assembly, values: NDArray[np.float64]) -> Trace:
-    """A run of `experiment` that has been made already.
-
-    Args:
-        assembly: of it. values: every row of the run, (n, width of the system's outputs).
-    """
-    system = assembly.system
-    names = _recorded_names(system)
-    vectors = {name: values[:, system.columns(end)] for name, (end, _, _) in names.items() if end}
-    p_ref_B = vectors["controller.p_ref_B"]
-    vectors[REFERENCE_THETA_L] = joint_angles(geometry_of(experiment.controller.model), p_ref_B)
-    return Trace(
-        t=np.arange(len(values), dtype=float) * system.tick,
-        units={name: unit for name, (_, _, unit) in names.items()},
-        fmus=_fmus(assembly),
-        vectors=vectors,
-    )
-
-
-def _recorded_names(system: System) -> dict[str, tuple[str, int, str]]:
-    """Name as recorded -> (end in the system, components, SI unit)."""
-    names = {
-        f"{component.name.replace('drive_', 'drive/')}.{port.name}": (
-            f"{component.name}.{port.name}",
-            port.size,
-            port.unit,
-        )
-        for component in system.components
-        for port in component.outputs
-    }
-    return names | {REFERENCE_THETA_L: ("", 3, "rad")}
+        refuse_unknown(experiment, assembly.system)
+        done = simulate(assembly, experiment.duration_ticks, [run])
+        if done.failure:
+            raise done.failure
+        if done.trip:
+            raise SafetyTrip(f"{experiment.name}: {done.trip}")
+        return Signals(run, geometry_of(experiment.controller.model), _fmus(assembly))
 
 
 def refuse_unknown(experiment: Experiment, system: System) -> None:
@@ -112,7 +89,8 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
     Raises:
         InputRefused: it has not; all of those at once.
     """
-    sizes = {name: size for name, (_, size, _) in _recorded_names(system).items()}
+    sizes = {f"{s.topic.name}.{field.name}": field.size for s in streams_of(system) for field in s.topic.fields}
+    sizes[REFERENCE_THETA_L] = 3
     mistakes = []
     for number, measure in enumerate(experiment.measures, start=1):
         for key, signal in _signals(measure):
