@@ -9,11 +9,11 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.guard.limits import Limits
-from twin.sweep.definition import short_definition
-from twin.sweep.engine import Engine, Job
-from twin.sweep.plan import Plan, plan_of
-from twin.sweep.pool import Pool
+from twin.runs.guard.limits import Limits
+from twin.studies.sweep.definition import short_definition
+from twin.studies.sweep.engine import Engine, Job
+from twin.studies.sweep.plan import Plan, plan_of
+from twin.studies.sweep.pool import Pool
 
 WARM_UP = 10
 """Runs until everything is imported, compiled and unpacked, and batches have found their size."""
@@ -31,8 +31,8 @@ def measurements(path: Path) -> list[Measurement]:
     if find_spec("distributed") is None:
         remark = "Dask engine: distributed not installed"
         return [Measurement("dask: added to a run", None, "", remark=remark)]
-    from twin.sweep.dask.cluster import connected
-    from twin.sweep.dask.engine import Dask
+    from twin.studies.sweep.dask.cluster import connected
+    from twin.studies.sweep.dask.engine import Dask
 
     plan = plan_of(
         short_definition(path, [f"contact.stiffness_N_per_m=500:5000:{RUNS + WARM_UP}"], None), path, path.stem, "bench"
@@ -79,7 +79,7 @@ def batch_seconds(client) -> float:
 
 def bytes_per_second(client) -> float:
     """From this process through the scheduler into a depot."""
-    from twin.sweep.dask import depot
+    from twin.studies.sweep.dask import depot
 
     content = os.urandom(MEGABYTES * 1_000_000)
     digest = hashlib.sha256(content).hexdigest()

@@ -5,11 +5,11 @@ from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement
-from twin.assembly.assemble import assemble
-from twin.assembly.load import load_experiment
-from twin.execution import SLICE_TICKS, execute
-from twin.execution.loop import simulate
 from twin.experiment.experiment import Experiment
+from twin.runs import SLICE_TICKS, execute
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.runs.loop import simulate
 
 ROUNDS = 7
 

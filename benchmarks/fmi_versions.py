@@ -12,8 +12,8 @@ from pathlib import Path
 
 from benchmarks.macro_step import TICKS, master_seconds
 from benchmarks.measurement import Measurement, Rounds
-from twin.assembly.drives import planned
 from twin.experiment.schema import Drive as DriveTable
+from twin.runs.assembly.drives import planned
 
 ROUNDS = 31
 FMUS = Path(__file__).parents[1] / "fmus"

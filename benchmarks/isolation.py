@@ -9,16 +9,16 @@ from functools import partial
 from pathlib import Path
 
 from benchmarks.measurement import Measurement, Rounds
-from twin.assembly.assemble import assemble
-from twin.assembly.drives import DrivePlan, Start, drive
-from twin.assembly.load import load_experiment
 from twin.cosim.component import Component
-from twin.execution import SLICE_TICKS
-from twin.execution.loop import simulate
 from twin.experiment.experiment import Experiment
-from twin.guard.isolated_drive import IsolatedDrives
-from twin.guard.limits import Limits
-from twin.guard.voice import DirectVoice
+from twin.runs import SLICE_TICKS
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.drives import DrivePlan, Start, drive
+from twin.runs.assembly.load import load_experiment
+from twin.runs.guard.isolated_drive import IsolatedDrives
+from twin.runs.guard.limits import Limits
+from twin.runs.guard.voice import DirectVoice
+from twin.runs.loop import simulate
 
 ROUNDS = 9
 VOICE = DirectVoice(lambda note: None, lambda done, total: None)
@@ -81,7 +81,7 @@ class FirstElsewhere:
         self._drives, self._count = drives, count
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """See `twin.assembly.drives.drive`."""
+        """See `twin.runs.assembly.drives.drive`."""
         elsewhere = int(name.removeprefix("drive_")) <= self._count
         return (self._drives.drive if elsewhere else drive)(name, plan, tick, theta_m, tau_load)
 

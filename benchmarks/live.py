@@ -14,14 +14,14 @@ from typing import NamedTuple
 import numpy as np
 
 from benchmarks.measurement import Measurement, Rounds
-from twin.assembly.load import load_experiment
-from twin.execution import execute
-from twin.execution.observer import Event
-from twin.execution.streams import Stream
-from twin.execution.tuning import Tuning
-from twin.execution.viewer import Viewer
 from twin.experiment.experiment import Experiment
-from twin.scene.scene import Scene
+from twin.runs import execute
+from twin.runs.assembly.load import load_experiment
+from twin.runs.observer import Event
+from twin.runs.scene.scene import Scene
+from twin.runs.streams import Stream
+from twin.runs.tuning import Tuning
+from twin.runs.viewer import Viewer
 
 ROUNDS = 15
 PACED_ROUNDS = 5
@@ -87,7 +87,7 @@ def _run(experiment: Experiment, factor: float | None, live: bool) -> Cost:
             watch = Stopwatch()
             execute(experiment, Path(scratch), factor=factor, viewer=watch)
             return Cost(time.perf_counter() - watch.began, 0.0, 0)
-        from twin.live.server import LiveServer
+        from twin.runs.live.server import LiveServer
 
         clients: list[subprocess.Popen[str]] = []
         with LiveServer(0, lambda address: clients.append(_client(address))) as server:

@@ -13,7 +13,7 @@ from benchmarks.measurement import Measurement, Rounds
 
 ROUNDS = 5
 WATCH = Path(__file__).with_name("watch.py")
-IMPORTS = "import twin.execution, twin.assembly.load, twin.recording.folder"
+IMPORTS = "import twin.runs, twin.runs.assembly.load, twin.recording.folder"
 MEGABYTE = 1024.0 if sys.platform != "darwin" else 1024.0**2
 """`ru_maxrss` counts kibibytes, on macOS bytes."""
 

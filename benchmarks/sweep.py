@@ -7,12 +7,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from benchmarks.measurement import Measurement
-from twin.guard.limits import Limits
-from twin.sweep.definition import short_definition
-from twin.sweep.engine import Job
-from twin.sweep.plan import Plan, Task, plan_of
-from twin.sweep.pool import Pool
-from twin.sweep.station import Station
+from twin.runs.guard.limits import Limits
+from twin.studies.sweep.definition import short_definition
+from twin.studies.sweep.engine import Job
+from twin.studies.sweep.plan import Plan, Task, plan_of
+from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.station import Station
 
 WARM_UP = 5
 """Runs of each process until everything is imported, compiled and unpacked."""

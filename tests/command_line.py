@@ -13,15 +13,15 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
-from twin.guard.voice import DirectVoice, Listen, Show
+from twin.runs.guard.voice import DirectVoice, Listen, Show
 
-GUARDED = ("twin.guard.guard.guarded", "twin.cli.run.guarded", "twin.cli.check_jobs.guarded")
+GUARDED = ("twin.runs.guard.guard.guarded", "twin.cli.run.guarded", "twin.cli.check_jobs.guarded")
 """Where the commands find the function that runs a job in a process of its own."""
 
 _ONE_JOB = threading.Lock()
 
 # before anything takes the place of that function: they keep what they find under its name
-for name in ("twin.cli.run", "twin.cli.check_jobs", "twin.sweep.reset"):
+for name in ("twin.cli.run", "twin.cli.check_jobs", "twin.studies.sweep.reset"):
     importlib.import_module(name)
 
 
@@ -86,7 +86,7 @@ def _unguarded(
     listen: Listen = lambda note: None,
     show: Show = lambda done, total: None,
 ) -> Any:
-    """As `twin.guard.guard.guarded`, through JSON likewise, in this process."""
+    """As `twin.runs.guard.guard.guarded`, through JSON likewise, in this process."""
     module, _, function = job.partition(":")
     voice = DirectVoice(lambda note: listen(_through_json(note)), show)
     # two jobs are two processes otherwise, and need not stand each other in one

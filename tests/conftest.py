@@ -7,10 +7,10 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
-from twin.assembly.load import load_experiment
-from twin.execution import execute
 from twin.recording.reader import read
 from twin.recording.recording import Recording
+from twin.runs import execute
+from twin.runs.assembly.load import load_experiment
 
 ROOT = Path(__file__).parents[1]
 USUAL = 100

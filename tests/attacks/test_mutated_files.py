@@ -9,20 +9,20 @@ import numpy as np
 import pytest
 
 from tests.attacks.mutations import endure, mutated, mutated_json
-from tests.sweep.statistics.rows import row
-from twin.assembly.load import load_experiment
-from twin.comparison.tolerance import rules
+from tests.studies.sweep.statistics.rows import row
 from twin.experiment.template import commented_experiment
-from twin.logs.column_map import column_map
-from twin.logs.reader import read_log
-from twin.regression.baseline import read_baseline
-from twin.report.sweep_parts import Asked, parts
-from twin.report.sweep_text import sweep_text
-from twin.sweep.definition import read_definition
-from twin.sweep.folder import FACTS, kept
-from twin.sweep.rows import ROWS
-from twin.sweep.statistics.bands import bands
-from twin.sweep.statistics.ranking import usual_metric
+from twin.recording.logs.column_map import column_map
+from twin.recording.logs.reader import read_log
+from twin.runs.assembly.load import load_experiment
+from twin.studies.check.baseline import read_baseline
+from twin.studies.compare.tolerance import rules
+from twin.studies.sweep.definition import read_definition
+from twin.studies.sweep.folder import FACTS, kept
+from twin.studies.sweep.rows import ROWS
+from twin.studies.sweep.show.parts import Asked, parts
+from twin.studies.sweep.show.text import sweep_text
+from twin.studies.sweep.statistics.bands import bands
+from twin.studies.sweep.statistics.ranking import usual_metric
 
 Attack = Callable[[int], object]
 FEW, MANY = range(25), 400
@@ -49,7 +49,7 @@ def body(root: Path, tmp_path: Path) -> Attack:
 
 @pytest.fixture
 def sweep(root: Path, tmp_path: Path) -> Attack:
-    from twin.sweep.design import largest_count
+    from twin.studies.sweep.design import largest_count
 
     def counted(path: Path) -> int:
         return largest_count(read_definition(path)[0])

@@ -9,9 +9,9 @@ import pytest
 from playwright.sync_api import Browser
 
 from tests.laws.runs import shipped
-from tests.live.viewer import Viewer
-from twin.execution import execute
-from twin.live.server import LiveServer
+from tests.runs.live.viewer import Viewer
+from twin.runs import execute
+from twin.runs.live.server import LiveServer
 
 KNOCK = """address => new Promise(done => {
     const socket = new WebSocket(address, ["foxglove.sdk.v1"]);

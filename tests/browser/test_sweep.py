@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser
 
-from tests.sweep.statistics.rows import kept, row
+from tests.studies.sweep.statistics.rows import kept, row
 from twin.report.page.sweep import write_sweep_page
-from twin.report.sweep_parts import Asked
-from twin.report.sweep_pictures import write_pictures
+from twin.studies.sweep.show.parts import Asked
+from twin.studies.sweep.show.pictures import write_pictures
 
 ASKED = Asked("force_error_N", "lateral_error_mm", 5)
 

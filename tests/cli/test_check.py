@@ -4,8 +4,8 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from tests.guard.hostile import SEGFAULT, hostile_drive
-from tests.regression.files import step_file
+from tests.runs.guard.hostile import SEGFAULT, hostile_drive
+from tests.studies.check.files import step_file
 
 
 def test_a_check_goes_from_accepted_to_as_it_was_to_deviating(root: Path, tmp_path: Path):

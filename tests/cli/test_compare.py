@@ -5,7 +5,7 @@ import pytest
 from PIL import Image
 
 from tests.command_line import twin
-from tests.paper.fig5_recordings import pressed, tapped
+from tests.studies.paper.fig5_recordings import pressed, tapped
 from twin.recording.recording import Recording
 
 

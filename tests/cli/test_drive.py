@@ -7,7 +7,7 @@ from PIL import Image
 from tests.command_line import twin
 from tests.drive.archives import redescribed
 from tests.drive.faulty import faulty_drive
-from twin.qualification.definitions import CHECKS, MEASURES
+from twin.studies.qualify.definitions import CHECKS, MEASURES
 
 FIG4 = "experiments/fig4_force_position.toml"
 

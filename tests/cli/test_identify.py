@@ -2,7 +2,7 @@ import json
 from pathlib import Path
 
 from tests.command_line import twin
-from tests.replay.logs import ran
+from tests.studies.replay.logs import ran
 
 
 def test_it_ends_with_exit_code_0_and_prints_facts(tmp_path: Path):

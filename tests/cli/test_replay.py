@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from tests.replay.logs import FIG4, ran, softened
+from tests.studies.replay.logs import FIG4, ran, softened
 
 
 def test_a_robot_that_drifts_ends_with_exit_code_1(tmp_path: Path):

@@ -12,7 +12,7 @@ import pytest
 from twin.cli import app
 from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
 from twin.errors import NotWritten
-from twin.guard.black_box import BlackBox
+from twin.runs.guard.black_box import BlackBox
 
 FULL = pytest.mark.skipif(not os.path.exists("/dev/full"), reason="only Linux has a disk that is always full")
 

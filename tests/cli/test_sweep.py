@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from tests.sweep.definitions import STIFFNESS, stiffness_text, written
+from tests.studies.sweep.definitions import STIFFNESS, stiffness_text, written
 
 COST = ("seconds", "stepping_s")
 

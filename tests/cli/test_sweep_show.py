@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from tests.sweep.statistics.rows import row
+from tests.studies.sweep.statistics.rows import row
 from twin.cli.app import app
 from twin.errors import InputRefused
-from twin.sweep.folder import FACTS
-from twin.sweep.rows import ROWS
+from twin.studies.sweep.folder import FACTS
+from twin.studies.sweep.rows import ROWS
 
 
 @pytest.fixture

@@ -5,12 +5,12 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import FORCE, POSITION, Sampled, shipped
 from tests.plant.states import positions
-from twin.assembly.beliefs import belief
-from twin.assembly.computer import controller
 from twin.controller.controller import NEVER, Controller, Law
 from twin.controller.pid import Gains
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
+from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.computer import controller
 
 T_s = 2e-3
 GEOMETRY = Geometry(*belief(shipped())[:4])

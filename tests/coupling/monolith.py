@@ -1,6 +1,6 @@
 """The monolithic reference in terms of python-control, and by label.
 
-`coupled_system` says what is integrated; `twin.analysis.coupled` is the same compiled, which makes 20 s of it
+`coupled_system` says what is integrated; `twin.studies.analyse.linear.coupled` is the same compiled, which makes 20 s of it
 affordable, and `test_monolith.py` holds the two together.
 """
 
@@ -10,12 +10,12 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.analysis.plant_system import plant_system, signal_labels
-from twin.assembly.assemble import assemble
-from twin.assembly.true_parameters import plant_parameters
-from twin.convergence.monolith import applies, monolithic_rows, servos, within_limits
 from twin.experiment.experiment import Experiment
 from twin.plant.component import OUTPUTS
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.true_parameters import plant_parameters
+from twin.studies.analyse.linear.plant_system import plant_system, signal_labels
+from twin.studies.converge.monolith import applies, monolithic_rows, servos, within_limits
 
 LEGS = (1, 2, 3)
 T_M = 0.020

@@ -5,9 +5,9 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from tests.laws.runs import PARAMETERS, Sampled
-from twin.analysis.plant_system import plant_system
 from twin.plant.component import STILL, Plant, settle
 from twin.plant.equilibrium import resting
+from twin.studies.analyse.linear.plant_system import plant_system
 
 TICK = 1e-3
 TICKS = 120

@@ -3,9 +3,9 @@
 import re
 from pathlib import Path
 
-from twin.sweep.definition import Definition
-from twin.sweep.measures import METRICS, Finding
-from twin.sweep.vary import Vary
+from twin.studies.sweep.definition import Definition
+from twin.studies.sweep.measures import METRICS, Finding
+from twin.studies.sweep.vary import Vary
 
 
 def named(page: str, header: str) -> set[str]:

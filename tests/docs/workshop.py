@@ -15,9 +15,9 @@ import pytest
 
 from tests.command_line import twin
 from tests.docs.code_blocks import Block
-from twin.assembly.load import load_experiment
 from twin.experiment.schema import Drive
-from twin.sweep.plan import planned
+from twin.runs.assembly.load import load_experiment
+from twin.studies.sweep.plan import planned
 
 PLAIN = re.compile(r"twin [^|;&$<>`*?~{}()!\\]*$")
 """A command that a shell would only split into words."""

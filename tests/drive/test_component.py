@@ -6,9 +6,6 @@ import pytest
 
 from tests.drive.archives import altered, redescribed
 from tests.drive.warning import warning_drive
-from twin.assembly.assemble import assemble
-from twin.assembly.drives import drive, planned
-from twin.assembly.load import load_experiment
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
@@ -17,6 +14,9 @@ from twin.cosim.system import System
 from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.load import load_experiment
 
 TICK = 1e-3
 

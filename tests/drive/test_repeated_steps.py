@@ -8,9 +8,6 @@ import pytest
 
 from tests.drive.compiled import compiled_drive
 from tests.laws.runs import EXPERIMENTS, FORCE, shipped
-from twin.assembly.assemble import assemble
-from twin.assembly.drives import drive, planned
-from twin.assembly.load import load_experiment
 from twin.cosim.port import Port, width
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
@@ -18,6 +15,9 @@ from twin.cosim.system import System
 from twin.drive.component import FmuComponent
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.load import load_experiment
 
 TICK = 1e-3
 SIGNATURE = ctypes.CFUNCTYPE(

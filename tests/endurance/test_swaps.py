@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.assembly.assemble import assemble
-from twin.assembly.load import load_experiment
 from twin.cosim.simulation import Simulation
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
 
 pytestmark = [
     pytest.mark.endurance,

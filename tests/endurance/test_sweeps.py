@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from tests.sweep.definitions import job, stiffness_text, written
-from twin.sweep.plan import planned
-from twin.sweep.station import Station
+from tests.studies.sweep.definitions import job, stiffness_text, written
+from twin.studies.sweep.plan import planned
+from twin.studies.sweep.station import Station
 
 pytestmark = [
     pytest.mark.endurance,

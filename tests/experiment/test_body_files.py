@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, Sampled, shipped
-from twin.assembly.true_parameters import plant_parameters
 from twin.errors import InputRefused
 from twin.experiment.body_files import fill_from_body, replace_body
 from twin.experiment.contact import Contact
@@ -14,6 +13,7 @@ from twin.experiment.source import Source, override, read_source
 from twin.plant.component import Plant
 from twin.plant.contact_law import elastic_force
 from twin.plant.equilibrium import resting
+from twin.runs.assembly.true_parameters import plant_parameters
 
 BODIES = sorted(path.stem for path in (EXPERIMENTS / "bodies").glob("*.toml"))
 over_every_body = pytest.mark.parametrize("name", BODIES)

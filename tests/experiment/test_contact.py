@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from twin.assembly.load import load_experiment
 from twin.experiment.contact import Contact
 from twin.experiment.mistakes import sentences
+from twin.runs.assembly.load import load_experiment
 
 SCALE: dict[str, Any] = {
     "kind": "scale",

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
 from twin.experiment.named import experiment_file, known_experiments
+from twin.runs.assembly.load import load_experiment
 
 NAME = "fig4_force_position"
 

@@ -12,8 +12,8 @@ from typing import Any
 import pytest
 
 from tests.conftest import ROOT
-from twin.assembly.load import load_experiment
 from twin.experiment.source import Source, read_source
+from twin.runs.assembly.load import load_experiment
 
 EXPERIMENTS = sorted((ROOT / "experiments").glob("*.toml"))
 PARTS = sorted(path for folder in ("robots", "bodies") for path in (ROOT / "experiments" / folder).glob("*.toml"))

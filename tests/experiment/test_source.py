@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
 from twin.experiment.source import located, override, read_source, replace_drive
+from twin.runs.assembly.load import load_experiment
 
 
 def write(folder: Path, name: str, text: str) -> Path:

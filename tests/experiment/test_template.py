@@ -6,9 +6,9 @@ import jsonschema
 import pytest
 
 from tests.experiment.schema_tables import tables
-from twin.assembly.load import load_experiment
 from twin.experiment.json_schema import experiment_json_schema
 from twin.experiment.template import commented_experiment
+from twin.runs.assembly.load import load_experiment
 
 EXPERIMENTS = sorted((Path(__file__).parents[2] / "experiments").glob("*.toml"))
 

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
+from twin.runs.assembly.load import load_experiment
 
 
 def refusal(path: Path, *settings: str, **names: str) -> list[str]:

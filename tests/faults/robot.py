@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from tests.cosim.models import continuous, sampled
-from twin.assembly.faults.inject import inject
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, width
@@ -15,6 +14,7 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import Scheme, System
 from twin.cosim.wiring import End, Feeds, Side, ends, wires
 from twin.experiment.fault import Fault
+from twin.runs.assembly.faults.inject import inject
 
 TICK = 1e-3
 PERIOD = 2

@@ -6,8 +6,6 @@ from hypothesis import strategies as st
 from tests.cosim.models import sampled
 from tests.faults.robot import COUNTS, SPEED_LIMIT, TICK, joined, plant, run
 from tests.laws.runs import PARAMETERS as REAL
-from twin.assembly.faults.components import PARAMETERS
-from twin.assembly.faults.inject import inject
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -15,6 +13,8 @@ from twin.cosim.wiring import wires
 from twin.experiment.fault import NEVER, Fault
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
+from twin.runs.assembly.faults.components import PARAMETERS
+from twin.runs.assembly.faults.inject import inject
 
 ONSET, END, LAST = 40, 80, 120
 NOMINAL = {

@@ -28,10 +28,10 @@ REPOSITORY = (
 NAMES = """
 import json
 import tarfile
-from twin.assembly.load import load_experiment
+from twin.runs.assembly.load import load_experiment
 from twin.places import HOME
-from twin.regression.baseline import baselines_here
-from twin.regression.job import pairs
+from twin.studies.check.baseline import baselines_here
+from twin.studies.check.job import pairs
 
 loaded = load_experiment("fig4_force_position", ["duration_s=1"], drive="pmsm_foc", body="back")
 stored = pairs([], [], baselines_here())

@@ -4,9 +4,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.plant.test_energy import stored
-from twin.execution.trace import Trace
 from twin.plant.parameters import PlantParameters
 from twin.robot.gravity import G_ACCELERATION, leg_inertia, platform_mass
+from twin.runs.trace import Trace
 
 Numbers = NDArray[np.float64]
 

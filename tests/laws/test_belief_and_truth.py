@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXACT_ENCODERS, FORCE, POSITION, Sampled, co_simulated, shipped
-from twin.assembly.beliefs import belief
-from twin.assembly.computer import controller
-from twin.assembly.true_parameters import plant_parameters
 from twin.controller.estimator import Estimator
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian
+from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.computer import controller
+from twin.runs.assembly.true_parameters import plant_parameters
 
 NO_BACKLASH = (*EXACT_ENCODERS, "plant.backlash_deg=0")
 WRONG = {

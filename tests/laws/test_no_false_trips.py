@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.assembly.assemble import assemble
-from twin.assembly.load import load_experiment
-from twin.execution.loop import simulate
-from twin.execution.trace import Trace
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.runs.loop import simulate
+from twin.runs.trace import Trace
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
 DRIVES = sorted(path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu"))

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.assembly.beliefs import monitor_belief, monitor_limits
 from twin.experiment.monitor import Monitor as Section
 from twin.monitor.belief import Belief
 from twin.monitor.component import Monitor
@@ -16,6 +15,7 @@ from twin.monitor.resolution import geometry
 from twin.robot.gravity import Masses, environment_force
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
+from twin.runs.assembly.beliefs import monitor_belief, monitor_limits
 
 BELIEF = monitor_belief(shipped().robot)
 GEOMETRY = geometry(BELIEF)

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import EXPERIMENTS
-from twin.assembly.assemble import assemble
-from twin.assembly.load import load_experiment
-from twin.execution.trace import Trace, run_in_memory
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.runs.trace import Trace, run_in_memory
 
 RUNAWAY = 'fault=[{kind="drive_runaway", onset_s=2.0, magnitude_rad_per_s=2.0}]'
 

@@ -4,7 +4,6 @@ from hypothesis import given
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
 from tests.plant.states import moving
-from twin.assembly.assemble import assemble
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
@@ -15,6 +14,7 @@ from twin.plant.equilibrium import resting
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import leg_inertia, platform_mass
 from twin.robot.jacobian import jacobian
+from twin.runs.assembly.assemble import assemble
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
 

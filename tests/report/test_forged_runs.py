@@ -10,17 +10,17 @@ import pytest
 from tests.memory import growth
 from tests.recording.forgery import data_records, sealed, with_metadata
 from tests.report.attacks import Attack
-from twin.assembly.load import load_experiment
-from twin.comparison.comparison import compared
-from twin.comparison.inputs import both
 from twin.errors import InputRefused, TwinError
-from twin.execution import SUMMARY, execute
-from twin.export.export import export_recording
-from twin.report.identification import Request as Identification
-from twin.report.identification import identification_report
+from twin.recording.export.export import export_recording
 from twin.report.page.page import write_report
-from twin.report.replay import Request as Replay
-from twin.report.replay import replay_report
+from twin.runs import SUMMARY, execute
+from twin.runs.assembly.load import load_experiment
+from twin.studies.compare.comparison import compared
+from twin.studies.compare.inputs import both
+from twin.studies.identify.study import Request as Identification
+from twin.studies.identify.study import identification_report
+from twin.studies.replay.study import Request as Replay
+from twin.studies.replay.study import replay_report
 from twin.writing import json_text
 
 SEED = 12

@@ -52,7 +52,7 @@ def budgeted(
     voice: Any, experiment: str, settings: list[str], drive: str | None, out: str | None
 ) -> tuple[str, dict[str, object]]:
     """(text, facts for JSON) of the budget, and the file of `out`; a job of the guard."""
-    from twin.report.accuracy import accuracy_report
+    from twin.studies.accuracy.study import accuracy_report
 
     folder = None if out is None else Path(out)
     report = accuracy_report(Path(experiment), settings, drive, folder, lambda what: voice.note(say=what))

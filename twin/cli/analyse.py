@@ -63,11 +63,11 @@ def analysed(
     voice: Any, experiment: str, drive: str | None, body: str | None, settings: list[str], tried: bool, out: str
 ) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of the loops, and the files of `out`; a job of the guard."""
-    from twin.assembly.load import load_experiment
-    from twin.loop_analysis.stability import stability
-    from twin.report.analysis import draw_analysis
-    from twin.report.analysis_map import draw_stability_maps
-    from twin.report.analysis_text import analysis_text
+    from twin.runs.assembly.load import load_experiment
+    from twin.studies.analyse.map import draw_stability_maps
+    from twin.studies.analyse.picture import draw_analysis
+    from twin.studies.analyse.stability import stability
+    from twin.studies.analyse.text import analysis_text
 
     done = stability(load_experiment(Path(experiment), settings, drive, body), tried)
     folder = Path(out)

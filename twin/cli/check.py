@@ -60,9 +60,9 @@ def check(
     Example: twin check experiments/step_z_air.toml --drive velocity_servo
     """
     from twin.cli.check_jobs import finished
-    from twin.regression.baseline import FOLDER, baseline_file, baselines_here, write_baseline
-    from twin.regression.job import pairs
-    from twin.report.check_text import check_text
+    from twin.studies.check.baseline import FOLDER, baseline_file, baselines_here, write_baseline
+    from twin.studies.check.job import pairs
+    from twin.studies.check.text import check_text
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
@@ -81,7 +81,7 @@ def check(
     if update and verdicts:
         places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {folder}")
     if any(verdict.outside for verdict in verdicts):
-        from twin.report.check_picture import check_pictures
+        from twin.studies.check.picture import check_pictures
 
         places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
     if places and not as_json:

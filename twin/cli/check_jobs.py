@@ -10,11 +10,11 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import TwinError
-from twin.guard.guard import guarded
-from twin.guard.voice import DirectVoice
-from twin.regression.job import Outcome, Pair, checked
+from twin.runs.guard.guard import guarded
+from twin.runs.guard.voice import DirectVoice
+from twin.studies.check.job import Outcome, Pair, checked
 
-JOB = "twin.regression.job:checked"
+JOB = "twin.studies.check.job:checked"
 
 
 def finished(pairs: list[Pair], folder: Path, reason: str, processes: int) -> list[Outcome]:

@@ -110,12 +110,12 @@ def _tube(
         raise InputRefused(
             f"twin compare: got {len(paths)} path{'s' * (len(paths) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.comparison.alignment import alignment
-    from twin.comparison.comparison import compared
-    from twin.comparison.inputs import both
-    from twin.comparison.tolerance import rules
-    from twin.report.comparison import draw_comparison
-    from twin.report.comparison_text import comparison_text
+    from twin.studies.compare.alignment import alignment
+    from twin.studies.compare.comparison import compared
+    from twin.studies.compare.inputs import both
+    from twin.studies.compare.picture import draw_comparison
+    from twin.studies.compare.text import comparison_text
+    from twin.studies.compare.tolerance import rules
 
     found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
     failed = [row.signal for row in found.outside]
@@ -133,10 +133,10 @@ def _fig4(paths: list[Path]) -> Verdict:
             f"--paper fig4: got {len(paths)} run{'s' * (len(paths) != 1)}, expected two: the run with force control, "
             f"then the one without; or four: {', '.join(FIG4_EXPERIMENTS)}"
         )
-    from twin.paper.fig4_runs import fig4_runs
-    from twin.paper.score import fig4_score
-    from twin.report.fig4 import draw_fig4
-    from twin.report.scorecard import fig4_text
+    from twin.studies.paper.fig4_picture import draw_fig4
+    from twin.studies.paper.fig4_runs import fig4_runs
+    from twin.studies.paper.score import fig4_score
+    from twin.studies.paper.text import fig4_text
 
     recordings = _recordings(paths)
     runs = fig4_runs(*recordings)
@@ -146,9 +146,9 @@ def _fig4(paths: list[Path]) -> Verdict:
 
 
 def _fig5(paths: list[Path]) -> Verdict:
-    from twin.paper.fig5_score import fig5_score
-    from twin.report.fig5 import draw_fig5
-    from twin.report.scorecard import fig5_text
+    from twin.studies.paper.fig5_picture import draw_fig5
+    from twin.studies.paper.fig5_score import fig5_score
+    from twin.studies.paper.text import fig5_text
 
     recordings = _recordings(paths or _latest("fig5", FIG5_EXPERIMENTS))
     score = fig5_score(recordings)

@@ -66,7 +66,7 @@ def converge(
 
 def converged(voice: Any, experiment: str, out: str | None, **asked: Any) -> tuple[str, dict[str, object], bool]:
     """(text, facts for JSON, whether a coupling is good enough), and the files of `out`; a job of the guard."""
-    from twin.report.convergence import Request, convergence_report
+    from twin.studies.converge.files import Request, convergence_report
 
     request = Request(Path(experiment), out=None if out is None else Path(out), **asked)
     report = convergence_report(request, lambda what: voice.note(say=what))

@@ -19,8 +19,8 @@ def doctor(
 
     Example: twin doctor
     """
-    from twin.doctor.examination import examination_text, examined, verdict
-    from twin.doctor.finding import is_ready
+    from twin.cli.installation.examination import examination_text, examined, verdict
+    from twin.cli.installation.finding import is_ready
 
     findings = examined(Path.cwd(), with_run)
     if as_json:

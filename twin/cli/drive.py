@@ -16,8 +16,8 @@ from twin.errors import InputRefused
 from twin.writing import json_text, made_folder, write_text
 
 if TYPE_CHECKING:
-    from twin.assembly.drives import DrivePlan
     from twin.drive.description import Variable
+    from twin.runs.assembly.drives import DrivePlan
 
 WIDTH = 80
 
@@ -44,8 +44,8 @@ def info(fmu: Fmu, as_json: AsJson = False) -> None:
 
     Example: twin drive info pmsm_foc
     """
-    from twin.assembly.drives import planned
     from twin.experiment.drive_files import lone_drive
+    from twin.runs.assembly.drives import planned
 
     plan = planned(lone_drive(str(fmu), Path.cwd()))
     print(json_text(_facts(plan)) if as_json else _table(plan))
@@ -61,8 +61,8 @@ def list_(as_json: AsJson = False) -> None:
     """
     from dataclasses import asdict
 
-    from twin.qualification.shelf import shelved_drives
-    from twin.report.drive_text import list_text
+    from twin.studies.qualify.shelf import shelved_drives
+    from twin.studies.qualify.text import list_text
 
     drives = shelved_drives(Path.cwd())
     print(json_text([asdict(shelved) for shelved in drives]) if as_json else list_text(drives))
@@ -81,7 +81,7 @@ def new(fmu: Fmu) -> None:
     """
     from twin.drive.description import described
     from twin.experiment.drive_files import MAPPING, lone_drive
-    from twin.qualification.proposal import proposal
+    from twin.studies.qualify.proposal import proposal
 
     file = lone_drive(fmu, Path.cwd()).fmu
     if file is None:
@@ -116,7 +116,7 @@ def check(
 
     Example: twin drive check velocity_servo
     """
-    from twin.report.drive_text import check_text, measures_table
+    from twin.studies.qualify.text import check_text, measures_table
 
     made_folder(out)
     all_facts = []
@@ -163,8 +163,8 @@ def compare(
 def checked(voice: Any, fmu: str, here: str, out: str) -> dict[str, Any]:
     """Qualify a drive and draw the picture: text in, JSON out, and nothing else loads the FMU; a job of the guard."""
     from twin.experiment.drive_files import lone_drive
-    from twin.qualification.qualification import qualified
-    from twin.report.drive_check import draw_drive_check
+    from twin.studies.qualify.picture import draw_drive_check
+    from twin.studies.qualify.qualification import qualified
 
     done = qualified(lone_drive(fmu, Path(here)))
     picture = Path(out) / f"{Path(done.plan.label).stem}.png"
@@ -175,9 +175,9 @@ def checked(voice: Any, fmu: str, here: str, out: str) -> dict[str, Any]:
 def compared(voice: Any, fmus: list[str], experiment: str, out: str) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of drives in the same experiment, and the picture; a job of the guard."""
     from twin.experiment.named import experiment_file
-    from twin.qualification.comparison import comparison_facts, trials
-    from twin.report.drive_compare import draw_drive_compare
-    from twin.report.drive_text import compare_text
+    from twin.studies.qualify.comparison import comparison_facts, trials
+    from twin.studies.qualify.comparison_picture import draw_drive_compare
+    from twin.studies.qualify.text import compare_text
 
     file = experiment_file(experiment)
     done = trials(file, fmus)

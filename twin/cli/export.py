@@ -43,7 +43,7 @@ def export(
     chosen = [form for form, wanted in zip(Format, (csv, parquet, mat), strict=True) if wanted]
     if len(chosen) != 1:
         raise InputRefused(f"got {len(chosen)} formats; expected one of --csv, --parquet and --mat")
-    from twin.export.export import export_recording
+    from twin.recording.export.export import export_recording
 
     exported = export_recording(run, chosen[0].value, signals or (), rate, out, force)
     print(f"{exported.path}  {exported.signals} signals, {exported.rows} rows")

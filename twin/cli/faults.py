@@ -14,7 +14,7 @@ from twin.errors import ComponentFailed
 from twin.writing import growing, json_text, made_folder, write_json
 
 if TYPE_CHECKING:
-    from twin.fault_matrix.row import Row
+    from twin.studies.faults.row import Row
 
 ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
 
@@ -55,8 +55,8 @@ def faults(
 
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
     """
-    from twin.report.fault_matrix import draw_fault_matrix
-    from twin.report.fault_matrix_text import fault_matrix_text
+    from twin.studies.faults.picture import draw_fault_matrix
+    from twin.studies.faults.text import fault_matrix_text
 
     folder = out or Path("results/faults") / experiment.stem
     arguments = {
@@ -102,7 +102,7 @@ class Kept:
 
     def hear(self, note: dict[str, Any]) -> None:
         """Take a note of `measured`."""
-        from twin.fault_matrix.row import Row
+        from twin.studies.faults.row import Row
 
         self.rows.append(Row.of(note["row"]))
         self._append(json_text(self.rows[-1].facts()) + "\n")
@@ -111,8 +111,8 @@ class Kept:
 
 
 def _measure(arguments: dict[str, Any], isolate: JobIsolation, kept: Kept) -> None:
-    from twin.guard.guard import JobDied, guarded
-    from twin.guard.voice import DirectVoice
+    from twin.runs.guard.guard import JobDied, guarded
+    from twin.runs.guard.voice import DirectVoice
 
     if isolate == JobIsolation.NONE:
         measured(DirectVoice(kept.hear, lambda done, total: None), **arguments)
@@ -134,9 +134,9 @@ def measured(
     settings: list[str],
 ) -> None:
     """Measure the matrix; a job of the guard. Notes: {"row": a row taken apart, "of": how many there will be}."""
-    from twin.assembly.load import load_experiment
-    from twin.fault_matrix.case import cases, known_kinds
-    from twin.fault_matrix.matrix import healthy_trial, onsets_of, rows
+    from twin.runs.assembly.load import load_experiment
+    from twin.studies.faults.case import cases, known_kinds
+    from twin.studies.faults.matrix import healthy_trial, onsets_of, rows
 
     chosen = known_kinds(kinds)
     loaded = load_experiment(Path(experiment), settings, drive, body)

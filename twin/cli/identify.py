@@ -39,7 +39,7 @@ def identify(
 
     Example: twin identify results/fig4_force_position
     """
-    from twin.report.identification import Request, identification_report
+    from twin.studies.identify.study import Request, identification_report
 
     report = identification_report(
         Request(

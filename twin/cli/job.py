@@ -29,10 +29,10 @@ def finished(
         say(note["say"])
 
     if isolate == JobIsolation.NONE:
-        from twin.guard.voice import DirectVoice
+        from twin.runs.guard.voice import DirectVoice
 
         return job(DirectVoice(hear, lambda done, total: None), **arguments)
-    from twin.guard.guard import JobDied, JobDiedLoading, guarded
+    from twin.runs.guard.guard import JobDied, JobDiedLoading, guarded
 
     try:
         return guarded(f"{job.__module__}:{job.__name__}", arguments, listen=hear)

@@ -43,7 +43,7 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
-    from twin.report.replay import Request, replay_report
+    from twin.studies.replay.study import Request, replay_report
 
     report = replay_report(
         Request(

@@ -11,11 +11,11 @@ from twin.cli.job import finished
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.cli.progress import progress
 from twin.errors import InputRefused, plain
-from twin.guard.remains import seen_from_here
+from twin.runs.guard.remains import seen_from_here
 from twin.writing import json_text
 
 Listener = Callable[[dict[str, Any]], None]
-"""Takes a note of `twin.guard.runs.recorded_runs`."""
+"""Takes a note of `twin.runs.guard.runs.recorded_runs`."""
 
 
 def report(

@@ -16,12 +16,12 @@ from twin.cli.display import Display
 from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, Settings
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
-from twin.guard.guard import GRACE, JobDied, guarded
-from twin.guard.limits import Limits
-from twin.guard.remains import remains, seen_from_here
+from twin.runs.guard.guard import GRACE, JobDied, guarded
+from twin.runs.guard.limits import Limits
+from twin.runs.guard.remains import remains, seen_from_here
 
-JOB = "twin.guard.runs:recorded_runs"
-LIVE_JOB = "twin.live.runs:served_runs"
+JOB = "twin.runs.guard.runs:recorded_runs"
+LIVE_JOB = "twin.runs.live.runs:served_runs"
 PORT = 8765
 MEMORY = 4000.0
 
@@ -139,7 +139,7 @@ def run(
 
 
 def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
-    from twin.guard.voice import DirectVoice
+    from twin.runs.guard.voice import DirectVoice
 
     module, _, function = job.partition(":")
     getattr(importlib.import_module(module), function)(DirectVoice(hear, show), **arguments)
@@ -157,9 +157,9 @@ def _sweep(
 ) -> None:
     from twin.cli.sweep import How, carry_out, check_start, cores
     from twin.experiment.named import experiment_file
-    from twin.sweep.definition import short_definition
-    from twin.sweep.folder import HOME
-    from twin.sweep.plan import plan_of
+    from twin.studies.sweep.definition import short_definition
+    from twin.studies.sweep.folder import HOME
+    from twin.studies.sweep.plan import plan_of
 
     experiment = experiment_file(experiment)
     definition = short_definition(experiment, ranges, drive)

@@ -19,11 +19,11 @@ from twin.errors import InputRefused
 from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.guard.limits import Limits
-    from twin.sweep.definition import Definition
-    from twin.sweep.engine import Engine
-    from twin.sweep.folder import Kept
-    from twin.sweep.plan import Plan
+    from twin.runs.guard.limits import Limits
+    from twin.studies.sweep.definition import Definition
+    from twin.studies.sweep.engine import Engine
+    from twin.studies.sweep.folder import Kept
+    from twin.studies.sweep.plan import Plan
 
 MANY = 100_000
 """Runs from which on nobody starts without having been asked."""
@@ -103,9 +103,9 @@ def run(
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
     """
-    from twin.sweep.definition import read_definition
-    from twin.sweep.folder import HOME
-    from twin.sweep.plan import planned
+    from twin.studies.sweep.definition import read_definition
+    from twin.studies.sweep.folder import HOME
+    from twin.studies.sweep.plan import planned
 
     definition, _ = read_definition(sweep)
     check_start(str(sweep), definition, yes or dry)
@@ -143,7 +143,7 @@ def check_start(place: str, definition: "Definition", sure: bool) -> None:
     Raises:
         InputRefused: sweeps do not run on this system, or nobody says that so many runs are meant.
     """
-    from twin.sweep.design import largest_count
+    from twin.studies.sweep.design import largest_count
 
     if os.name != "posix":
         raise InputRefused("twin sweep: needs Linux or macOS, where a drive that crashes can be kept apart")
@@ -159,11 +159,11 @@ def check_start(place: str, definition: "Definition", sure: bool) -> None:
 
 def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
     """Run the plan, or estimate what it takes, and say what it came to."""
-    from twin.guard.limits import Limits
-    from twin.report.sweep_progress import state_text
-    from twin.sweep.folder import kept
-    from twin.sweep.statistics.ranking import checked_rank
-    from twin.sweep.sweep import run_sweep
+    from twin.runs.guard.limits import Limits
+    from twin.studies.sweep.folder import kept
+    from twin.studies.sweep.show.progress import state_text
+    from twin.studies.sweep.statistics.ranking import checked_rank
+    from twin.studies.sweep.sweep import run_sweep
 
     limits, line = Limits(step=how.limit_step), progress()
     line.say("making the runs")
@@ -178,7 +178,7 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
             return
         run_sweep(plan, how.out, _engine(how), how.record, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
-        from twin.sweep.rows import ROWS
+        from twin.studies.sweep.rows import ROWS
 
         line.clear()
         if how.dry or not (how.out / ROWS).exists():
@@ -194,7 +194,7 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
         line.clear()
     found = kept(how.out)
     if how.parquet:
-        from twin.sweep.parquet import write_parquet
+        from twin.studies.sweep.parquet import write_parquet
 
         write_parquet(found, how.out / "rows.parquet")
     _tell(found, how.out, how.by, how.as_json)
@@ -212,8 +212,8 @@ def cores() -> int:
 
 def _refuse_endless(plan: "Plan") -> None:
     """Ask whoever starts a sweep whose runs take hours each; also the estimate makes two of them."""
-    from twin.assembly.load import load_experiment
-    from twin.execution.estimate import LONG, estimate
+    from twin.runs.assembly.load import load_experiment
+    from twin.runs.estimate import LONG, estimate
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))
@@ -226,17 +226,17 @@ def _refuse_endless(plan: "Plan") -> None:
 
 def _engine(how: How) -> "Engine":
     if how.engine == "local":
-        from twin.sweep.pool import Pool
+        from twin.studies.sweep.pool import Pool
 
         return Pool(how.processes)
-    from twin.sweep.dask.engine import Dask
+    from twin.studies.sweep.dask.engine import Dask
 
     return Dask(how.scheduler, how.processes)
 
 
 def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:
-    from twin.report.sweep_progress import estimate_text
-    from twin.sweep.sweep import estimated
+    from twin.studies.sweep.show.progress import estimate_text
+    from twin.studies.sweep.sweep import estimated
 
     estimate, first = estimated(plan, how.record, limits)
     runs = len(plan.tasks)
@@ -246,9 +246,9 @@ def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:
 
 
 def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
-    from twin.report.sweep_text import headline_text
-    from twin.sweep.rows import ROWS
-    from twin.sweep.statistics import usual_metric
+    from twin.studies.sweep.rows import ROWS
+    from twin.studies.sweep.show.text import headline_text
+    from twin.studies.sweep.statistics import usual_metric
 
     if as_json:
         print(json_text(as_facts(found)))

@@ -11,7 +11,7 @@ from twin.cli.options import AsJson
 from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.sweep.folder import Kept
+    from twin.studies.sweep.folder import Kept
 
 By = Annotated[
     str | None,
@@ -41,12 +41,12 @@ def show(
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
-    from twin.report.sweep_parts import Asked, parts
-    from twin.report.sweep_pictures import write_pictures
-    from twin.report.sweep_text import sweep_text
-    from twin.sweep.folder import HOME, kept
-    from twin.sweep.parquet import write_parquet
-    from twin.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
+    from twin.studies.sweep.folder import HOME, kept
+    from twin.studies.sweep.parquet import write_parquet
+    from twin.studies.sweep.show.parts import Asked, parts
+    from twin.studies.sweep.show.pictures import write_pictures
+    from twin.studies.sweep.show.text import sweep_text
+    from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():

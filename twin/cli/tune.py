@@ -83,13 +83,13 @@ def tuned_loops(
     out: str,
 ) -> tuple[dict[str, Any], str]:
     """(facts for JSON, text) of the gains found, and the files of `out`; a job of the guard."""
-    from twin.assembly.load import load_experiment
     from twin.experiment.named import experiment_file
-    from twin.report.tuning import draw_tuning
-    from twin.report.tuning_text import tuning_text
-    from twin.tuning.fragment import fragment
-    from twin.tuning.goals import Goals, stiffness_range
-    from twin.tuning.tuned import tuned
+    from twin.runs.assembly.load import load_experiment
+    from twin.studies.tune.fragment import fragment
+    from twin.studies.tune.goals import Goals, stiffness_range
+    from twin.studies.tune.picture import draw_tuning
+    from twin.studies.tune.text import tuning_text
+    from twin.studies.tune.tuned import tuned
 
     file, folder = experiment_file(experiment), Path(out)
     asked, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)

@@ -22,7 +22,7 @@ MANY = 3
 
 
 class RecordedFmu(BaseModel):
-    """An FMU as `twin.execution.provenance` tells of it."""
+    """An FMU as `twin.runs.provenance` tells of it."""
 
     file: str
     sha256: str

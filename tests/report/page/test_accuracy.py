@@ -6,13 +6,13 @@ from pathlib import Path
 
 import pytest
 
-from twin.accuracy.budget import Budget, Contribution, accuracy_budget
-from twin.assembly.load import load_experiment
 from twin.errors import InputRefused
-from twin.execution import execute
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun
+from twin.runs import execute
+from twin.runs.assembly.load import load_experiment
+from twin.studies.accuracy.budget import Budget, Contribution, accuracy_budget
 
 BUDGET = Budget(
     name="fig4",

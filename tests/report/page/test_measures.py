@@ -5,10 +5,10 @@ import math
 import numpy as np
 import pytest
 
-from twin.paper.fig4_runs import FINAL, Fig4Run
 from twin.recording.recording import Recording
 from twin.report.page.measures import measures, number, outcome
 from twin.report.page.run import ReportRun
+from twin.studies.paper.fig4_runs import FINAL, Fig4Run
 
 
 def test_measures_of_fig4_are_those_of_its_claims(force_position: Recording):

@@ -6,14 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.paper.fig5_recordings import pressed
 from tests.recording import samples
-from twin.assembly.load import load_experiment
-from twin.execution import execute
+from tests.studies.paper.fig5_recordings import pressed
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun
+from twin.runs import execute
+from twin.runs.assembly.load import load_experiment
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 

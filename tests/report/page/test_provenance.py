@@ -7,19 +7,19 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.assembly.assemble import assemble
-from twin.assembly.load import load_experiment
-from twin.assembly.recorded import recorded_experiment
 from twin.cosim.component import Component
 from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused
-from twin.execution import SUMMARY, execute
-from twin.logs.reader import recorded
+from twin.recording.logs.reader import recorded
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page
 from twin.report.page.provenance import command, drives, provenance
 from twin.report.page.run import ReportRun, report_runs
+from twin.runs import SUMMARY, execute
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.recorded import recorded_experiment
 
 
 def settings_of(words: list[str]) -> list[str]:

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import PARAMETERS
-from tests.paper.fig5_recordings import pressed
 from tests.report.page.test_block import decoded
+from tests.studies.paper.fig5_recordings import pressed
 from twin.plant.surface import Shape, surface_frame
 from twin.recording.recording import Recording
 from twin.report.page.block import Block

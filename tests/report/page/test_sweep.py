@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.sweep.statistics.rows import kept, row
+from tests.studies.sweep.statistics.rows import kept, row
 from twin.errors import InputRefused, NotWritten
 from twin.report.page.sweep import sweep_page, write_sweep_page
-from twin.report.sweep_parts import Asked
-from twin.report.sweep_pictures import write_pictures
-from twin.sweep.curves import packed
-from twin.sweep.folder import Kept
+from twin.studies.sweep.curves import packed
+from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.show.parts import Asked
+from twin.studies.sweep.show.pictures import write_pictures
 
 ASKED = Asked("force_error_N", "lateral_error_mm", 5)
 

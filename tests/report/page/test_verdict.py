@@ -1,6 +1,6 @@
 from pathlib import Path
 
-from tests.paper.fig5_recordings import pressed
+from tests.studies.paper.fig5_recordings import pressed
 from twin.recording.recording import Recording
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import verdict

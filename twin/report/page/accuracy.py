@@ -1,8 +1,8 @@
 """Where the error of a run's force comes from, in newtons, cause by cause."""
 
-from twin.accuracy.budget import Budget, Contribution
-from twin.report.accuracy_text import details, headline
 from twin.report.page.markup import Markup, element, joined, table
+from twin.studies.accuracy.budget import Budget, Contribution
+from twin.studies.accuracy.text import details, headline
 
 NUMBERS = ("bias, N", "std, N", "rms, N")
 MEANING = "what it means"

@@ -12,7 +12,7 @@ import zlib
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.metrics.response import Curve
+from twin.studies.metrics.response import Curve
 
 LEVEL = 6
 """Of zlib: higher ones take twice as long for one percent."""

@@ -6,10 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.metrics.response import Curve, first_time, overshoot, settling_time
-from twin.metrics.tracking import rms
-from twin.paper.fig5_runs import trip_time
 from twin.report.page.run import ReportRun
+from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
+from twin.studies.metrics.tracking import rms
+from twin.studies.paper.fig5_runs import trip_time
 
 BAND = 0.05
 """Share of the reference within which a force has settled, as in the paper's Fig. 4."""

@@ -6,10 +6,10 @@ from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
-from twin.metrics.response import Curve
-from twin.paper.fig4_runs import Fig4Run
-from twin.report.fig4 import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH
-from twin.report.figure import save
+from twin.studies.figure import save
+from twin.studies.metrics.response import Curve
+from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH
+from twin.studies.paper.fig4_runs import Fig4Run
 
 
 def draw_one_run(run: Fig4Run, path: Path) -> None:

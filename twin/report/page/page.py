@@ -9,8 +9,6 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from twin.accuracy.budget import Budget, accuracy_budget
-from twin.assembly.recorded import recorded_experiment
 from twin.report.page.block import Block
 from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined
@@ -19,6 +17,8 @@ from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
+from twin.runs.assembly.recorded import recorded_experiment
+from twin.studies.accuracy.budget import Budget, accuracy_budget
 from twin.writing import finite, made_folder, write_text
 
 ASSETS = files("twin.report.page") / "assets"

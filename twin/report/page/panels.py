@@ -6,8 +6,8 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 
-from twin.metrics.response import Curve
 from twin.report.page.run import ReportRun
+from twin.studies.metrics.response import Curve
 
 Role = Literal["truth", "belief", "reference", "shifted", "display"]
 Samples = tuple[Curve, Curve]

@@ -7,10 +7,10 @@ from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
 
-from twin.paper.fig4_runs import Fig4Run
 from twin.report.page.markup import Markup, element
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import Verdict
+from twin.studies.paper.fig4_runs import Fig4Run
 
 CURVES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
@@ -21,13 +21,13 @@ CURVES = (
 def picture(runs: Sequence[ReportRun], verdict: Verdict) -> Markup | None:
     """Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out like Fig. 4; None if none of these fits."""
     if verdict.fig4 is not None:
-        from twin.report.fig4 import draw_fig4
+        from twin.studies.paper.fig4_picture import draw_fig4
 
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
         return _figure(partial(draw_fig4, verdict.fig4), text)
     if verdict.fig5 is not None:
-        from twin.report.fig5 import draw_fig5, shown_tasks
+        from twin.studies.paper.fig5_picture import draw_fig5, shown_tasks
 
         if not shown_tasks(verdict.fig5):
             return None

@@ -10,11 +10,11 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.recorded import recorded_fmus, recorded_name
 from twin.files import read_json
-from twin.metrics.response import Curve
-from twin.paper.fig5_runs import settings
 from twin.recording.folder import recording_in
 from twin.recording.reader import read
 from twin.recording.recording import Recording
+from twin.studies.metrics.response import Curve
+from twin.studies.paper.fig5_runs import settings
 
 SUMMARY = "summary.json"
 

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 
-from twin.metrics.response import Curve
 from twin.plant.surface import apex_frame
 from twin.report.page.block import Block
 from twin.report.page.run import ReportRun
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import AXIS, OUTWARD, skeleton
+from twin.studies.metrics.response import Curve
 
 RATE = 50.0
 """Poses a second; between them the player goes straight."""

@@ -4,9 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
-from twin.accuracy.budget import Budget
-from twin.paper.claim import Finding
-from twin.paper.score import tally
 from twin.report.page.accuracy import accuracy
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.measures import Measure, measures, number
@@ -14,6 +11,9 @@ from twin.report.page.parameters import differences, flat, parameters
 from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import Group, Verdict
+from twin.studies.accuracy.budget import Budget
+from twin.studies.paper.claim import Finding
+from twin.studies.paper.score import tally
 
 MARKS = {
     "holds": ("✓ holds", "good"),

@@ -8,9 +8,9 @@ from string import Template
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.page import ASSETS
 from twin.report.page.picture import figure
-from twin.report.sweep_parts import Asked, headline, parts
-from twin.report.sweep_table import Part
-from twin.sweep.folder import Kept
+from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.show.parts import Asked, headline, parts
+from twin.studies.sweep.show.table import Part
 from twin.writing import write_text
 
 PAGE = "sweep.html"

@@ -5,14 +5,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin.errors import InputRefused
-from twin.paper.claim import Finding, judged
-from twin.paper.fig4 import QUALITY
-from twin.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs, fig4_runs
-from twin.paper.fig5_score import Fig5Score, fig5_score
-from twin.paper.score import failed, fig4_score, tally
 from twin.recording.recording import Recording
 from twin.report.page.measures import outcome
 from twin.report.page.run import ReportRun
+from twin.studies.paper.claim import Finding, judged
+from twin.studies.paper.fig4 import QUALITY
+from twin.studies.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs, fig4_runs
+from twin.studies.paper.fig5_score import Fig5Score, fig5_score
+from twin.studies.paper.score import failed, fig4_score, tally
 
 FIG4 = "fig4"
 """How the names of experiments begin that follow the paper's Fig. 4."""

@@ -1,0 +1,153 @@
+from importlib.metadata import version
+from pathlib import Path
+from random import Random
+
+import pytest
+
+from tests.damage import damage
+from twin.cli.installation import caches, surroundings
+from twin.cli.installation.caches import compiled_finding, unpacked_finding
+from twin.cli.installation.examination import examination_text, examined, verdict
+from twin.cli.installation.finding import Finding
+from twin.cli.installation.native import compiled_pieces
+from twin.cli.installation.packages import installed_table, package_findings
+from twin.cli.installation.surroundings import disk_finding, drives_finding, home_finding, smoke_finding
+from twin.drive.archive import sha256
+from twin.drive.unpacked import unpacked
+
+PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}
+
+
+def states(findings: list[Finding]) -> dict[str, str]:
+    return {finding.topic: finding.state for finding in findings}
+
+
+def test_this_repository_is_ready(root: Path):
+    findings = examined(root, with_run=False)
+    assert verdict(findings).startswith("ready")
+    assert {"python", "packages", "drives", "compiled", "unpacked", "disk"} <= states(findings).keys()
+    lines = examination_text(findings).splitlines()
+    assert lines[0] == verdict(findings)
+    assert [line for line in lines if len(line) > 80 and "/" not in line] == []
+
+
+def test_the_verdict_names_what_is_missing_and_what_prevents_it():
+    fine, optional, broken = Finding("a", "ok", ""), Finding("live", "lacks", ""), Finding("packages", "bad", "")
+    assert verdict([fine, Finding("docs", "note", "")]) == "ready"
+    assert verdict([fine, optional]) == "ready, without: live"
+    assert verdict([fine, optional, broken]) == "not ready: packages"
+
+
+def test_every_package_is_checked_against_what_is_asked_for():
+    found = package_findings(PROJECT | {"dependencies": ["numpy>=99", "there-is-no-such-package", "pydantic"]})
+    assert states(found) == {"python": "ok", "packages": "bad"}
+    assert found[1].text.startswith(
+        f"numpy is {version('numpy')}, not >=99; there-is-no-such-package is not installed: pip install"
+    )
+    assert package_findings(PROJECT | {"requires-python": ">=4"})[0].state == "bad"
+
+
+def test_an_extra_that_users_need_is_missed_and_one_for_developers_is_noted():
+    extras = {
+        "live": ["there-is-no-such-package"],
+        "docs": ["there-is-no-such-package"],
+        "test": ["twin[live]", "numpy"],
+    }
+    found = package_findings(PROJECT | {"optional-dependencies": extras})
+    assert states(found) == {"python": "ok", "packages": "ok", "live": "lacks", "docs": "note", "test": "ok"}
+    assert found[2].text.startswith("twin run --live needs: pip install -e '.[live]'")
+
+
+METADATA = """Metadata-Version: 2.4
+Name: acme
+Version: 1.0
+Requires-Python: >=3.11
+Requires-Dist: numpy>=2.0
+Requires-Dist: old; python_version < "3"
+Provides-Extra: live
+Requires-Dist: there-is-no-such-package>=3; extra == "live"
+Provides-Extra: test
+Requires-Dist: nor-this-one; extra == "test"
+"""
+
+
+def test_without_a_clone_the_installed_package_says_what_it_needs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "acme-1.0.dist-info").mkdir()
+    (tmp_path / "acme-1.0.dist-info" / "METADATA").write_text(METADATA)
+    monkeypatch.syspath_prepend(tmp_path)
+    table = installed_table("acme")
+    assert table == PROJECT | {
+        "optional-dependencies": {"live": ["there-is-no-such-package>=3"], "test": ["nor-this-one"]}
+    }
+    # extras for developing are of no use there, and pip is told of what is missing by its name
+    found = package_findings(table, clone=False)
+    assert states(found) == {"python": "ok", "packages": "ok", "live": "lacks"}
+    assert found[2].text.startswith("twin run --live needs: pip install 'there-is-no-such-package>=3' (")
+    wrong = package_findings(PROJECT | {"dependencies": ["numpy>=99"]}, clone=False)[1]
+    assert wrong.text.endswith(": pip install 'numpy>=99'")
+
+
+def test_an_installation_that_lost_its_experiments_is_not_ready(tmp_path: Path, root: Path):
+    assert home_finding() == Finding("repository", "ok", str(root))
+    (tmp_path / "fmus").mkdir()
+    found = home_finding(tmp_path)
+    assert found.state == "bad" and "experiments, tests/baselines missing; install it again" in found.text
+
+
+def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp_path: Path, root: Path):
+    for name in ("broken", "velocity_servo"):
+        folder = tmp_path / "fmus" / name
+        folder.mkdir(parents=True)
+        (folder / f"{name}.fmu").write_bytes(b"no archive")
+    assert drives_finding(tmp_path).state == "bad"
+    good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    (tmp_path / "fmus" / "velocity_servo" / "velocity_servo.fmu").write_bytes(good.read_bytes())
+    found = drives_finding(tmp_path)
+    assert found.state == "lacks" and found.text.startswith("1 of 2 do not fit: broken: ")
+
+
+def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    assert compiled_pieces() == 0
+    assert "the first run compiles" in compiled_finding().text
+    (tmp_path / "plant").mkdir()
+    (tmp_path / "plant" / "dynamics.nbc").write_bytes(bytes(3_000_000))
+    assert compiled_pieces() == 1
+    assert compiled_finding().text == f"3 MB kept in {tmp_path}, as NUMBA_CACHE_DIR says"
+
+
+def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
+    monkeypatch.setattr(caches, "is_own", lambda folder: True)
+    (tmp_path / "dynamics.nbc").write_bytes(b"no seal")
+    told = compiled_finding()
+    assert told.state == "ok"
+    assert told.text.endswith("which only you can write to; 1 changed since (dynamics.nbc), compiled again when needed")
+    monkeypatch.setattr(caches, "refusal", lambda: "it is somebody else's")
+    assert compiled_finding() == Finding("compiled", "lacks", "every command compiles anew: it is somebody else's")
+
+
+def test_unpacked_drives_are_told_with_place_and_damage(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    servo = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    folder = unpacked(servo, sha256(servo))
+    good = f"1 FMUs, 0 MB, in {folder.parents[1]}, which only you can write to"
+    assert unpacked_finding() == Finding("unpacked", "ok", good)
+    damage(folder / "modelDescription.xml", "flipped", Random(1))
+    changed = "; 1 changed since (modelDescription.xml), taken from the FMU again when needed"
+    assert unpacked_finding().text == good + changed
+    (tmp_path / "cache").chmod(0o777)
+    told = unpacked_finding()
+    assert told.state == "bad" and "others can write to it" in told.text
+
+
+@pytest.mark.parametrize(("free", "state"), [(5e10, "ok"), (5e8, "lacks"), (5e7, "bad")])
+def test_a_disk_without_room_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, free: float, state: str):
+    monkeypatch.setattr(surroundings.shutil, "disk_usage", lambda folder: type("Usage", (), {"free": free}))
+    assert disk_finding(tmp_path).state == state
+
+
+def test_a_run_that_fails_is_told_with_what_it_said(root: Path, tmp_path: Path):
+    assert smoke_finding(root).state == "ok"
+    failed = smoke_finding(tmp_path)
+    assert failed.state == "bad" and "no such experiment file" in failed.text

@@ -1,0 +1,83 @@
+"""A job in a guarded process: what comes back, and what is made of every way to end."""
+
+import _thread
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twin.errors import TwinError
+from twin.runs.guard import guard
+from twin.runs.guard.guard import JobDiedLoading, guarded
+from twin.runs.guard.limits import Limits
+
+JOBS = "tests.runs.guard.jobs"
+
+
+def test_a_job_gives_back_its_result_and_its_notes():
+    notes: list[dict[str, Any]] = []
+    # a float that has no short decimal form comes back as it went
+    arguments = {"numbers": [1, 0.1 + 0.2, -0.0], "text": "Nm/°"}
+    assert guarded(f"{JOBS}:echo", arguments, listen=notes.append) == arguments
+    assert notes == [{"name": "numbers"}, {"name": "text"}]
+
+
+def test_an_error_for_the_user_keeps_its_text_and_its_exit_code():
+    with pytest.raises(TwinError) as refused:
+        guarded(f"{JOBS}:refuse", {})
+    assert (str(refused.value), refused.value.exit_code) == ("drive.fmu: is a teapot", 2)
+
+
+def test_a_mistake_of_ours_shows_its_traceback():
+    with pytest.raises(TwinError, match=r"(?s)Traceback.*in blunder.*a mistake of ours") as failed:
+        guarded(f"{JOBS}:blunder", {})
+    assert failed.value.exit_code == 1
+
+
+def test_exit_code_0_without_a_result_is_a_death():
+    with pytest.raises(JobDiedLoading) as died:
+        guarded(f"{JOBS}:vanish", {})
+    said = "the process of this job ended the process with exit(0) between two steps, before the first step."
+    assert str(died.value) == f"{said} It printed last: 'so long'."
+
+
+def test_a_job_is_ended_at_its_time_limit():
+    with pytest.raises(JobDiedLoading, match="the time limit of 2 s was over"):
+        guarded(f"{JOBS}:linger", {"farewell": ""}, Limits(wall=2.0))
+
+
+@pytest.mark.parametrize("stubborn", [False, True])
+def test_ctrl_c_asks_the_job_to_stop_and_waits_only_so_long(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stubborn: bool
+):
+    monkeypatch.setattr(guard, "GRACE", 0.5 if stubborn else 60.0)
+    farewell = tmp_path / "farewell"
+    began = time.monotonic()
+    with pytest.raises(KeyboardInterrupt):
+        guarded(
+            f"{JOBS}:linger",
+            {"farewell": str(farewell), "stubborn": stubborn},
+            listen=lambda note: _thread.interrupt_main(),
+        )
+    assert farewell.exists()
+    # far from both 60 s of grace and the 1000 s that the job sleeps
+    assert time.monotonic() - began < 30
+
+
+def test_the_supervisor_of_a_run_loads_no_numerics(root: Path):
+    code = "import sys, twin.cli.run; print({'numpy', 'numba', 'fmpy', 'mcap', 'pydantic'} & set(sys.modules))"
+    done = subprocess.run([sys.executable, "-c", code], cwd=root, capture_output=True, text=True, check=True)
+    assert done.stdout == "set()\n"
+
+
+def test_a_process_that_works_beside_others_starts_one_thread_for_sums_unless_the_user_says_otherwise(
+    monkeypatch: pytest.MonkeyPatch,
+):
+    name = "OPENBLAS_NUM_THREADS"
+    monkeypatch.delenv(name, raising=False)
+    assert guarded(f"{JOBS}:variable", {"name": name}) == "1"
+    monkeypatch.setenv(name, "2")
+    assert guarded(f"{JOBS}:variable", {"name": name}) == "2"

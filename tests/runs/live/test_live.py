@@ -1,0 +1,297 @@
+"""A run served to real WebSocket clients: one run, in which everything happens that viewers do."""
+
+import json
+import re
+import signal
+import socket
+import subprocess
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+from websockets.exceptions import InvalidStatus
+
+from tests.runs.live.viewer import Viewer
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+
+FIG4 = "experiments/fig4_force_position.toml"
+REFERENCE = "controller.force.reference_N"
+DRAWN = ("tf", "scene", "force")
+OUT_OF_BOUNDS = (1e308, 50.5, 0, True, "7", None, [5], 10**400)
+HOSTILE = (
+    b"\x01binary",
+    "",
+    "no JSON",
+    "[" * 60_000,
+    json.dumps({"op": "advertise", "channels": []}),
+    json.dumps({"op": ["subscribe"]}),
+    json.dumps({"op": "subscribe", "subscriptions": {"id": -1}}),
+    json.dumps({"op": "subscribe", "subscriptions": [{"id": 2**40, "channelId": 1}]}),
+    json.dumps({"op": "subscribe", "subscriptions": [{"id": 1, "channelId": 99}]}),
+    json.dumps({"op": "getParameters", "parameterNames": [7]}),
+    json.dumps({"op": "setParameters", "parameters": "all"}),
+)
+"""What no viewer says; each is answered by a sentence."""
+
+
+def served(root: Path, folder: Path, *arguments: str) -> tuple["subprocess.Popen[str]", str]:
+    """`twin run --live` on a free port, and its address."""
+    command = [sys.executable, "-m", "twin", "run", str(root / FIG4), "--live", "--port", "0", "--out", "x", *arguments]
+    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    assert process.stderr is not None
+    said = process.stderr.readline()
+    address = re.match(r"serving (ws://127\.0\.0\.1:\d+/\?token=[\w-]{22}); the run begins when a viewer", said)
+    assert address, said + process.stderr.read()
+    return process, address[1]
+
+
+def refused(address: str, origin: str) -> int:
+    """The HTTP status with which a connection as from a page of `origin` to `address` is refused."""
+    with pytest.raises(InvalidStatus) as refusal, Viewer(address, origin):
+        pass
+    return refusal.value.response.status_code
+
+
+@dataclass
+class Watched:
+    """What came of it: facts and errors printed, viewers, parameters before the change, recording.
+
+    `stranger` and `loud` have no token; `kept_out` says how connections from elsewhere ended.
+    """
+
+    facts: dict
+    errors: str
+    watcher: Viewer
+    second: Viewer
+    stranger: Viewer
+    loud: Viewer
+    kept_out: list[int]
+    before: dict[str, float]
+    recording: Recording
+
+
+@pytest.fixture(scope="module")
+def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
+    """Fig. 4 at ten times real time: a watcher turns knobs, a second one looks on, a third vanishes; others attack."""
+    folder = tmp_path_factory.mktemp("live")
+    process, address = served(root, folder, "--realtime=10", "--json")
+    open_to_all = address.partition("?")[0]
+    elsewhere = open_to_all.replace("127.0.0.1", "evil.example")
+    kept_out = [
+        refused(address, origin="http://evil.example"),
+        # what a frame without rights of its own says, on any page
+        refused(address, origin="null"),
+        # a name of somebody else's for our address
+        refused(elsewhere, origin="http://localhost:8080"),
+    ]
+    with (
+        Viewer(address) as watcher,
+        Viewer(address) as second,
+        Viewer(address) as third,
+        Viewer(open_to_all, origin="http://localhost:8080") as stranger,
+        Viewer(f"{open_to_all}?token=guessed") as loud,
+    ):
+        # what is announced last
+        watcher.until(lambda: "/events" in watcher.channels)
+        before = watcher.parameters()
+        second.subscribe("/controller")
+        second.send(op="subscribeParameterUpdates", parameterNames=[REFERENCE])
+        third.subscribe("/plant", "/estimator")
+        stranger.subscribe("/controller")
+        watcher.subscribe(*watcher.channels)
+        third.until(lambda: bool(third.messages("/plant")))
+        # no goodbye: what a laptop does that is closed
+        third.socket.socket.shutdown(socket.SHUT_RDWR)
+        watcher.until(lambda: any("triggered" in event.message.message for event in watcher.messages("/events")))
+        second.subscribe("/scene")
+        watcher.set(REFERENCE, 6)
+        stranger.set(REFERENCE, 19)
+        for said in HOSTILE:
+            loud.socket.send(said)
+        loud.subscribe("/plant")
+        loud.until(lambda: bool(loud.messages("/plant")))
+        loud.socket.send("x" * 100_000)
+        loud.to_the_end()
+        for value in OUT_OF_BOUNDS:
+            watcher.set(REFERENCE, value)
+        watcher.set(REFERENCE, -1)
+        watcher.set("controller.force.reference", 4)
+        watcher.set("controller.position.kp_per_s", "fast")
+        watcher.to_the_end()
+        second.to_the_end()
+        stranger.to_the_end()
+        stdout, stderr = process.communicate(timeout=60)
+        assert process.returncode == 0, stderr
+        recording = read(folder / "x" / "run.mcap")
+        facts = json.loads(stdout, parse_constant=pytest.fail)
+        yield Watched(facts, stderr, watcher, second, stranger, loud, kept_out, before, recording)
+
+
+def test_every_recorded_topic_is_announced_with_its_schema_and_units(watched: Watched):
+    channels = watched.watcher.channels
+    recorded = {signal_name.partition(".")[0] for signal_name in watched.recording.fields()}
+    assert {topic.removeprefix("/") for topic in channels} == {*recorded, *DRAWN, "events"}
+    assert {(c["encoding"], c["schemaEncoding"]) for c in channels.values()} == {("protobuf", "protobuf")}
+    assert channels["/plant"]["schemaName"] == "twin.Plant"
+    assert channels["/plant"]["metadata"]["p_B"] == "m; platform position in base frame B"
+
+
+@pytest.mark.parametrize(
+    "signal_name", ["plant.p_B", "controller.F_z", "encoder.count_l", "scale.F_z", "estimator.valid"]
+)
+def test_what_a_viewer_sees_is_what_is_recorded_at_that_time(watched: Watched, signal_name: str):
+    topic, name = signal_name.split(".")
+    received = watched.watcher.messages(f"/{topic}")
+    times = np.array([each.time for each in received])
+    recorded = np.rint(watched.recording.time(topic) * 1e9).astype(int)
+    # what is sampled stays valid until the next sample
+    rows = np.searchsorted(recorded, times, side="right") - 1
+    shown = np.array([getattr(each.message, name) for each in received])
+    assert np.array_equal(shown, watched.recording[signal_name][rows])
+
+
+def test_the_robot_is_drawn_where_the_plant_is(watched: Watched):
+    plants = {each.time: each.message for each in watched.watcher.messages("/plant")}
+    drawn = watched.watcher.messages("/tf")
+    assert len(drawn) == len(plants)
+    for each in drawn:
+        (platform,) = [t for t in each.message.transforms if t.child_frame_id == "platform"]
+        where = platform.translation
+        assert [where.x, where.y, where.z] == list(plants[each.time].p_B)
+        assert platform.timestamp.ToNanoseconds() == each.time
+
+
+def test_the_scene_comes_at_the_beginning_and_to_those_who_come_later(watched: Watched):
+    scenes = watched.watcher.messages("/scene")
+    assert {entity.frame_id for entity in scenes[0].message.entities} >= {"base", "platform", "surface"}
+    assert scenes[0].time == watched.watcher.messages("/tf")[0].time
+    assert len(watched.second.messages("/scene")) == 1
+
+
+def test_time_runs_forward_from_the_beginning_to_the_end(watched: Watched):
+    times = [each.time for each in watched.watcher.messages("/plant")]
+    assert times == sorted(set(times))
+    assert times[-1] == watched.watcher.times[-1] == 20_000_000_000
+    # it waited for its viewer: 0.5 s of simulated time are 50 ms, more than the first slices take
+    assert times[0] < 500_000_000
+    # at 50 Hz 100 in the 2 s that it takes; fewer if the machine is busy
+    assert 10 < len(times) <= 120
+
+
+def test_parameters_are_told_in_the_units_of_their_keys(watched: Watched):
+    assert watched.before == {
+        REFERENCE: 5.0,
+        "controller.force.kp_mm_per_N": 2.0,
+        "controller.force.ki_mm_per_N_s": 0.5,
+        "controller.position.kp_per_s": 1.5,
+    }
+
+
+def test_a_new_force_reference_is_answered_acted_upon_and_recorded(watched: Watched):
+    answer = watched.watcher.of("parameterValues", id="set")[0]
+    assert answer["parameters"] == [{"name": REFERENCE, "value": 6.0, "type": "float64"}]
+    (event,) = [event for event in watched.recording.events if event.name == "tuning"]
+    assert event.text == f"{REFERENCE}: 5 -> 6 (live)"
+    time, reference = watched.recording.time("controller"), watched.recording["controller.F_z_ref"]
+    assert set(reference[time < event.time]) == {5.0}
+    assert set(reference[time >= event.time]) == {6.0}
+    pressing = -watched.recording["plant.F_ee_B"][:, 2]
+    # droop of the drives and backlash leave 0.12 N of 5 N; with 5 N as reference it would end at 4.88 N
+    assert pressing[-1] == pytest.approx(6.0, abs=0.25)
+    assert event.text in [each.message.message for each in watched.watcher.messages("/events")]
+
+
+def test_the_summary_says_that_the_run_was_changed_and_how_it_was_paced(watched: Watched):
+    assert watched.facts["changed"]
+    assert watched.recording.metadata["changed"]["first"] == f"{REFERENCE}: 5 -> 6 (live)"
+    told = watched.facts["punctuality"]
+    assert told["factor"] == 10.0
+    assert told["deadlines"] == 201
+    # never ahead of the clock by more than the rounding of times, and not hopelessly behind
+    assert 5.0 < told["achieved"] <= 10.0 + 1e-6
+
+
+def test_a_bad_value_is_refused_with_a_sentence_and_the_run_goes_on(watched: Watched):
+    said = [status["message"] for status in watched.watcher.of("status")]
+    assert "refused: [controller.force] reference_N = -1: expected a number > 0" in said
+    assert any(f"did you mean '{REFERENCE}'?" in text for text in said)
+    # the value that it keeps, so that the viewer does not go on showing the refused one
+    kept = [each["parameters"] for each in watched.watcher.of("parameterValues", id="set")]
+    refused_ones = 1 + len(OUT_OF_BOUNDS)
+    assert kept[1 : 1 + refused_ones] == refused_ones * [[{"name": REFERENCE, "value": 6.0, "type": "float64"}]]
+    assert watched.recording["plant.p_B"].shape == (20_001, 3)
+
+
+def test_a_second_viewer_sees_the_same_and_hears_of_the_change(watched: Watched):
+    told = [(p["name"], p["value"]) for m in watched.second.of("parameterValues") for p in m["parameters"]]
+    assert (REFERENCE, 6.0) in told
+    seen = {each.time: each.message.SerializeToString() for each in watched.second.messages("/controller")}
+    both = [each for each in watched.watcher.messages("/controller") if each.time in seen]
+    assert all(seen[each.time] == each.message.SerializeToString() for each in both)
+    assert len(both) > 5
+    assert {each.topic for each in watched.second.received} == {"/controller", "/scene"}
+
+
+def test_a_viewer_that_vanishes_does_no_harm(watched: Watched):
+    assert watched.recording.complete
+
+
+def test_a_page_of_another_origin_or_under_another_name_is_not_let_in(watched: Watched):
+    assert watched.kept_out == [403, 403, 403]
+    told = [line for line in watched.errors.splitlines() if line.startswith("refused: ")]
+    assert told[0] == (
+        "refused: a page of http://evil.example: not an origin that may watch; "
+        "twin run --live --origin http://evil.example lets it in"
+    )
+    assert "null" in told[1]
+    assert "Host evil.example" in told[2]
+
+
+def test_without_the_token_one_may_watch_and_not_tune(watched: Watched):
+    stranger = watched.stranger
+    assert stranger.messages("/controller")[-1].time == 20_000_000_000
+    (told,) = stranger.of("status")
+    assert "watches only" in told["message"] and "token" in told["message"]
+    # the value that holds; nobody but the watcher has moved it
+    (kept,) = stranger.of("parameterValues", id="set")
+    assert kept["parameters"] == [{"name": REFERENCE, "value": 6.0, "type": "float64"}]
+    assert [event.text for event in watched.recording.events if event.name == "tuning"] == [
+        f"{REFERENCE}: 5 -> 6 (live)"
+    ]
+
+
+def test_a_token_of_another_run_is_told_to_be_one(watched: Watched):
+    assert watched.loud.of("status")[0]["message"] == "the token is not that of this run: watching only"
+
+
+@pytest.mark.parametrize("value", ["1e+308", "50.5"])
+def test_what_is_out_of_bounds_is_refused_with_the_bound(watched: Watched, value: str):
+    said = [status["message"] for status in watched.watcher.of("status")]
+    assert f"refused: [controller.force] reference_N = {value}: expected a number <= 50" in said
+
+
+def test_what_no_viewer_says_is_answered_by_a_sentence_each(watched: Watched):
+    told = [status["message"] for status in watched.loud.of("status")]
+    assert len(told) == 1 + len(HOSTILE)
+    assert all("\n" not in text and len(text) < 300 for text in told)
+
+
+def test_a_message_too_large_ends_that_connection_only(watched: Watched):
+    assert watched.loud.socket.close_code == 1009
+    last = watched.loud.messages("/plant")[-1].time
+    assert last < watched.stranger.messages("/controller")[-1].time == 20_000_000_000
+
+
+def test_ctrl_c_while_it_waits_for_a_viewer_ends_it(root: Path, tmp_path: Path):
+    process, address = served(root, tmp_path)
+    with Viewer(address) as viewer:
+        viewer.until(lambda: "/plant" in viewer.channels)
+        process.send_signal(signal.SIGINT)
+        _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "interrupted" in stderr
+    assert "Traceback" not in stderr

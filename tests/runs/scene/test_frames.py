@@ -1,0 +1,56 @@
+"""The frames close the chain wherever the robot works."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+
+from tests.robot.poses import GEOMETRY, HOME, working_poses
+from tests.runs.scene.pictures import at
+from twin.errors import InputRefused
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.skeleton import AXIS, OUTWARD
+from twin.runs.scene.frames import FRAMES, HALF_WIDTH, poses
+
+# rounding of a dozen operations on lengths of 0.1 m
+ROUNDING = 1e-14
+SURFACE = np.array([0.0, 0.0, -0.1, 0.0, 0.0, 0.0, 1.0])
+
+
+def frames_at(p_B):
+    """Frame -> pose (1, 7) with the platform at p_B."""
+    found = poses(GEOMETRY, joint_angles(GEOMETRY, p_B)[None], p_B[None], SURFACE[None])
+    return {frame: found[:, i] for i, frame in enumerate(FRAMES)}
+
+
+@given(working_poses)
+def test_links_carry_the_rods_and_the_rods_end_at_the_platform_joints(p_B):
+    frames = frames_at(p_B)
+    for leg in range(3):
+        for side, aside in (("minus", -HALF_WIDTH), ("plus", HALF_WIDTH)):
+            link, rod = frames[f"link_{leg + 1}"], frames[f"rod_{leg + 1}_{side}"]
+            end_of_link = at(link, (GEOMETRY.l_a, aside, 0.0))
+            np.testing.assert_allclose(at(rod, (0.0, 0.0, 0.0)), end_of_link, atol=ROUNDING)
+            joint = p_B + GEOMETRY.b * OUTWARD[leg] + aside * AXIS[leg]
+            np.testing.assert_allclose(at(rod, (GEOMETRY.l_b, 0.0, 0.0)), joint[None], atol=ROUNDING)
+
+
+@given(working_poses)
+def test_a_link_turns_about_the_axis_of_its_joint(p_B):
+    frames = frames_at(p_B)
+    for leg in range(3):
+        link = frames[f"link_{leg + 1}"]
+        np.testing.assert_allclose(at(link, (0.0, 1.0, 0.0)) - link[:, :3], AXIS[leg][None], atol=ROUNDING)
+        np.testing.assert_allclose(link[0, :3], GEOMETRY.a * OUTWARD[leg], atol=ROUNDING)
+
+
+def test_at_home_every_rod_hangs_in_the_plane_of_its_leg():
+    frames = frames_at(np.array(HOME))
+    for leg in range(3):
+        rod = frames[f"rod_{leg + 1}_plus"]
+        # the rod's own y axis is the joint's as long as it does not swing sideways
+        np.testing.assert_allclose(at(rod, (0.0, 1.0, 0.0)) - rod[:, :3], AXIS[leg][None], atol=ROUNDING)
+
+
+def test_a_pose_that_is_no_number_is_refused():
+    with pytest.raises(InputRefused, match="p_B"):
+        poses(GEOMETRY, np.zeros((1, 3)), np.full((1, 3), np.nan), SURFACE[None])

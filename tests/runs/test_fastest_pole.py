@@ -1,0 +1,65 @@
+"""A plant that its integrator cannot follow says so, and what it says to do helps."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.errors import ComponentFailed
+from twin.experiment.experiment import Experiment
+from twin.robot.jacobian import jacobian
+from twin.runs import execute
+from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.load import load_experiment
+from twin.runs.fastest_pole import STABLE, fastest_pole, too_fast
+
+
+def stiff(root: Path, *settings: str) -> Experiment:
+    return load_experiment(root / "experiments/fig4_force_position.toml", ["duration_s=0.2", *settings])
+
+
+def test_the_pole_of_friction_alone_is_damping_over_inertia(root: Path):
+    """Far above all springs the poles are the eigenvalues of M^-1 b_j J^T J, M = (m_p + 3/2 m_b) 1 + I_a J^T J: for
+    each singular value s of J, b_j s^2 / (m_p + 3/2 m_b + I_a s^2)."""
+    experiment = stiff(root, "plant.b_j_Nm_s_per_rad=200", "plant.eta_rate_rad_per_s=0")
+    plant = experiment.plant
+    s = np.linalg.svd(jacobian(geometry_of(plant), experiment.start), compute_uv=False).max()
+    inertia = plant.m_a * plant.l_a**2 / 3 + plant.m_b * plant.l_a**2 / 2 + plant.I_r
+    expected = 200.0 * s**2 / (plant.m_p + 1.5 * plant.m_b + inertia * s**2)
+    # the springs are 1e-4 of it
+    assert fastest_pole(experiment) == pytest.approx(expected, rel=1e-3)
+
+
+@pytest.mark.parametrize("settings", [[], ["contact.body=back", "contact.height_mm=-100"]])
+def test_the_shipped_plants_are_slow_enough(root: Path, settings: list[str]):
+    assert too_fast(stiff(root, *settings)) == ""
+
+
+def test_friction_that_is_too_stiff_for_the_tick_names_the_substeps_that_help(root: Path, tmp_path: Path):
+    friction = "plant.b_j_Nm_s_per_rad=20"
+    (tmp_path / "a").mkdir()
+    (tmp_path / "b").mkdir()
+    with pytest.raises(ComponentFailed, match=r"fastest pole is about 6.3e\+04 1/s") as failed:
+        execute(stiff(root, friction), tmp_path / "a")
+    substeps = re.search(r"set \[plant\] substeps = (\d+)", str(failed.value))
+    assert substeps
+    execute(stiff(root, friction, f"plant.substeps={substeps[1]}"), tmp_path / "b")
+
+
+def test_a_plant_whose_numbers_are_absurd_blames_neither_drive_nor_tick(root: Path, tmp_path: Path):
+    with pytest.raises(ComponentFailed) as failed:
+        execute(stiff(root, "plant.m_p_g=1e308"), tmp_path)
+    assert "stiffness, mass or damping that is absurd" in str(failed.value)
+    assert "drive check" not in str(failed.value)
+
+
+def test_the_limit_is_that_of_classical_runge_kutta():
+    """|1 + z + z^2/2 + z^3/6 + z^4/24| <= 1 up to 2.785 on the negative real axis, 2.828 on the imaginary one."""
+
+    def growth(z: complex) -> float:
+        return abs(1 + z + z**2 / 2 + z**3 / 6 + z**4 / 24)
+
+    assert growth(-STABLE) <= 1.0 and growth(1j * STABLE) <= 1.0
+    assert growth(-STABLE * 1.04) > 1.0 and growth(1j * STABLE * 1.05) > 1.0
+    assert np.isclose(growth(-2.785293563), 1.0, atol=1e-6)

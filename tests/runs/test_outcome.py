@@ -1,0 +1,65 @@
+import json
+
+import numpy as np
+import pytest
+
+from twin.recording.recording import Recording
+from twin.runs.outcome import Tally
+from twin.studies.metrics.tracking import rms
+
+COLUMNS = {
+    "plant.F_ee_B": slice(0, 3), "plant.p_B": slice(3, 6), "controller.p_ref_B": slice(6, 9),
+    "controller.triggered": slice(9, 10), "controller.F_z_ref": slice(10, 11),
+}  # fmt: skip
+
+
+class System:
+    """As much of one as a tally looks at: 1 ms ticks, eleven columns."""
+
+    tick = 1e-3
+
+    def columns(self, name: str) -> slice:
+        return COLUMNS[name]
+
+
+def rows_of(recording: Recording) -> np.ndarray:
+    """A run's true signals with the controller's held from its samples to every tick."""
+    t = recording.time("plant")
+    rows = np.zeros((len(t), 11))
+    held = np.searchsorted(recording.time("controller"), t, side="right") - 1
+    for name, columns in COLUMNS.items():
+        series = np.asarray(recording[name], dtype=float)
+        series = series.reshape(len(series), -1)
+        rows[:, columns] = series if name.startswith("plant") else series[held]
+    return rows
+
+
+@pytest.mark.parametrize("size", [7, 100, 50_000])
+def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_position: Recording, size: int):
+    rows = rows_of(force_position)
+    tally = Tally(System())  # type: ignore[arg-type]
+    for start in range(0, len(rows), size):
+        tally.take(start, rows[start : start + size], [])
+    found, F_z, on = tally.outcome, -rows[:, 2], rows[:, 9] > 0
+    whole = Tally(System())  # type: ignore[arg-type]
+    whole.take(0, rows, [])
+    assert found == whole.outcome
+    # sums in another order round differently
+    assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)
+    assert found.end == pytest.approx(F_z[-1000:].mean(), rel=1e-12)
+    assert found.force_error == pytest.approx(rms(5.0 - F_z[on]), rel=1e-9)
+    error = rows[:, 3:6] - rows[:, 6:9]
+    assert found.lateral_error == pytest.approx(rms(np.hypot(error[:, 0], error[:, 1])), rel=1e-9)
+    assert found.z_error == pytest.approx(rms(error[:, 2]), rel=1e-9)
+
+
+def test_a_run_tells_its_outcome_in_its_summary(force_position: Recording):
+    outcome = json.loads((force_position.path.parent / "summary.json").read_text())["outcome"]
+    # the final true force of the paper's run, 4.88 N
+    assert outcome["end"] == pytest.approx(4.88, abs=0.1)
+
+
+def test_without_a_force_loop_there_is_no_force_error(position: Recording):
+    tally = Tally(System())  # type: ignore[arg-type]
+    tally.take(0, rows_of(position), [])
+    assert tally.outcome.force_error is None

@@ -1,0 +1,164 @@
+"""What a run tells of itself: each event at its tick, in order of time, in the recording and to the caller."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.drive.warning import warning_drive
+from tests.laws.runs import shipped
+from twin.controller.phase import PhaseKind
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+from twin.runs import Run, execute
+
+JUMP_UP = ("contact.shift.by_mm=[0, 0, 8]", "contact.shift.start_s=3", "contact.shift.rise_s=0.05")
+"""A person who rises by 8 mm within 50 ms."""
+
+
+def fault(kind: str, onset: float, **values: float) -> str:
+    keys = "".join(f", {key}={value}" for key, value in values.items())
+    return f"fault=[{{kind='{kind}', onset_s={onset}{keys}}}]"
+
+
+def ran(folder: Path, name: str, *overrides: str) -> tuple[Run, Recording]:
+    run = execute(shipped(name, *overrides), folder)
+    return run, read(run.recording)
+
+
+def told(recording: Recording, *levels: str) -> list[tuple[float, str]]:
+    return [(event.time, event.text) for event in recording.events if event.level in levels]
+
+
+@pytest.fixture(scope="module")
+def massage(tmp_path_factory: pytest.TempPathFactory) -> tuple[Run, Recording]:
+    return ran(tmp_path_factory.mktemp("massage"), "massage")
+
+
+def test_every_task_is_announced_when_it_begins(massage: tuple[Run, Recording]):
+    _, recording = massage
+    time, task = recording.time("controller"), recording["controller.task"]
+    begins = [float(time[np.argmax(task == number)]) for number in (1, 2, 3, 4)]
+    names = ("press", "tap", "roll", "push")
+    expected = [f"task {n} ({name}) of 4 begins" for n, name in enumerate(names, start=1)]
+    assert told(recording, "info") == list(zip(begins, expected, strict=True))
+
+
+def test_every_phase_is_told_for_debugging_at_the_tick_in_which_it_begins(massage: tuple[Run, Recording]):
+    _, recording = massage
+    time, both = recording.time("controller"), np.stack([recording["controller.task"], recording["controller.phase"]])
+    changes = np.flatnonzero(np.any(np.diff(both, axis=1, prepend=0) != 0, axis=0))
+    names = dict(enumerate(("press", "tap", "roll", "push"), start=1))
+    expected = [
+        (float(time[k]), f"task {both[0, k]} ({names[both[0, k]]}): {PhaseKind(both[1, k]).phrase}") for k in changes
+    ]
+    assert told(recording, "debug") == expected
+    assert len(expected) > 40
+
+
+def test_a_massage_in_which_all_goes_well_has_nothing_to_warn_of(massage: tuple[Run, Recording]):
+    run, recording = massage
+    assert told(recording, "warning", "error", "fatal") == []
+    assert run.trip == ""
+
+
+def test_events_are_in_order_of_time_and_the_same_in_recording_and_summary(massage: tuple[Run, Recording]):
+    run, recording = massage
+    times = [event.time for event in recording.events]
+    assert times == sorted(times)
+    found = [(event.time, event.level.upper(), event.text) for event in recording.events]
+    # times are ticks in both, once in ns and once as a product of floats
+    assert [event[1:] for event in run.events] == [event[1:] for event in found]
+    np.testing.assert_allclose([event[0] for event in run.events], times, rtol=0, atol=1e-9)
+
+
+def test_the_recording_says_what_the_numbers_of_the_phases_mean(massage: tuple[Run, Recording]):
+    _, recording = massage
+    assert recording.metadata["phases"] == {str(kind.value): kind.phrase for kind in PhaseKind}
+    assert recording.metadata["phases"]["3"] == "build-up"
+
+
+def test_a_trip_is_an_error_at_its_tick_with_its_sentence(tmp_path: Path):
+    run, recording = ran(tmp_path, "pressing", *JUMP_UP, "duration_s=12")
+    tripped = recording.time("monitor")[np.argmax(recording["monitor.tripped"])]
+    (event,) = told(recording, "error")
+    assert event == (tripped, run.trip)
+    assert 3.0 < tripped < 3.1
+    assert run.trip.startswith("safety monitor: ")
+    assert recording.complete
+
+
+def test_power_taken_away_is_an_error_after_the_trip(tmp_path: Path):
+    run, recording = ran(tmp_path, "pressing", fault("drive_runaway", 4.0, magnitude_rad_per_s=2.0))
+    trip, power = told(recording, "error")
+    assert trip[1] == run.trip
+    off = recording.time("monitor")[np.argmin(recording["monitor.power"])]
+    assert power == (off, "safety monitor: the motors do not retract; power taken away")
+    assert 4.0 < trip[0] < off
+
+
+def test_a_fault_is_a_warning_when_it_begins_and_when_it_ends(tmp_path: Path):
+    _, recording = ran(tmp_path, "pressing", fault("breathing", 3.25, duration_s=1.5, magnitude_mm=0.5))
+    assert told(recording, "warning") == [
+        (3.25, "fault 1 (breathing of contact) begins"),
+        (4.75, "fault 1 (breathing of contact) ends"),
+    ]
+
+
+def test_a_fault_that_stays_does_not_end(tmp_path: Path):
+    _, recording = ran(tmp_path, "pressing", fault("breathing", 3.25, magnitude_mm=0.5))
+    assert told(recording, "warning") == [(3.25, "fault 1 (breathing of contact) begins")]
+
+
+@pytest.mark.parametrize(
+    ("name", "loss", "said"),
+    [
+        ("pressing", fault("contact_loss", 6.0, magnitude_mm=40), "task 1 (press) lost contact"),
+        (
+            "pressing",
+            fault("contact_loss", 0.0, magnitude_mm=40),
+            "task 1 (press) felt nothing down to the floor of the approach",
+        ),
+        (
+            "tapping",
+            # 1.5 mm over the floor there is a surface that gives 1.9 N there
+            fault("contact_loss", 0.0, magnitude_mm=27.5),
+            "task 1 (tap) did not reach the force down to the floor of the approach",
+        ),
+    ],
+    ids=["lost", "nothing felt", "probe"],
+)
+def test_a_task_that_is_cut_short_is_warned_of(tmp_path: Path, name: str, loss: str, said: str):
+    _, recording = ran(tmp_path, name, loss, "monitor.enabled=false")
+    (_, begun), (at, warned), *_ = told(recording, "warning")
+    assert begun == "fault 1 (contact_loss of contact) begins"
+    assert warned == said
+    # it is the very moment at which the robot begins to retract
+    retracts = [time for time, text in told(recording, "debug") if text.endswith(": retract")]
+    assert at in retracts
+
+
+def test_a_probe_that_reached_its_force_is_not_warned_of(massage: tuple[Run, Recording]):
+    _, recording = massage
+    assert any(text == "task 2 (tap): probe" for _, text in told(recording, "debug"))
+    assert not any("did not reach" in event.text for event in recording.events)
+
+
+def test_what_a_drive_logs_is_a_warning_at_the_tick_of_its_step(root: Path, tmp_path: Path):
+    fmu = warning_drive(root, tmp_path, 0.25)
+    folder = tmp_path / "run"
+    folder.mkdir()
+    _, recording = ran(folder, "fig4_position", "duration_s=1", f"drive.joint_2.fmu='{fmu}'")
+    assert told(recording, "warning") == [(0.25, "the winding is hot")]
+
+
+def test_broken_and_healthy_counts_are_recorded_beside_each_other(tmp_path: Path):
+    bias = fault("encoder_bias", 3.0, duration_s=0.1, magnitude_deg=0.5)
+    _, recording = ran(tmp_path, "pressing", bias, "monitor.enabled=false")
+    off = recording["fault/1.count_l"] - recording["encoder.count_l"]
+    active = recording["fault/1.active"] == 1.0
+    t = recording.time("fault/1")
+    np.testing.assert_array_equal(active, (t >= 3.0) & (t < 3.1))
+    # 0.5 deg of 16384 counts per turn, to the nearest count
+    np.testing.assert_array_equal(off[active], np.tile([23.0, 0.0, 0.0], (active.sum(), 1)))
+    assert not off[~active].any()

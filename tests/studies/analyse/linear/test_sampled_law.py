@@ -1,0 +1,91 @@
+import math
+
+import numpy as np
+
+from tests.laws.runs import PARAMETERS, Sampled, shipped
+from twin.controller.controller import Controller, Law
+from twin.controller.damping import Damping
+from twin.controller.estimator import Estimator
+from twin.controller.pid import Gains
+from twin.plant.equilibrium import resting
+from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
+from twin.runs.assembly.beliefs import belief
+from twin.studies.analyse.linear.sampled_law import STATES, LinearLaw, Settings, estimation, linear_law
+
+PERIOD = 2e-3
+POSITION, FORCE, CORNER = Gains(4.0, 3.0, 0.02, 30.0), Gains(2e-3, 5e-3, 1e-5, 20.0), 10.0
+BELIEF = belief(shipped())._replace(motor_counts=2.0**40, joint_counts=2.0**40)
+X, THETA_M = resting(PARAMETERS, (0.005, 0.01, -0.105))
+ANGLES = np.concatenate([THETA_M, joint_angles(Geometry(0.05, 0.03, 0.06, 0.1139), X[:3])])
+F_REF = 5.0
+
+
+def law(standing: np.ndarray, damping: Damping | None = None) -> LinearLaw:
+    settings = Settings(BELIEF.N, BELIEF.eta, POSITION, FORCE, CORNER, damping, PERIOD)
+    return linear_law(settings, estimation(BELIEF, True, ANGLES, standing))
+
+
+def real_commands(deviations: np.ndarray) -> np.ndarray:
+    """omega_ref (n, 3) of the real estimator and controller for `ANGLES` + `deviations` (n, 6), reference at rest."""
+    limits = Law(BELIEF.N, math.inf, F_REF, math.inf, 0.0, math.inf, CORNER)
+    estimator = Sampled(Estimator(BELIEF))
+    controller = Sampled(Controller(limits, POSITION, FORCE, [0.0], [X[:3].tolist()]))
+    commands = []
+    for angles in ANGLES + deviations:
+        estimated = estimator.named(np.round(angles * 2.0**40 / (2.0 * np.pi)))
+        given = np.concatenate([estimated[name] for name in ("p_B", "J", "F_ee_B")])
+        commands.append(controller.named(given, h=PERIOD)["omega_ref"])
+    return np.array(commands)
+
+
+def linear_commands(deviations: np.ndarray) -> np.ndarray:
+    """What the linear law makes of the same deviations, all its loops closed."""
+    linear = law(np.zeros(3))
+    state, commands = np.zeros(STATES), []
+    for angles in deviations:
+        back = np.zeros(4)
+        # the position law depends on the force law's output, which depends on neither
+        for _ in range(2):
+            outputs = linear.C @ state + linear.D @ np.concatenate([angles, back, np.zeros(4)])
+            back = outputs[3:7]
+        inputs = np.concatenate([angles, back, np.zeros(4)])
+        commands.append((linear.C @ state + linear.D @ inputs)[:3])
+        state = linear.A @ state + linear.B @ inputs
+    return np.array(commands)
+
+
+def test_the_linear_law_commands_what_estimator_and_controller_do():
+    deviations = 1e-6 * np.random.default_rng(0).normal(size=(300, 6))
+    # until the force filter has filled
+    deviations[:200] = 0.0
+    found = real_commands(deviations) - real_commands(np.zeros_like(deviations))
+    # the filling has left something in the force integral, on which the Jacobian turns
+    np.testing.assert_allclose(linear_commands(deviations), found, atol=0.002 * np.abs(found).max())
+
+
+def test_a_turning_jacobian_turns_the_steady_command():
+    standing = np.array([0.05, 0.03, 0.04])
+    turned = estimation(BELIEF, True, ANGLES, standing).turned
+    along = 1e-4 * np.random.default_rng(0).normal(size=6)
+    u = np.linalg.solve(BELIEF.N * estimation(BELIEF, True, ANGLES, standing).J, standing)
+    there = BELIEF.N * estimation(BELIEF, True, ANGLES + along, standing).J @ u
+    # the second derivative of the Jacobian, a thousandth over 1e-4 rad
+    np.testing.assert_allclose(turned @ along, there - standing, rtol=0.01)
+
+
+def test_motors_give_way_to_a_step_of_torque_and_forget_it():
+    damping = Damping(10.0, 4.0)
+    linear = law(np.zeros(3), damping)
+    angles = np.zeros(6)
+    angles[0] = 1e-3
+    inputs = np.concatenate([angles, np.zeros(8)])
+    state, given_way = np.zeros(STATES), []
+    for _ in range(400):
+        given_way.append((linear.C @ state + linear.D @ inputs)[0])
+        state = linear.A @ state + linear.B @ inputs
+    k = np.arange(1, 401)
+    # a first-order high-pass of the spring's torque k_s theta_m, sampled
+    expected = -10.0 * BELIEF.k_s * 1e-3 * np.exp(-2.0 * np.pi * 4.0 * PERIOD * k)
+    # the estimator is differentiated to 1e-9
+    np.testing.assert_allclose(given_way, expected, rtol=1e-6, atol=1e-9)

@@ -1,0 +1,83 @@
+import numpy as np
+import pytest
+
+from tests.laws.runs import PARAMETERS, shipped
+from twin.errors import InputRefused
+from twin.plant.dynamics import derivative
+from twin.studies.analyse.operating_point import (
+    CLEARANCE,
+    on_stiffness,
+    operating_points,
+    pressing_height,
+    resting_point,
+    surface_height,
+)
+
+
+def test_fig4_is_looked_at_at_its_start_and_at_both_ends_of_its_line():
+    points, problems = operating_points(shipped())
+    assert problems == []
+    assert [(point.p_B[1], round(point.F_z, 9), point.force_on) for point in points] == [
+        (0.02, 0.0, False),
+        (0.02, 0.0, False),
+        (0.02, 5.0, True),
+        (-0.02, 0.0, False),
+        (-0.02, 5.0, True),
+    ]
+
+
+@pytest.mark.parametrize("name", ["fig4_force_position", "fig4_imperfect", "massage"])
+def test_nothing_moves_at_an_operating_point(name):
+    for point in operating_points(shipped(name))[0]:
+        dx = np.empty(8)
+        derivative(point.parameters, point.x, point.theta_m, (0.0,) * 3, (0.0,) * 3, dx)
+        # accelerations, of which gravity is 9.81: rounding of one linear solve
+        assert np.abs(dx).max() < 1e-9
+
+
+def test_in_a_tap_the_force_loop_is_off():
+    points = operating_points(shipped("tapping"))[0]
+    assert [point.force_on for point in points if point.in_contact] == [False]
+
+
+def test_a_tilted_surface_is_found_where_it_is():
+    tilted = PARAMETERS._replace(tilt=0.1)
+    # one root-finding to 1e-12 m
+    assert surface_height(tilted, 0.02, 0.0) == pytest.approx(PARAMETERS.z_s - 0.02 * np.tan(0.1), abs=1e-11)
+    z = pressing_height(tilted, 0.02, 0.0, 5.0)
+    assert resting_point("pressing", tilted, (0.02, 0.0, z)).F_z == pytest.approx(5.0, abs=1e-8)
+
+
+def test_above_is_one_millimetre_over_the_surface():
+    above = operating_points(shipped())[0][1]
+    assert above.p_B[2] == pytest.approx(PARAMETERS.z_s + CLEARANCE, abs=1e-11)
+
+
+@pytest.mark.parametrize("K", [100.0, 1250.0, 50_000.0])
+def test_on_another_stiffness_pose_and_force_stay(K):
+    point = operating_points(shipped())[0][2]
+    moved = on_stiffness(point, K)
+    assert moved.p_B == point.p_B
+    assert moved.F_z == pytest.approx(point.F_z, abs=1e-6)
+    # the force is K times the depth
+    depth = surface_height(moved.parameters, *point.p_B[:2]) - point.p_B[2]
+    assert depth == pytest.approx(point.F_z / K, rel=1e-6)
+
+
+def test_a_slack_spring_has_no_linear_model():
+    weightless = PARAMETERS._replace(m_a=0.0, m_b=0.0, m_p=0.0)
+    with pytest.raises(InputRefused, match=r"no linear model at \(0, 0, -90\) mm: the spring of leg 1 carries nothing"):
+        resting_point("start", weightless, (0.0, 0.0, -0.09))
+    # without backlash there is nothing to hang in
+    resting_point("start", weightless._replace(backlash=0.0), (0.0, 0.0, -0.09))
+
+
+def test_a_pose_out_of_reach_has_no_operating_point():
+    with pytest.raises(InputRefused, match=r"no operating point at \(0, 0, -300\) mm"):
+        resting_point("start", PARAMETERS, (0.0, 0.0, -0.3))
+
+
+def test_a_surface_that_is_too_soft_is_left_out_with_its_reason():
+    points, problems = operating_points(shipped("fig4_force_position", "contact.stiffness_N_per_m=20"))
+    assert len(points) == 3
+    assert len(problems) == 2 and "does not answer with 5 N down to 100 mm" in problems[0]

@@ -1,0 +1,76 @@
+import json
+
+import numpy as np
+import pytest
+
+from tests.laws.runs import shipped
+from twin.errors import InputRefused
+from twin.studies.analyse.linear_point import Linearised
+from twin.studies.analyse.operating_point import operating_points
+from twin.studies.analyse.stability import FACTORS, STIFFNESSES, Stability, judged_point, stability
+from twin.studies.analyse.text import analysis_text
+
+
+@pytest.fixture(scope="module")
+def fig4() -> Stability:
+    return stability(shipped())
+
+
+@pytest.fixture(scope="module")
+def too_much() -> Stability:
+    return stability(shipped("fig4_force_position", "controller.position.kp_per_s=20"))
+
+
+def test_fig4_is_stable_and_free_air_limits_its_position_gains(fig4):
+    assert fig4.stable
+    assert not fig4.critical("position").linear.point.in_contact
+    assert fig4.critical("force").linear.point.in_contact
+
+
+def test_an_unstable_point_has_no_margins_and_a_limit_below_one(too_much):
+    unstable = [point for point in too_much.points if not point.stable]
+    assert unstable and not too_much.stable
+    for point in unstable:
+        assert point.margins == {} and point.sensitivity is None
+        assert 0.0 < point.limits["position"] < 1.0
+        assert point.poles[0].zeta < 0.0
+
+
+def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):
+    one, other = (done.critical("position").limits["position"] for done in (fig4, too_much))
+    # both are bisected to 1e-4
+    assert 1.5 * one == pytest.approx(20.0 * other, rel=1e-3)
+
+
+def test_waiting_for_the_computer_costs_gain(fig4):
+    experiment = shipped("fig4_force_position", "controller.delay_ticks=20")
+    points, _ = operating_points(experiment)
+    late = judged_point(Linearised(experiment, points).at(points[2]))
+    assert late.limits["force"] < 0.6 * fig4.points[2].limits["force"]
+
+
+def test_the_map_meets_the_limit_at_the_experiment_s_own_stiffness(fig4):
+    for chart in fig4.maps:
+        column = np.argmin(np.abs(np.log(chart.stiffness / 1250.0)))
+        stable = FACTORS[np.flatnonzero(chart.zeta[:, column] < 0.0)[0] - 1]
+        limit = next(p for p in fig4.points if p.linear is chart.at).limits[chart.law]
+        # half a step of either grid on a limit that varies with the root of the stiffness
+        assert stable == pytest.approx(limit, rel=0.25)
+        assert chart.zeta.shape == (len(FACTORS), len(STIFFNESSES))
+
+
+def test_facts_are_json_without_nan(fig4, too_much):
+    for done in (fig4, too_much):
+        assert json.loads(json.dumps(done.facts(), allow_nan=False))["stable"] is done.stable
+
+
+def test_a_monitor_that_passes_commands_on_late_is_refused():
+    with pytest.raises(InputRefused, match="passes the controller's commands on late"):
+        stability(shipped("massage", "controller.delay_ticks=1", "monitor.period_ms=2"))
+
+
+def test_the_text_says_the_verdict_first_in_80_columns(fig4, too_much):
+    for done, verdict in ((fig4, "STABLE at all 5"), (too_much, "UNSTABLE at 2 of 5")):
+        lines = analysis_text(done).splitlines()
+        assert lines[0] == f"fig4_force_position  {verdict} operating points"
+        assert max(map(len, lines)) <= 80

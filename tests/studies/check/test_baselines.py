@@ -1,0 +1,28 @@
+"""Every experiment that has baselines comes to what they say, with every drive: the CI run of `twin check`."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+from twin.studies.check import check
+from twin.studies.check.baseline import read_baseline, stored_drives
+
+FOLDER = ROOT / "tests" / "baselines"
+EXPERIMENTS = sorted(folder.name for folder in FOLDER.iterdir() if folder.is_dir())
+DRIVES = sorted(fmu.stem for fmu in ROOT.glob("fmus/*/*.fmu"))
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_an_experiment_comes_to_what_its_baselines_say(experiment: str):
+    assert [str(deviation) for deviation in check(ROOT / f"experiments/{experiment}.toml", baselines=FOLDER)] == []
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_every_drive_of_the_repository_has_a_baseline(experiment: str):
+    assert stored_drives(FOLDER, experiment) == DRIVES
+
+
+def test_every_baseline_says_why_it_is_as_it_is():
+    files: list[Path] = sorted(FOLDER.glob("*/*.toml"))
+    assert [file for file in files if not all(entry.reason for entry in read_baseline(file).history)] == []

@@ -1,0 +1,161 @@
+"""Numbers of runs whose answers are known."""
+
+import numpy as np
+import pytest
+
+from tests.studies.check.traces import EXPERIMENT, measuring, t, trace
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.studies.check.measurement import measured
+from twin.studies.check.signals import Signals
+
+STEP = {"kind": "step", "name": "z", "signal": "plant.z", "reference": "controller.z", "begin_s": 1.0}
+METRES = {"plant.z": "m", "controller.z": "m"}
+# trapezoids and crossings of a smooth curve sampled at 1 ms
+SAMPLED = 2e-3
+
+
+def numbers(experiment: Experiment, run: Signals) -> dict[str, float]:
+    return {name: metric.value for name, metric in measured(experiment, run).metrics.items()}
+
+
+def step_at_1() -> np.ndarray:
+    return (t >= 1.0).astype(float)
+
+
+def lagging(T: float = 0.5) -> np.ndarray:
+    return np.where(t >= 1.0, 1.0 - np.exp(-(t - 1.0) / T), 0.0)
+
+
+def test_a_first_order_lag_has_the_numbers_of_the_textbook():
+    found = numbers(measuring(STEP), trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES))
+    assert found["z.delay_time"] == pytest.approx(0.5 * np.log(2.0), abs=SAMPLED)
+    assert found["z.rise_time"] == pytest.approx(0.5 * np.log(9.0), abs=SAMPLED)
+    assert found["z.settling_time_2"] == pytest.approx(0.5 * np.log(50.0), abs=SAMPLED)
+    assert found["z.settling_time_5"] == pytest.approx(0.5 * np.log(20.0), abs=SAMPLED)
+    assert found["z.IAE"] == pytest.approx(0.5, abs=SAMPLED)
+    assert found["z.ISE"] == pytest.approx(0.25, abs=SAMPLED)
+    assert found["z.ITAE"] == pytest.approx(0.25, abs=SAMPLED)
+
+
+def test_a_minus_turns_a_signal_round():
+    down = {**STEP, "signal": "-plant.z"}
+    found = numbers(measuring(down), trace({"plant.z": -lagging(), "controller.z": step_at_1()}, METRES))
+    assert found["z.peak"] == pytest.approx(1.0, abs=1e-6)
+    assert found["z.steady_state_error"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_a_response_that_hunts_within_5_percent_has_no_settling_time_to_2():
+    hunting = lagging() + 0.03 * np.sin(20.0 * t) * step_at_1()
+    found = numbers(measuring(STEP), trace({"plant.z": hunting, "controller.z": step_at_1()}, METRES))
+    assert "z.settling_time_5" in found and "z.settling_time_2" not in found
+
+
+def test_a_constant_delay_is_the_lag():
+    sine, late = np.sin(t), np.sin(t - 0.25)
+    lag = {"kind": "lag", "name": "z", "signal": "plant.z", "reference": "controller.z"}
+    found = numbers(measuring(lag), trace({"plant.z": late, "controller.z": sine}, METRES))
+    # over no whole number of waves
+    assert found["z.lag"] == pytest.approx(0.25, abs=1e-5)
+
+
+def test_errors_spread_and_onset_are_those_of_the_definition():
+    error = np.where(t < 5.0, 3.0, 4.0)
+    run = trace(
+        {"plant.z": -error, "controller.z": 0.0 * t, "controller.on": t >= 2.0}, {**METRES, "controller.on": "1"}
+    )
+    found = numbers(
+        measuring(
+            {"kind": "tracking", "name": "e", "signal": "plant.z", "reference": "controller.z"},
+            {"kind": "spread", "name": "s", "signal": "plant.z", "until_s": 9.999},
+            {"kind": "onset", "name": "on", "signal": "controller.on"},
+        ),
+        run,
+    )
+    # one sample of ten thousand more on one side
+    assert found["e.rms_error"] == pytest.approx(np.sqrt(12.5), rel=1e-4)
+    assert found["e.max_error"] == 4.0
+    assert (found["s.mean"], found["s.std"]) == pytest.approx((-3.5, 0.5))
+    assert found["on.time"] == 2.0
+
+
+def test_a_circle_too_small_is_off_its_path_by_the_difference():
+    def circle(radius: float) -> np.ndarray:
+        return np.stack([radius * np.cos(t), radius * np.sin(t), 0.0 * t], axis=1)
+
+    path = {"kind": "path", "name": "p"}
+    vectors = {"plant.p_B": circle(0.9), "controller.p_ref_B": circle(1.0)}
+    found = numbers(measuring(path), trace(vectors, dict.fromkeys(vectors, "m")))
+    # the path is a polygon with corners 1 mrad apart
+    assert (found["p.rms_error"], found["p.max_error"]) == pytest.approx((0.1, 0.1), abs=1e-6)
+
+
+def test_work_is_torque_times_angle_and_travel_the_integral_of_the_commanded_speed():
+    back_and_forth = np.where(t < 5.0, t, 10.0 - t)
+    vectors = {
+        "controller.omega_ref": np.stack([np.where(t < 5.0, 1.0, -1.0), 0.0 * t, 0.0 * t], axis=1),
+        "plant.tau_load": np.stack([2.0 + 0.0 * t, 0.0 * t, 0.0 * t], axis=1),
+        **{f"drive/{i}.theta_m": back_and_forth for i in (1, 2, 3)},
+    }
+    found = numbers(measuring({"kind": "effort", "name": "m"}), trace(vectors, dict.fromkeys(vectors, "1")))
+    # the speed turns round within a sample
+    assert found["m.commanded_travel"] == pytest.approx(10.0, abs=SAMPLED)
+    assert found["m.work_delivered"] == pytest.approx(10.0, abs=SAMPLED)
+    assert found["m.work_returned"] == pytest.approx(10.0, abs=SAMPLED)
+
+
+@pytest.mark.parametrize(
+    ("y", "reference", "units", "said"),
+    [
+        (t, step_at_1(), METRES, "has not settled"),
+        (0.0 * t, step_at_1(), METRES, "no answer to the step"),
+        (lagging(), t, METRES, "still moves after the step"),
+        (lagging(), step_at_1(), {"plant.z": "m", "controller.z": "N"}, "plant.z is in m, but its reference"),
+    ],
+)
+def test_a_step_that_means_nothing_is_refused_with_the_name_of_its_measure(y, reference, units, said):
+    with pytest.raises(InputRefused, match=rf'\[\[measure\]\] "z": .*{said}'):
+        measured(measuring(STEP), trace({"plant.z": y, "controller.z": reference}, units))
+
+
+def test_a_step_looked_for_when_it_is_over_is_refused_rather_than_measured_from_there():
+    run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
+    with pytest.raises(InputRefused, match=r"controller.z makes no step at 1.2 s; set begin_s to when it does"):
+        measured(measuring({**STEP, "begin_s": 1.2}), run)
+    with pytest.raises(InputRefused, match=r"controller.z still moves after the step at 0.9 s"):
+        measured(measuring({**STEP, "begin_s": 0.9}), run)
+
+
+@pytest.mark.parametrize(
+    ("measure", "said"),
+    [
+        ({**STEP, "until_s": 1.01}, "measures for less than 0.02 s"),
+        ({**STEP, "kind": "tracking", "until_s": 1.0005}, "fewer than two ticks from begin_s to until_s"),
+    ],
+)
+def test_a_window_too_short_for_its_measure_is_refused(measure: dict, said: str):
+    run = trace({"plant.z": lagging(), "controller.z": step_at_1()}, METRES)
+    with pytest.raises(InputRefused, match=said):
+        measured(measuring(measure), run)
+
+
+def test_without_excitation_there_is_no_lag_and_no_path_and_both_are_told():
+    run = trace({"plant.z": np.sin(t), "controller.z": 0.0 * t, "controller.p_ref_B": np.zeros((len(t), 3))}, METRES)
+    lag = {"kind": "lag", "name": "l", "signal": "plant.z", "reference": "controller.z"}
+    with pytest.raises(InputRefused, match=r"(?s)controller.z does not move.*does not move, so it has no path"):
+        measured(measuring(lag, {"kind": "path", "name": "p"}), run)
+
+
+def test_a_lag_of_the_longest_or_more_and_an_onset_that_never_comes_are_refused():
+    run = trace({"plant.z": np.sin(t - 0.5), "controller.z": np.sin(t)}, METRES)
+    lag = {"kind": "lag", "name": "l", "signal": "plant.z", "reference": "controller.z", "longest_s": 0.2}
+    with pytest.raises(InputRefused, match="lags by longest_s"):
+        measured(measuring(lag), run)
+    with pytest.raises(InputRefused, match="never true"):
+        measured(measuring({"kind": "onset", "name": "o", "signal": "plant.z", "until_s": 0.1}), run)
+
+
+def test_an_experiment_without_measures_says_so():
+    with pytest.raises(InputRefused, match=r"step_z_air: has no \[\[measure\]\] tables"):
+        measured(measuring(), trace({}, {}))
+    assert EXPERIMENT.measures

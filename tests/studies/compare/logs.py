@@ -1,0 +1,16 @@
+"""Logs made of arrays, for tests."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from twin.recording.logs.log import Log, Series
+
+
+def log_of(
+    t: np.ndarray, signals: Mapping[str, np.ndarray] | None = None, path: str = "a.csv", **more: np.ndarray
+) -> Log:
+    """A log of `signals` and `more` (n,) in N at the times t (n,)."""
+    named = {**(signals or {}), **more}
+    return Log(Path(path), {name: Series(t, values, "N") for name, values in named.items()})

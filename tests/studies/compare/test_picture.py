@@ -1,0 +1,52 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.studies.compare.logs import log_of
+from twin.studies.compare.comparison import Comparison, compared
+from twin.studies.compare.picture import draw_comparison
+from twin.studies.compare.text import MOST_OUTSIDE, comparison_text
+
+T = np.linspace(0.0, 10.0, 1001)
+
+
+@pytest.fixture
+def comparison(tmp_path: Path) -> Comparison:
+    """Twelve signals outside and three inside, with a gap in the second log."""
+    paths = [tmp_path / f"{'a_rather_long_name_' * 4}{name}.csv" for name in "ab"]
+    for path in paths:
+        path.write_text(path.name)
+    kept = (T < 4.0) | (T > 4.5)
+    a = {f"controller.omega_ref[{i}]": np.sin(T) for i in range(15)} | {"plant.z": T}
+    b = {name: values[kept] + (0.01 * i if i > 2 else 0.0) for i, (name, values) in enumerate(a.items())}
+    del b["plant.z"]
+    return compared(log_of(T, a, str(paths[0])), log_of(T[kept], b, str(paths[1])))
+
+
+def test_the_answer_comes_first_and_everything_fits_80_columns(comparison: Comparison):
+    lines = comparison_text(comparison).splitlines()
+    first = comparison.outside[0]
+    assert lines[0] == f"{len(comparison.outside)} of 15 leave the tube: {first.signal} first, at 0 s; 94.8 % of A"
+    # names of files are not broken
+    assert max(len(line) for line in lines if "rather_long" not in line) <= 80
+    assert f"     and {len(comparison.outside) - MOST_OUTSIDE} more outside" in lines
+    assert "  note     only in A: plant.z" in lines
+
+
+def test_a_signal_outside_is_told_with_time_value_and_bounds(tmp_path: Path):
+    for name in ("a", "b"):
+        (tmp_path / name).write_text(name)
+    a, b = log_of(T, F=0.0 * T, path=str(tmp_path / "a")), log_of(T, F=np.where(T < 5.0, 0.0, 1.0))
+    text = comparison_text(compared(a, log_of(T, F=b["F"].values, path=str(tmp_path / "b"))))
+    assert "out at 5 s: 1, not in 0 .. 0 N" in text
+
+
+def test_the_picture_is_drawn_and_is_the_same_every_time(comparison: Comparison, tmp_path: Path):
+    pictures = [tmp_path / name for name in ("one.png", "two.png")]
+    for path in pictures:
+        draw_comparison(comparison, path)
+    assert pictures[0].read_bytes() == pictures[1].read_bytes()
+    with Image.open(pictures[0]) as picture:
+        assert picture.width >= 1200

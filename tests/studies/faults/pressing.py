@@ -1,0 +1,31 @@
+"""The whole default matrix of pressing.toml, measured once for all tests; and rows made by hand."""
+
+from collections.abc import Sequence
+from functools import cache
+
+from tests.laws.runs import shipped
+from twin.studies.faults.case import cases, known_kinds
+from twin.studies.faults.matrix import healthy_trial, onsets_of, rows
+from twin.studies.faults.row import Outcome, Row
+
+
+def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[Row]:
+    """Rows of an experiment of experiments/."""
+    experiment = shipped(name, *overrides)
+    healthy = healthy_trial(experiment)
+    onsets = onsets_of(experiment, healthy, ())
+    return list(rows(experiment, healthy, cases(experiment, known_kinds(kinds), onsets, None)))
+
+
+@cache
+def pressing() -> list[Row]:
+    return matrix("pressing")
+
+
+def outcome(peak=8.0, peak_delay=0.0, reason="", delay=None) -> Outcome:
+    return Outcome(peak, peak_delay, 0.0, reason, delay, None, "finished", "")
+
+
+def row(kind="breathing", magnitude: float | None = 5.0, watched=None, unwatched=None) -> Row:
+    runs = watched or outcome(), unwatched or outcome()
+    return Row(kind, "contact", magnitude, 5.5, True, 15.0, 8.0, *runs)

@@ -1,0 +1,152 @@
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.laws.runs import shipped
+from tests.studies.faults.pressing import matrix, pressing
+from twin.errors import InputRefused, SafetyTrip
+from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault_kind import NEVER
+from twin.studies.faults.case import cases
+from twin.studies.faults.matrix import healthy_trial, rows
+from twin.studies.faults.text import fault_matrix_table, fault_matrix_text
+
+
+def test_the_matrix_of_pressing_is_as_it_was_said_before():
+    assert [row for row in pressing() if row.fails] == []
+
+
+def test_the_bound_is_broken_where_it_was_said_to_be_and_that_is_not_hidden():
+    broken = {(row.kind, row.magnitude) for row in pressing() if not row.safe}
+    assert broken == {
+        ("encoder_drift", 2.0),
+        ("stiffness_change", 3.0),
+        ("stiffness_change", 10.0),
+        ("surface_jump", 10.0),
+        ("belt_slip", -30.0),
+    }
+
+
+SAID = [kind for kind, known in CATALOGUE.items() if known.seen != NEVER and kind != "drive_failure"]
+"""Of `drive_failure` no monitor is needed: the run ends."""
+
+
+@pytest.mark.parametrize("kind", SAID)
+def test_with_the_monitor_switched_off_every_kind_that_is_said_to_be_seen_fails(kind):
+    said = [row for row in pressing() if row.kind == kind and row.said_to_be_seen]
+    assert said and all(replace(row, watched=row.unwatched).fails for row in said)
+
+
+@pytest.mark.parametrize(
+    ("kind", "check"),
+    [
+        ("encoder_bias", "monitor.jump_limit_rad_per_s=10000"),
+        ("sample_delay", "monitor.stale_time_ms=5000"),
+        ("drive_dead", "monitor.frozen_time_ms=13000 monitor.follow_time_ms=13000"),
+        ("surface_jump", "monitor.force_rate_limit_N_per_s=100000"),
+        ("drive_saturation", "monitor.follow_time_ms=13000"),
+    ],
+)
+def test_with_one_check_of_the_monitor_switched_off_a_kind_that_it_sees_fails(kind, check):
+    assert any(row.missed for row in matrix("pressing", kind, overrides=check.split()))
+
+
+@pytest.mark.parametrize("kind", ["encoder_drift", "stiffness_change", "surface_jump", "belt_slip"])
+def test_without_having_been_said_the_broken_bound_of_a_kind_fails(kind, monkeypatch):
+    monkeypatch.setitem(CATALOGUE, kind, replace(CATALOGUE[kind], beyond=None))
+    assert any(row.fails for row in pressing() if row.kind == kind)
+
+
+def test_without_the_monitor_the_matrix_is_visibly_worse():
+    detectable = [row for row in pressing() if row.said_to_be_seen and not row.said_to_go_beyond]
+    worst = max(row.watched.peak for row in detectable)
+    worst_unwatched = max(row.unwatched.peak for row in detectable)
+    # 64 N against 17.6 N were measured
+    assert worst_unwatched > 2.0 * worst
+    # 4 rows beyond the bound and 14 robots that break, against none
+    assert sum(not row.safe_unwatched for row in detectable) >= 4
+    ended = [row for row in detectable if row.unwatched.end == "run ended" and row.watched.end != "run ended"]
+    assert len(ended) >= 10
+
+
+def test_the_monitor_makes_no_fault_worse():
+    # a retraction may unload the springs with a swing: 0.5 N were never seen
+    assert [row for row in pressing() if row.watched.peak > max(row.unwatched.peak, row.healthy_peak) + 0.5] == []
+
+
+def test_the_catalogue_says_what_the_matrix_shows():
+    assert [row for row in pressing() if not row.as_stated] == []
+
+
+def test_a_trip_ends_retracted_held_or_without_power_and_nothing_else_does():
+    for row in pressing():
+        ends = (
+            {"retracted", "held", "power off"}
+            if row.detected and not row.watched.failure
+            else {"finished", "run ended"}
+        )
+        assert row.watched.end in ends
+
+
+def test_the_same_case_gives_the_same_row():
+    first, second = (matrix("pressing", "encoder_dropout_zero", "drive_freewheel") for _ in range(2))
+    assert first == second
+
+
+def test_the_duration_ends_the_fault():
+    experiment = shipped("pressing")
+    healthy = healthy_trial(experiment)
+    short, forever = (
+        next(rows(experiment, healthy, cases(experiment, ("belief_eta",), (4.0,), duration)[-1:]))
+        for duration in (0.1, None)
+    )
+    assert short.watched.peak < forever.watched.peak - 1.0
+
+
+def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
+    lines = fault_matrix_text("pressing", pressing()).splitlines()
+    assert lines[0].startswith("pressing  PASSED: 155 of 160 cases stay below 18 N")
+    assert max(map(len, lines)) <= 80
+    assert set(CATALOGUE) <= {line.split()[0] for line in lines if line}
+
+
+def documented(root: Path, title: str) -> dict[str, list[str]]:
+    """The cells of a table of docs/faults.md behind `title`, by kind."""
+    behind = (root / "docs" / "faults.md").read_text().partition(f"\n{title}\n")[2]
+    lines = behind.strip().partition("\n\n")[0].splitlines()
+    return {cells[0]: cells for line in lines[2:] if (cells := [c.strip() for c in line.strip("| ").split(" | ")])}
+
+
+@pytest.mark.parametrize(
+    ("title", "measured"),
+    [
+        ("### pressing.toml", pressing),
+        ("### rolling.toml", lambda: matrix("rolling", "drive_runaway", "encoder_swap", "surface_jump")),
+    ],
+)
+def test_the_documented_matrix_is_the_measured_one(root: Path, title, measured):
+    told = documented(root, title)
+    for line in fault_matrix_table(measured()).splitlines()[2:]:
+        kind, *cells = (cell.strip() for cell in line.strip("| ").split(" | "))
+        _, worst, onset, peak, without, seen, reason, after, end = told[kind]
+        assert [worst, seen, reason, end] == [cells[0], cells[4], cells[5], cells[7]], kind
+        # another processor may round, and what swings for seconds shows it
+        for stated, got in ((onset, cells[1]), (peak, cells[2]), (without, cells[3]), (after, cells[6])):
+            assert stated == got or abs(float(stated) - float(got)) <= 0.05 * float(stated) + 0.1, kind
+
+
+def test_an_experiment_that_nobody_watches_is_refused_with_what_to_add():
+    with pytest.raises(InputRefused, match=r"no safety monitor .* add a table \[monitor\]"):
+        healthy_trial(shipped("fig4_force_position"))
+
+
+def test_an_experiment_with_faults_of_its_own_is_refused():
+    faulty = shipped("pressing", 'fault=[{kind="drive_dead", onset_s=1.0}]')
+    with pytest.raises(InputRefused, match=r"has \[\[fault\]\] tables"):
+        healthy_trial(faulty)
+
+
+def test_a_monitor_that_trips_without_any_fault_ends_the_matrix():
+    with pytest.raises(SafetyTrip, match="without any fault: safety monitor: the platform moves too fast"):
+        healthy_trial(shipped("pressing", "monitor.speed_limit_mm_per_s=50"))

@@ -1,0 +1,60 @@
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
+from twin.recording.recording import Recording
+from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5, shown_tasks
+from twin.studies.paper.fig5_score import Fig5Score, fig5_score
+from twin.studies.paper.fig5_space import MOVING, REFERENCE, TRACE, TRUTH
+from twin.studies.paper.text import fig5_text
+
+MAKERS: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
+
+
+@pytest.fixture(scope="module")
+def score(tmp_path_factory: pytest.TempPathFactory) -> Fig5Score:
+    """One run of each kind."""
+    return fig5_score([make(tmp_path_factory.mktemp(kind)) for kind, make in MAKERS.items()])
+
+
+def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5Score, tmp_path: Path):
+    draw_fig5(score, tmp_path / "fig5.png")
+    with Image.open(tmp_path / "fig5.png") as picture:
+        assert picture.width >= 1500
+        pixels = np.asarray(picture.convert("RGB")).reshape(-1, 3)
+    for color in (TRUTH, ESTIMATE, SHIFTED, REFERENCE, TRACE, MOVING):
+        rgb = [int(color[i : i + 2], 16) for i in (1, 3, 5)]
+        # an arrow is some 40 pixels long, a curve hundreds; their cores are not blended with the background
+        assert np.count_nonzero(np.all(pixels == rgb, axis=1)) > 30, color
+
+
+def test_the_same_runs_give_the_same_picture(score: Fig5Score, tmp_path: Path):
+    for name in ("a.png", "b.png"):
+        draw_fig5(score, tmp_path / name)
+    assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_columns_stand_in_the_papers_order_whatever_the_order_of_the_runs(score: Fig5Score):
+    backwards = Fig5Score(score.tasks[::-1], ())
+    assert [task.kind for task in shown_tasks(backwards)] == ["press", "tap", "roll", "push"]
+
+
+def test_a_run_that_tripped_before_it_did_anything_is_still_drawn(tmp_path: Path):
+    draw_fig5(fig5_score([rolled(tmp_path, trip=0.1)]), tmp_path / "fig5.png")
+    assert (tmp_path / "fig5.png").stat().st_size > 0
+
+
+def test_of_many_runs_there_is_a_table_and_a_line_for_each_way_to_fail(tmp_path: Path):
+    makers = [*MAKERS.values(), lambda folder: pressed(folder, aside=0.6e-3)]
+    folders = [tmp_path / str(number) for number in range(len(makers))]
+    for folder in folders:
+        folder.mkdir()
+    lines = fig5_text(fig5_score([make(at) for make, at in zip(makers, folders, strict=True)])).splitlines()
+    assert max(map(len, lines)) <= 80
+    assert next(line for line in lines if line.startswith("velocity_servo")).split()[2] == "15/16"
+    assert sum(line.startswith("FAIL") for line in lines) == 1
+    assert any(line.split()[:5] == ["FAIL", "scale", "press", "stays", "1"] for line in lines)

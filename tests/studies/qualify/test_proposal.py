@@ -1,0 +1,73 @@
+import tomllib
+from pathlib import Path
+
+import pytest
+
+from tests.drive.archives import redescribed
+from twin.drive.description import described
+from twin.errors import InputRefused
+from twin.experiment.drive_files import lone_drive
+from twin.runs.assembly.drives import planned
+from twin.studies.qualify.proposal import proposal
+from twin.studies.qualify.shelf import shelved_drives
+
+
+def test_an_unambiguous_drive_gets_a_complete_mapping_that_fits(velocity_servo: Path, tmp_path: Path):
+    fmu = tmp_path / "servo.fmu"
+    fmu.write_bytes(velocity_servo.read_bytes())
+    text, complete = proposal(described(fmu))
+    (tmp_path / "mapping.toml").write_text(text)
+    assert complete
+    plan = planned(lone_drive(str(tmp_path), tmp_path))
+    assert [b.name for b in plan.bindings] == ["omega_ref", "tau_load", "theta_m", "omega_m", "tau_motor"]
+    assert plan.table.sha256 == plan.parts[""].sha256
+
+
+def test_a_motor_gets_its_roles_and_the_gains_of_our_loop_as_comments(root: Path):
+    text, complete = proposal(described(root / "fmus/brushed_dc/brushed_dc.fmu"))
+    proposed = tomllib.loads(text)
+    assert not complete
+    assert proposed["command"] == "voltage"
+    assert proposed["inputs"] == {"command": "u_cmd", "tau_load": "M_load"}
+    assert proposed["outputs"]["theta_m"] == "phi"
+    assert proposed["velocity_loop"] == {}
+    assert "# kp = 0.1                # V per rad/s" in text
+
+
+def test_every_doubtful_choice_stands_as_a_comment_and_no_choice_is_made(root: Path):
+    text, complete = proposal(described(root / "fmus/modelica_dc/modelica_dc.fmu"))
+    assert not complete
+    assert '# command = "v_a"' in text and '# command = "v_f"' in text
+    assert tomllib.loads(text)["inputs"] == {"tau_load": "tau_load"}
+
+
+def test_what_no_variable_can_be_is_said(velocity_servo: Path, tmp_path: Path):
+    bad = redescribed(velocity_servo, tmp_path / "bad.fmu", 'name="theta_m" valueReference="2" causality="output"',
+                      'name="theta_m" valueReference="2" causality="calculatedParameter"')  # fmt: skip
+    text, complete = proposal(described(bad))
+    assert not complete
+    assert '# theta_m = "?"   # motor angle: no output measures rad' in text
+
+
+def test_the_shelf_tells_what_each_drive_is(root: Path):
+    drives = {shelved.name: shelved for shelved in shelved_drives(root / "experiments")}
+    servo = drives["velocity_servo"]
+    assert (servo.kind, servo.command, servo.fmi, servo.problem) == ("servo", "velocity", "2.0", "")
+    assert servo.description.startswith("Velocity servo: first-order lag")
+    assert (drives["brushed_dc"].kind, drives["brushed_dc"].command) == ("motor", "voltage")
+    assert drives["torque_motor_fmi3"].fmi == "3.0"
+
+
+def test_a_drive_that_does_not_fit_is_listed_with_its_reason(velocity_servo: Path, tmp_path: Path):
+    folder = tmp_path / "fmus" / "odd"
+    folder.mkdir(parents=True)
+    redescribed(velocity_servo, folder / "odd.fmu", 'causality="input"', 'causality="parameter"')
+    (odd,) = shelved_drives(tmp_path)
+    assert odd.kind == "" and "omega_ref" in odd.problem
+
+
+def test_a_folder_without_a_shelf_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("twin.experiment.source.HOME", tmp_path)
+    with pytest.raises(InputRefused, match="no such folder"):
+        shelved_drives(tmp_path)

@@ -1,0 +1,76 @@
+"""Drives that are wrong on purpose, and what the qualification says of them."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.conftest import ROOT
+from tests.drive.archives import redescribed
+from tests.drive.faulty import faulty_drive
+from tests.drive.three_axes import three_axes_drive
+from twin.experiment.drive_files import lone_drive
+from twin.studies.qualify.qualification import Qualification, qualified
+
+COMMAND = ('Commanded motor speed, held over a step">', "rad/s", 'rad="1" s="-1"')
+LOAD = ('positive opposes positive omega_m">', "N.m", 'kg="1" m="2" s="-2"')
+SPEED = ('description="Motor speed" initial="exact">', "rad/s", 'rad="1" s="-1"')
+
+
+def rescaled(good: Path, folder: Path, variable: tuple[str, str, str], factor: float) -> Path:
+    """A copy of `good` that takes one of its variables for `factor` times what it is."""
+    description, unit, base = variable
+    other = f'<Unit name="odd"><BaseUnit {base} factor="{factor}" /></Unit></UnitDefinitions>'
+    half = redescribed(good, folder / "half.fmu", "</UnitDefinitions>", other)
+    old = f'{description}\n      <Real start="0.0" unit="{unit}" />'
+    return redescribed(half, folder / "bad.fmu", old, old.replace(unit, "odd"))
+
+
+def checked(fmu: Path) -> Qualification:
+    return qualified(lone_drive(str(fmu), ROOT))
+
+
+def test_a_drive_that_turns_against_its_command_fails(velocity_servo: Path, tmp_path: Path):
+    assert "direction" in checked(rescaled(velocity_servo, tmp_path, COMMAND, -1.0)).failed
+
+
+def test_a_load_that_pushes_the_shaft_forward_fails(velocity_servo: Path, tmp_path: Path):
+    assert checked(rescaled(velocity_servo, tmp_path, LOAD, -1.0)).failed == ("load",)
+
+
+def test_a_command_in_the_wrong_unit_fails(velocity_servo: Path, tmp_path: Path):
+    # a tenth of the speed: rpm taken for rad/s are 9.5 times as wrong
+    assert checked(rescaled(velocity_servo, tmp_path, COMMAND, 9.5)).failed == ("scale",)
+
+
+@pytest.mark.parametrize("factor", [-1.0, 1.1])
+def test_a_reported_speed_that_is_not_the_rate_of_the_angle_fails(velocity_servo: Path, tmp_path: Path, factor: float):
+    assert checked(rescaled(velocity_servo, tmp_path, SPEED, factor)).failed == ("rate",)
+
+
+def test_a_gear_shows_in_the_stall_torque_and_not_in_the_speed(velocity_servo: Path):
+    # command and angle are both divided by it, the torque is multiplied; 2 %: the window of the mean speed
+    geared = lone_drive(str(velocity_servo), ROOT).model_copy(update={"gear_ratio": 2.0})
+    assert qualified(geared).value("stall_torque") == pytest.approx(1.2, rel=0.02)
+
+
+def test_turning_the_sign_over_mirrors_a_symmetric_drive_and_changes_nothing(velocity_servo: Path):
+    # the mapping turns command, angle and load over together
+    mirrored = qualified(lone_drive(str(velocity_servo), ROOT).model_copy(update={"sign": -1}))
+    assert mirrored.failed == ()
+    assert mirrored.value("speed") == pytest.approx(0.5, abs=1e-9)
+
+
+def test_a_drive_that_returns_nan_fails_and_the_measures_say_so(tmp_path: Path):
+    faulty = lone_drive(str(faulty_drive(ROOT, tmp_path)), ROOT).model_copy(update={"parameters": {"droop": 2.0}})
+    judged = qualified(faulty)
+    assert "runs" in judged.failed
+    assert "NaN" in next(check.detail for check in judged.checks if check.name == "runs")
+    assert all(measure.value is None and measure.remark for measure in judged.measures)
+
+
+def test_three_axes_in_one_fmu_are_commanded_alike_and_the_first_is_measured(tmp_path: Path):
+    judged = checked(three_axes_drive(ROOT, tmp_path))
+    assert judged.failed == ()
+    assert "three axes" in judged.checks[0].detail
+    # rounding of an angle after 2 s of turning
+    assert judged.value("speed") == pytest.approx(0.5, abs=1e-6)

@@ -1,0 +1,150 @@
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from tests.studies.replay.logs import ANGLES, FIG4, NOISE, drifting, healthy, judged, ran, softened, write_log
+from twin.errors import InputRefused
+from twin.recording.logs.column_map import column_map
+from twin.recording.logs.reader import read_log, recorded
+from twin.recording.reader import read
+from twin.studies.replay.model import recorded_model
+from twin.studies.replay.record import record
+from twin.studies.replay.replay import replayed
+
+TASKS = ("pressing", "tapping", "rolling", "pushing")
+ALL_SOFT = softened((1, 2, 3), 10.0)
+
+
+@pytest.mark.parametrize("name", [FIG4, "tapping"])
+def test_a_run_put_through_its_own_estimator_gives_its_estimates_bit_for_bit(name: str):
+    run = ran(name)
+    replay = replayed(recorded(run), recorded_model(run.metadata, run.path))
+    for port in ("theta_m", "theta_l", "p_B", "J", "tau_l", "F_ee_B"):
+        assert replay.estimator[port].tobytes() == run[f"estimator.{port}"].tobytes(), port
+
+
+def test_estimates_of_a_run_with_faulty_encoders_are_those_of_what_the_computer_received():
+    run = ran("pressing", drifting(4.0))
+    replay = replayed(recorded(run), recorded_model(run.metadata, run.path))
+    np.testing.assert_array_equal(replay.estimator["F_ee_B"], run["estimator.F_ee_B"])
+
+
+def test_a_log_of_angles_gives_the_estimates_of_its_counts(tmp_path: Path):
+    log = read_log(write_log(tmp_path / "q.csv", ran(FIG4), angles=True), column_map([*ANGLES, "scale.F_z=scale.F_z"]))
+    replay = replayed(log, healthy())
+    # degrees and back: 1e-15 rad in 1 rad, times 40 N/rad
+    np.testing.assert_allclose(replay.estimator["F_ee_B"], ran(FIG4)["estimator.F_ee_B"], rtol=0, atol=1e-12)
+
+
+def test_the_plant_model_follows_a_healthy_robot_within_the_rounding_of_its_encoders():
+    replay = judged(FIG4)
+    assert replay.plant is not None
+    r = replay.plant["theta_l"] - ran(FIG4)["plant.theta_l"][::2]
+    # half a motor count through the belt, 0.38 mrad, and the swing that its steps excite: up to twice that
+    assert np.max(np.abs(r)) < 3 * np.pi / 4096
+    # half a count on the motors is 0.05 N of a robot that presses on a scale of 1250 N/m through springs of 2137 N/m
+    assert replay.statistics["plant"].rms < 0.05
+
+
+@pytest.mark.parametrize("name", [FIG4, "fig4_position", "fig4_imperfect", *TASKS])
+def test_a_healthy_robot_matches_its_twin(name: str):
+    replay = judged(name)
+    assert len(replay.indicators) == 4
+    assert replay.first_alarm is None
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("name", ["pressing", "tapping"])
+def test_noise_on_the_encoders_is_no_drift(name: str, seed: int):
+    assert judged(name, *NOISE, f"seed={seed}").first_alarm is None
+
+
+@pytest.mark.parametrize("settings", [(ALL_SOFT,), (*NOISE, "seed=1", ALL_SOFT)])
+def test_springs_that_soften_by_a_tenth_are_seen_within_three_blocks(settings: tuple[str, ...]):
+    first = judged(FIG4, *settings).first_alarm
+    assert first is not None
+    assert 10.0 < first.drift.alarm <= 13.0
+    assert first.drift.since == pytest.approx(10.0, abs=first.drift.block)
+
+
+def test_softer_springs_make_the_estimate_read_above_the_measured_force():
+    replay = judged(FIG4, ALL_SOFT, plant=False)
+    # the controller holds 5 N of estimate, of which 0.9 are real before the weight is taken off
+    assert replay.indicators[0].drift.size == pytest.approx(0.28, abs=0.03)
+
+
+def test_one_soft_spring_that_the_force_hardly_shows_is_seen_by_its_own_joint():
+    replay = judged("pressing", softened((1,), 6.0))
+    _, joint_1, joint_2, joint_3 = replay.indicators
+    assert replay.first_alarm is joint_1
+    assert joint_2.drift.matches and joint_3.drift.matches
+    assert 6.0 < joint_1.drift.alarm <= 9.0
+
+
+def test_an_encoder_that_drifts_is_seen_before_it_is_half_a_degree_off():
+    first = judged(FIG4, drifting(6.0)).first_alarm
+    assert first is not None
+    assert 6.0 < first.drift.alarm <= 11.0
+
+
+def test_another_k_s_than_believed_is_seen_with_the_contact_and_not_in_free_air():
+    first = judged(FIG4, "plant.k_s_Nm_per_rad=0.9").first_alarm
+    assert first is not None
+    contact = float(ran(FIG4).time("plant")[np.argmax(ran(FIG4)["plant.F_n"] > 0)])
+    assert contact - 1.0 < first.drift.since < contact + 2.0
+
+
+def test_without_measured_force_and_plant_model_a_wrong_k_s_cannot_be_seen_and_nothing_is_claimed(tmp_path: Path):
+    run = ran(FIG4, "plant.k_s_Nm_per_rad=0.9")
+    names = [f"encoder.{name}[{i}]" for name in ("count_m", "count_l") for i in range(3)]
+    log = read_log(write_log(tmp_path / "log.csv", run), column_map([f"{name}={name}" for name in names]))
+    replay = replayed(log, healthy())
+    assert replay.indicators == ()
+    assert replay.forces == {}
+
+
+def test_lost_samples_cost_no_others_and_are_told(tmp_path: Path):
+    run = ran(FIG4)
+    keep = np.ones(len(run.time("encoder")), dtype=bool)
+    keep[1000:1010] = keep[4000:4500] = False
+    replay = replayed(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy(), plant=True)
+    np.testing.assert_array_equal(replay.estimator["F_ee_B"], run["estimator.F_ee_B"][keep])
+    assert replay.log.missing == 510
+    # 20 ms are bridged, after 1 s the plant model starts anew
+    assert replay.starts == (0.0, 9.0)
+    assert replay.first_alarm is None
+
+
+def test_a_replay_is_a_recording_that_can_be_replayed(tmp_path: Path):
+    run = ran(FIG4)
+    replay = replayed(recorded(run), recorded_model(run.metadata, run.path), plant=True)
+    first, second = (record(replay, tmp_path / f"{name}.mcap") for name in "ab")
+    assert first.read_bytes() == second.read_bytes()
+    again = read(first)
+    np.testing.assert_array_equal(again["estimator.F_ee_B"], run["estimator.F_ee_B"])
+    np.testing.assert_array_equal(again.time("estimator"), run.time("estimator"))
+    once_more = replayed(recorded(again), recorded_model(again.metadata, again.path), plant=True)
+    np.testing.assert_array_equal(once_more.estimator["F_ee_B"], run["estimator.F_ee_B"])
+
+
+def test_a_log_whose_clock_is_uneven_is_recorded_sample_by_sample(tmp_path: Path):
+    run = ran("pressing")
+    keep = np.random.default_rng(0).random(len(run.time("encoder"))) > 0.2
+    replay = replayed(read_log(write_log(tmp_path / "log.csv", run, keep)), healthy("pressing"))
+    again = read(record(replay, tmp_path / "run.mcap"))
+    np.testing.assert_array_equal(again.time("estimator"), run.time("encoder")[keep])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        ({"baseline": 0.0}, "--baseline 0: expected a time > 0 s"),
+        ({"baseline": 30.0}, "expected at least 20 there and more after them; choose with --baseline S"),
+        ({"baseline": 0.01}, "with 5 samples in the first 0.01 s"),
+        ({"tolerance": -1.0}, "--tolerance -1: expected a force >= 0 N"),
+    ],
+)
+def test_what_cannot_be_judged_is_refused_with_the_remedy(arguments: dict[str, float], said: str):
+    with pytest.raises(InputRefused, match=said):
+        replayed(recorded(ran(FIG4)), healthy(), **arguments)  # type: ignore[arg-type]

@@ -1,0 +1,174 @@
+import os
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.runs.guard.hostile import EXIT, HANG, NONE, SEGFAULT, hostile_drive
+from tests.studies.sweep.dask import deadly
+from tests.studies.sweep.dask.running import Running, kill, running
+from tests.studies.sweep.definitions import stiffnesses, written
+from twin.runs.guard.limits import Limits
+from twin.studies.sweep.dask import engine as engine_module
+from twin.studies.sweep.dask.cluster import connected
+from twin.studies.sweep.dask.delivery import surveyed
+from twin.studies.sweep.dask.engine import ClusterLost, Dask
+from twin.studies.sweep.dask.parcel import Parcel
+from twin.studies.sweep.engine import Engine
+from twin.studies.sweep.folder import kept
+from twin.studies.sweep.plan import Plan, planned
+from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
+
+COSTS = ("seconds", "stepping_s")
+FEW, SOME = "[500, 1000, 2000]", str([500 + 10 * number for number in range(24)])
+
+
+def rows(plan: Plan, folder: Path, engine: Engine, record: str = "none", limits: Limits = Limits()) -> list[dict]:  # noqa: B008
+    """Of every run, without what it cost."""
+    run_sweep(plan, folder, engine, record, limits)
+    return bare(folder)
+
+
+def bare(folder: Path) -> list[dict]:
+    return [{k: v for k, v in row.items() if k not in COSTS} for row in kept(folder).rows]
+
+
+@pytest.fixture
+def short(root: Path, tmp_path: Path) -> Plan:
+    """Three short runs."""
+    return stiffnesses(root, tmp_path, FEW)
+
+
+@pytest.fixture
+def longer(root: Path, tmp_path: Path) -> Plan:
+    """Two dozen runs, long enough for something to happen meanwhile."""
+    return stiffnesses(root, tmp_path, SOME)
+
+
+def test_rows_and_recordings_are_those_of_local_processes_byte_for_byte(root: Path, tmp_path: Path, cluster: Running):
+    text = f"""
+experiment = "{root}/experiments/calibration.toml"
+drives = ["velocity_servo", "brushed_dc"]
+vary = [{{ key = "plant.eta", values = [0.8, 0.9] }}, {{ key = "duration_s", values = [0.1] }}]
+"""
+    plan = planned(written(tmp_path, text))
+    here, there = tmp_path / "here", tmp_path / "there"
+    local = rows(plan, here, Pool(1), "all")
+    assert rows(plan, there, Dask(cluster.address, 1), "all") == local
+    assert [row["status"] for row in local] == ["done"] * 4
+    for row in local:
+        recording = f"{RECORDINGS}/{row['run']:06d}/run.mcap"
+        assert (there / recording).read_bytes() == (here / recording).read_bytes()
+
+
+def test_drives_that_crash_exit_or_hang_cost_only_their_run_and_no_worker(root: Path, tmp_path: Path, cluster: Running):
+    drive = hostile_drive(root, tmp_path)
+    attacks = (NONE, SEGFAULT, EXIT, HANG)
+    text = f"""
+experiment = "{root}/experiments/fig4_position.toml"
+vary = [
+  {{ key = "drive.joint_2.fmu", values = ["{drive}"] }},
+  {{ key = "drive.joint_2.parameters.droop", values = {list(attacks)} }},
+  {{ key = "duration_s", values = [1.1] }},
+]
+"""
+    plan, limits = planned(written(tmp_path, text)), Limits(step=1.0)
+    local = rows(plan, tmp_path / "here", Pool(2), limits=limits)
+    assert [row["status"] for row in local] == ["done", "failed", "failed", "failed"]
+    assert rows(plan, tmp_path / "there", Dask(cluster.address, 1), limits=limits) == local
+    assert all(worker.poll() is None for worker in cluster.workers)
+
+
+def test_files_are_sent_once_and_then_known_by_their_content(short: Plan, tmp_path: Path, cluster: Running):
+    rows(short, tmp_path / "first", Dask(cluster.address, 1))
+    # nor is a process left behind
+    assert [children(worker.pid) for worker in cluster.workers] == [[], []]
+    depot = cluster.cache / "parcels"
+    before = {file.name: file.stat().st_mtime_ns for file in depot.iterdir()}
+    contents = Parcel(short.experiment).contents
+    assert set(contents) <= set(before)
+    with connected(cluster.address, 0) as client:
+        assert [answer.missing for answer in surveyed(client, contents).values()] == [(), ()]
+    rows(short, tmp_path / "second", Dask(cluster.address, 1))
+    assert {file.name: file.stat().st_mtime_ns for file in depot.iterdir()} == before
+
+
+def test_a_worker_that_comes_later_gets_the_files_when_it_needs_them(
+    short: Plan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
+):
+    shutil.rmtree(cluster.cache / "parcels", ignore_errors=True)
+    monkeypatch.setattr(engine_module, "deliver", lambda client, contents, found: None)
+    assert [row["status"] for row in rows(short, tmp_path / "out", Dask(cluster.address, 1))] == ["done"] * 3
+
+
+def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Path, longer: Plan, tmp_path: Path):
+    with running(root, tmp_path, 2) as cluster:
+
+        def watch(state: State) -> None:
+            if 0 < state.done < state.total and cluster.workers[0].poll() is None:
+                kill(cluster.workers[0])
+
+        run_sweep(longer, tmp_path / "out", Dask(cluster.address, 1), show=watch)
+        assert cluster.workers[0].poll() is not None
+    found = kept(tmp_path / "out").rows
+    assert [row["run"] for row in found] == list(range(1, 25))
+    assert {row["status"] for row in found} == {"done"}
+
+
+def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setenv("PYTHONPATH", str(root))
+    monkeypatch.setattr(engine_module, "ran", deadly.ran)
+    # all runs in one batch: who is to blame has to be found out
+    monkeypatch.setattr(engine_module, "AHEAD", 1)
+    monkeypatch.setattr(engine_module, "BATCH_SECONDS", 1e3)
+    plan = stiffnesses(root, tmp_path, "[500, 600, 700, 800]")
+    found = rows(plan, tmp_path / "out", Dask(None, 1))
+    assert [row["status"] for row in found] == ["done", "done", "failed", "done"]
+    assert found[deadly.DEADLY - 1]["reason"] == "the Dask worker died whenever it was tried"
+
+
+@pytest.mark.endurance
+def test_a_scheduler_that_is_killed_is_named_and_after_its_restart_the_sweep_goes_on(
+    root: Path, longer: Plan, tmp_path: Path
+):
+    folder = tmp_path / "out"
+    with running(root, tmp_path, 1) as cluster:
+
+        def watch(state: State) -> None:
+            if state.done:
+                assert cluster.scheduler is not None
+                kill(cluster.scheduler)
+
+        with pytest.raises(
+            ClusterLost, match=f"the scheduler {cluster.address} is gone; finished runs are kept"
+        ) as end:
+            run_sweep(longer, folder, Dask(cluster.address, 1), show=watch)
+        assert end.value.exit_code == 3
+        before = kept(folder).rows
+        assert 0 < len(before) < 24
+        cluster.end()
+        cluster.begin(1)
+        run_sweep(longer, folder, Dask(cluster.address, 1))
+    after = kept(folder).rows
+    assert [row["run"] for row in after] == list(range(1, 25))
+    # not even their cost has changed: they have not been run again
+    assert [row for row in after if row["run"] in {old["run"] for old in before}] == before
+
+
+def test_an_own_cluster_is_gone_when_the_sweep_is_over(short: Plan, tmp_path: Path):
+    before = children(os.getpid())
+    assert [row["status"] for row in rows(short, tmp_path / "out", Dask(None, 1))] == ["done"] * 3
+    assert children(os.getpid()) == before
+
+
+def children(pid: int) -> list[str]:
+    """Command lines of the living children of a process."""
+    pids = [
+        child for thread in Path(f"/proc/{pid}/task").iterdir() for child in (thread / "children").read_text().split()
+    ]
+    lines = [Path(f"/proc/{child}/cmdline").read_bytes().replace(b"\0", b" ").decode() for child in pids]
+    # Python's own, which lives as long as the process
+    return [line for line in lines if line and "resource_tracker" not in line]

@@ -1,0 +1,97 @@
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.load import load_experiment
+from twin.studies.sweep.dask import depot
+from twin.studies.sweep.dask.parcel import Parcel
+from twin.studies.sweep.plan import Task
+
+EXPERIMENTS = ("fig4_force_position", "fig4_imperfect", "massage", "track_breathing", "step_joint_1", "calibration")
+
+
+@pytest.fixture(autouse=True)
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setenv("TWIN_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+def task(drive: str | None = None, *settings: str) -> Task:
+    return Task(1, "", drive, {}, settings)
+
+
+def arrived(experiment: Path, task: Task, folder: Path) -> Experiment:
+    """The experiment of `task` as it is read where it has been sent."""
+    parcel = Parcel(experiment)
+    _, drive, settings = parcel.order(task)
+    depot.keep(parcel.contents)
+    depot.lay_out(parcel.label.files, folder)
+    return load_experiment(folder / parcel.label.experiment, settings, drive and str(folder / drive))
+
+
+def told(loaded: Experiment) -> Experiment:
+    """Without where FMUs lie."""
+    return replace(loaded, drives=tuple(_placeless(drive) for drive in loaded.drives), values=_named(loaded.values))  # type: ignore[arg-type]
+
+
+def _placeless(drive: Any) -> Any:
+    parts = {name: part.model_copy(update={"fmu": Path(part.fmu).name}) for name, part in drive.parts.items()}
+    return drive.model_copy(update={"fmu": drive.fmu and Path(drive.fmu).name, "parts": parts})
+
+
+def _named(values: Any) -> Any:
+    if not isinstance(values, dict):
+        return values
+    return {key: Path(value).name if key == "fmu" else _named(value) for key, value in values.items()}
+
+
+@pytest.mark.parametrize("name", EXPERIMENTS)
+def test_an_experiment_arrives_as_it_was_sent_with_its_origins(root: Path, tmp_path: Path, name: str):
+    path = root / "experiments" / f"{name}.toml"
+    here, there = told(load_experiment(path)), told(arrived(path, task(), tmp_path / "there"))
+    assert there == here
+    assert repr(there.values) == repr(here.values)
+
+
+@pytest.mark.parametrize("drive", ["pmsm_foc", "brushed_dc", "torque_motor_fmi3", "fmus/stepper/stepper.fmu"])
+def test_a_drive_arrives_with_its_mapping(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, drive: str):
+    monkeypatch.chdir(root)
+    path = root / "experiments" / "fig4_force_position.toml"
+    here, there = load_experiment(path, drive=drive), arrived(path, task(drive), tmp_path / "there")
+    assert told(there) == told(here)
+
+
+def test_names_of_files_in_settings_arrive_and_numbers_stand_over_them(root: Path, tmp_path: Path):
+    settings = (
+        'contact.body="calf"',
+        f'drive.joint_2.fmu="{root}/fmus/brushed_dc"',
+        "drive.joint_2.velocity_loop.kp=2.5",
+        "contact.stiffness_N_per_m=1234.5",
+    )
+    path = root / "experiments" / "massage.toml"
+    here = load_experiment(path, settings)
+    # not what the body says, and what only the mapping says
+    assert (here.contact.stiffness, here.drives[1].command) == (1234.5, "voltage")
+    assert told(arrived(path, task(None, *settings), tmp_path / "there")) == told(here)
+
+
+def test_an_fmu_of_all_joints_is_packed_as_one_file(root: Path):
+    parcel = Parcel(root / "experiments" / "fig4_force_position.toml")
+    assert [Path(name).name for name in parcel.label.files] == ["velocity_servo.fmu", "fig4_force_position.toml"]
+
+
+def test_what_was_damaged_is_missing_again_and_what_is_not_its_hash_is_refused(cache: Path):
+    parcel = {"2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae": b"foo"}
+    (digest,) = parcel
+    assert depot.missing([digest]) == [digest]
+    depot.keep(parcel)
+    assert depot.missing([digest]) == []
+    (cache / "parcels" / digest).write_bytes(b"fop")
+    assert depot.missing([digest]) == [digest]
+    with pytest.raises(InputRefused, match="was damaged on its way"):
+        depot.keep({digest: b"fop"})
+    assert depot.missing([digest]) == [digest]

@@ -1,0 +1,48 @@
+"""Sweep files and definitions for tests."""
+
+from pathlib import Path
+
+from twin.runs.guard.limits import Limits
+from twin.studies.sweep.definition import Definition
+from twin.studies.sweep.engine import Job
+from twin.studies.sweep.plan import Plan, planned
+
+STIFFNESS = "contact.stiffness_N_per_m"
+GAIN = "controller.force.kp_mm_per_N"
+SHORT = '{ key = "duration_s", values = [0.02] }'
+"""A run this short costs little more than its set-up."""
+
+
+def definition(**table) -> Definition:
+    return Definition.model_validate({"experiment": "e.toml", **table})
+
+
+def written(folder: Path, text: str, name: str = "s.toml") -> Path:
+    path = folder / name
+    path.write_text(text)
+    return path
+
+
+def stiffnesses(root: Path, folder: Path, values: str, more: str = "") -> Plan:
+    """A plan of short runs over contact stiffness."""
+    return planned(written(folder, stiffness_text(root, values, more)))
+
+
+def stiffness_text(root: Path, values: str, more: str = "") -> str:
+    return f"""
+experiment = "{root}/experiments/fig4_force_position.toml"
+vary = [{{ key = "{STIFFNESS}", values = {values} }}, {SHORT}]
+{more}
+"""
+
+
+def job(plan: Plan, folder: Path, record: str = "none", limits: Limits = Limits(step=2.0)) -> Job:  # noqa: B008
+    """What its runs have in common; recordings go to `folder`."""
+    return Job(
+        experiment=plan.experiment,
+        recordings=folder,
+        record=record,
+        limits=limits,
+        claims=plan.definition.claims or "",
+        reuse=plan.definition.reuse or "",
+    )

@@ -1,0 +1,96 @@
+"""What is said about a sweep, in 80 columns, with nothing left out in silence."""
+
+import numpy as np
+
+from tests.studies.sweep.statistics.rows import kept, row
+from twin.studies.sweep.rows import Row
+from twin.studies.sweep.saltelli import saltelli_cube
+from twin.studies.sweep.show.parts import Asked, headline, parts
+from twin.studies.sweep.show.text import WIDTH, sweep_text
+from twin.studies.sweep.show.words import interval, number, short
+
+ASKED = Asked("force_error_N", "lateral_error_mm", 5)
+
+
+def metrics(error: float, lateral: float = 1.0) -> dict:
+    return {"force_error_N": error, "lateral_error_mm": lateral}
+
+
+def rows_of_drives() -> list:
+    rows: list[Row] = []
+    for drive, offset in (("one", 0.0), ("other", 0.1)):
+        for point in range(8):
+            rows.append(row(len(rows) + 1, {"a.k": float(point)}, drive, **metrics(1.0 + point + offset)))
+    return rows
+
+
+def test_the_answer_comes_first_and_failures_are_counted_and_named():
+    rows = [row(1, {"a.k": 1.0}, **metrics(0.5)), row(2, {"a.k": 2.0}, **metrics(0.4)), row(3, {"a.k": 3.0})]
+    text = sweep_text(kept(rows), ASKED)
+    assert text.startswith("made_up  3 runs: least force_error_N 0.4 (run 2); 1 failed")
+    assert text.rstrip().endswith("run 3 failed: drive_1: it crashed")
+
+
+def test_a_sweep_that_is_not_over_says_how_far_it_is():
+    assert headline(kept([row(1, {}, **metrics(1.0))], runs=9), "force_error_N").startswith("made_up  1 of 9 runs")
+
+
+def test_no_line_is_wider_than_a_terminal_and_columns_left_out_are_counted():
+    names = [f"plant.a_rather_long_name_{n}" for n in range(12)]
+    rows = [row(n, {name: float(n) for name in names}, **metrics(float(n))) for n in range(1, 9)]
+    text = sweep_text(kept(rows), ASKED)
+    assert max(map(len, text.splitlines())) <= WIDTH
+    assert "more columns in --html)" in text
+
+
+def test_drives_that_cannot_be_told_apart_are_said_to_be():
+    rng = np.random.default_rng(0)
+    rows = [row(n + 1, {"k": float(n // 2)}, "ab"[n % 2], **metrics(rng.normal(5.0))) for n in range(40)]
+    (part,) = (part for part in parts(kept(rows), ASKED) if part.key == "drives")
+    assert any(remark.startswith("not told apart from") for remark in part.remarks)
+    (part,) = (part for part in parts(kept(rows_of_drives()), ASKED) if part.key == "drives")
+    assert part.rows[0][0] == "one" and not any("not told apart" in remark for remark in part.remarks)
+
+
+def test_each_drive_has_correlations_of_its_own_and_few_runs_are_warned_of():
+    found = [part for part in parts(kept(rows_of_drives()), ASKED) if part.key == "correlation"]
+    assert [", one" in part.title or ", other" in part.title for part in found] == [True, True]
+    assert found[0].rows[0][:2] == ["k", "+1.00*"]
+    assert any(remark.startswith("only 8 runs") for remark in found[0].remarks)
+
+
+def test_a_design_without_indices_says_so_in_one_sentence_and_saltellis_has_them():
+    (part,) = (p for p in parts(kept(rows_of_drives()), ASKED) if "no Sobol indices" in " ".join(p.remarks))
+    assert part.key == "correlation"
+    cube = saltelli_cube(256, 2, np.random.default_rng(0))
+    rows = [row(n, {"a": x, "b": y}, **metrics(3.0 * x + y)) for n, (x, y) in enumerate(cube, start=1)]
+    found = parts(kept(rows, design="saltelli"), ASKED)
+    (part,) = (p for p in found if p.key == "indices")
+    # 9 parts of the variance to 1; 256 blocks know it to a few hundredths
+    assert part.rows[0][0] == "a" and abs(float(part.rows[0][1]) - 0.9) < 0.1
+    assert not any("no Sobol indices" in remark for p in found for remark in p.remarks)
+
+
+def test_with_claims_the_answer_is_how_many_are_likely_and_no_run_is_best():
+    def judged(run: int, late: bool) -> dict:
+        claims = {
+            "trigger_time": {"value": 5.6, "verdict": "holds"},
+            "true_final": {"value": 4.0 if late else 5.0, "verdict": "fails" if late else "holds"},
+        }
+        return {**row(run, {"plant.eta": 0.9 + 0.01 * run}, **metrics(0.1 * run)), "claims": claims}
+
+    rows = [*(judged(run, run > 6) for run in range(1, 9)), row(9, {"plant.eta": 1.0})]
+    text = sweep_text(kept(rows), ASKED)
+    assert "1 of 2 claims hold in at least 95 % of the runs; least sure: true_final" in " ".join(text.split())
+    assert "best runs" not in text and "Pareto" not in text
+    assert "1 of 9 runs came to no end and are not judged" in text
+
+
+def test_short_names_tell_parameters_apart_and_are_never_a_number_alone():
+    labels = ["plant.k_s", "controller.model.k_s", "plant.zero.1", "plant.eta"]
+    assert list(short(labels).values()) == ["plant.k_s", "model.k_s", "zero.1", "eta"]
+
+
+def test_numbers_that_are_not_there_are_dashes():
+    assert (number(float("nan")), number(float("inf")), number(1e-17)) == ("-", "never", "0")
+    assert interval((float("nan"), 1.0)) == "-"

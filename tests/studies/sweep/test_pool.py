@@ -1,0 +1,151 @@
+"""What drives do to their process costs the run that does it; where and when a run is made is not seen in its row."""
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from contextlib import closing
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from tests.runs.guard.conftest import drive as drive  # the hostile drive
+from tests.runs.guard.hostile import EXIT, HANG, HANG_IN_INITIALISATION, LEAK, SEGFAULT, SEGFAULT_IN_FREE
+from tests.studies.sweep.definitions import job, stiffnesses, written
+from twin.errors import TwinError
+from twin.runs.guard.limits import Limits
+from twin.studies.sweep.plan import Plan, Task, planned
+from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.station import Station
+
+COST = ("seconds", "stepping_s")
+LIMITS = Limits(step=2.0)
+
+
+def results(plan: Plan, tasks: list[Task], folder: Path, processes: int, record: str = "none", limits: Limits = LIMITS):
+    """Facts by run, without the cost."""
+    found: dict[int, dict] = {}
+    for batch in Pool(processes).results(job(plan, folder, record, limits), tasks):
+        for task, facts in batch:
+            assert task.run not in found
+            found[task.run] = {key: value for key, value in facts.items() if key not in COST}
+    return found
+
+
+@pytest.fixture
+def hostile(root: Path, tmp_path: Path, drive: Path) -> Callable[[int, dict[int, int]], tuple[Plan, list[Task]]]:
+    """A plan of so many runs of which some, by number, are attacked by joint 2's drive after one second."""
+
+    def made(count: int, attacks: dict[int, int]) -> tuple[Plan, list[Task]]:
+        text = f'extends = "{root}/experiments/fig4_position.toml"\nduration_s = 1.01\n'
+        written(tmp_path, f"{text}[drive.joint_2]\nfmu = '{drive}'\nparameters.droop = 0\n", "e.toml")
+        values = [500 + number for number in range(count)]
+        plan = planned(
+            written(
+                tmp_path, f'experiment = "e.toml"\nvary = [{{ key = "contact.stiffness_N_per_m", values = {values} }}]'
+            )
+        )
+        droop = "drive.joint_2.parameters.droop"
+        tasks = [replace(t, settings=(*t.settings, f"{droop}={attacks.get(t.run, 0)}")) for t in plan.tasks]
+        return plan, tasks
+
+    return made
+
+
+def test_a_drive_that_crashes_in_every_tenth_run_costs_those_runs_only(hostile, tmp_path: Path):
+    tenth = {run: SEGFAULT for run in (10, 20)}
+    plan, tasks = hostile(20, tenth)
+    found = results(plan, tasks, tmp_path, 2)
+    assert [run for run, facts in sorted(found.items()) if facts["status"] != "done"] == [10, 20]
+    for run in tenth:
+        assert found[run]["metrics"] == {}
+        assert found[run]["reason"].startswith(
+            "hostile.fmu (drive_2) crashed (SIGSEGV, segmentation fault) in the step "
+        )
+    # those that came after a crash, and one before
+    _, honest = hostile(20, {})
+    assert results(plan, [honest[run - 1] for run in (1, 11, 12)], tmp_path, 1) == {
+        run: found[run] for run in (1, 11, 12)
+    }
+
+
+def test_other_deaths_are_rows_with_a_reason_too(hostile, tmp_path: Path):
+    attacks = {1: EXIT, 2: HANG, 4: HANG_IN_INITIALISATION, 5: SEGFAULT_IN_FREE}
+    plan, tasks = hostile(5, attacks)
+    found = results(plan, tasks, tmp_path, 2, limits=Limits(step=0.7))
+    assert {run: facts["status"] for run, facts in found.items()} == {
+        run: "done" if run == 3 else "failed" for run in found
+    }
+    assert "ended the process with exit(0)" in found[1]["reason"]
+    assert "did not return within 0.7 s" in found[2]["reason"]
+    assert "did not return within 0.7 s" in found[4]["reason"]
+    assert "crashed (SIGSEGV" in found[5]["reason"] and "FreeInstance" in found[5]["reason"]
+
+
+def test_a_drive_that_grows_without_end_is_ended_at_the_limit_of_memory(hostile, tmp_path: Path):
+    plan, tasks = hostile(2, {1: LEAK})
+    tasks[0] = replace(tasks[0], settings=(*tasks[0].settings, "duration_s=20"))
+    found = results(plan, tasks, tmp_path, 1, limits=Limits(memory=5e8))
+    assert "grew to" in found[1]["reason"] or "memory" in found[1]["reason"]
+    assert found[2]["status"] == "done"
+
+
+def test_rows_are_the_same_in_any_order_in_any_number_of_processes(root: Path, tmp_path: Path):
+    plan = stiffnesses(root, tmp_path, "[500, 700, 900, 1100]", 'drives = ["velocity_servo", "stepper"]')
+    tasks = [replace(task, settings=(*task.settings, "duration_s=8")) for task in plan.tasks]
+    one = results(plan, tasks, tmp_path, 1)
+    assert all(facts["status"] == "done" and facts["metrics"]["peak_N"] > 1.0 for facts in one.values())
+    assert results(plan, tasks[::-1], tmp_path, 3) == one
+
+
+def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, tmp_path: Path):
+    plan = stiffnesses(root, tmp_path, "[500, 700]")
+    first, task = plan.tasks
+    stopping = threading.Event()
+    with Station(job(plan, tmp_path)) as station:
+        assert station.facts(first, stopping)
+        assert station._worker is not None
+        pid = station._worker._process.pid
+        # so that it cannot be ready before it is killed
+        os.kill(pid, signal.SIGSTOP)
+        threading.Timer(0.2, os.kill, (pid, signal.SIGKILL)).start()
+        facts = station.facts(task, stopping)
+        assert station._worker._process.pid != pid
+        again = station.facts(task, stopping)
+    assert facts and again
+    assert facts["status"] == "done" and facts["metrics"] == again["metrics"]
+
+
+def test_letting_results_go_ends_every_process_at_once(hostile, tmp_path: Path):
+    plan, tasks = hostile(3, {2: HANG, 3: HANG})
+    before = children()
+    with closing(Pool(2).results(job(plan, tmp_path, limits=Limits(step=60.0)), tasks)) as batches:
+        next(batches)
+        assert len(children() - before) == 2
+    assert children() == before
+
+
+def test_a_full_disk_ends_the_sweep_and_what_was_finished_is_handed_over_first(root: Path, tmp_path: Path):
+    plan = stiffnesses(root, tmp_path, "[500, 700, 900]")
+    place = tmp_path / "no_folder"
+    place.write_text("")
+    batches = Pool(1).results(job(plan, place, "all"), list(plan.tasks))
+    with pytest.raises(TwinError):
+        list(batches)
+
+
+def test_only_failures_are_recorded_if_only_those_are_asked_for(hostile, tmp_path: Path):
+    plan, tasks = hostile(3, {2: SEGFAULT})
+    found = results(plan, tasks, tmp_path / "runs", 1, record="failures")
+    assert [found[run]["status"] for run in (1, 2, 3)] == ["done", "failed", "done"]
+    assert sorted(path.relative_to(tmp_path / "runs").as_posix() for path in (tmp_path / "runs").rglob("*.*")) == [
+        "000002/run.mcap.partial"
+    ]
+    assert results(plan, tasks[:1], tmp_path / "all", 1, record="all") == {1: found[1]}
+    assert (tmp_path / "all" / "000001" / "run.mcap").exists()
+
+
+def children() -> set[int]:
+    """Processes that this one has begun and that have not ended."""
+    return {int(pid) for task in Path("/proc/self/task").iterdir() for pid in (task / "children").read_text().split()}

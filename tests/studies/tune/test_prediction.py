@@ -1,0 +1,106 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.conftest import examples
+from tests.studies.tune.corners import fig4_corners
+from twin.studies.analyse.linear.loops import closed_loops, closed_poles
+from twin.studies.analyse.linear.margins import margins
+from twin.studies.analyse.linear_point import Linearised
+from twin.studies.tune.gains import LawGains, with_gains
+from twin.studies.tune.prediction import closed, confirmed, predicted, sensitivities, step_response
+
+ONE_OF = st.integers(0, 8)
+GAINS = st.builds(LawGains, st.floats(0.5, 12.0), st.floats(1e-5, 5e-3), st.floats(1e-4, 2e-2))
+FIG4 = LawGains(1.5, 2e-3, 0.5e-3)
+FAST = LawGains(5.0, 1.5e-3, 3.5e-3)
+
+
+def analysed(i: int, gains: LawGains):
+    """The loops of a corner as `twin analyse` makes them, with the compiled laws."""
+    corner = fig4_corners()[i]
+    return Linearised(with_gains(corner.experiment, gains), [corner.point]).at(corner.point)
+
+
+@pytest.fixture(scope="module")
+def shared() -> Linearised:
+    return Linearised(fig4_corners()[0].experiment, [corner.point for corner in fig4_corners()])
+
+
+@given(ONE_OF, GAINS)
+@examples(15)
+def test_the_poles_are_those_of_the_compiled_laws(shared, i, gains):
+    corner = fig4_corners()[i]
+    shared.experiment = with_gains(corner.experiment, gains)
+    point = shared.at(corner.point)
+    ours, theirs = (np.linalg.eigvals(closed(corner, gains)[0]), closed_poles(point.loops, point.gains))
+    distances = np.abs(ours[:, None] - theirs[None])
+    # eigenvalues that nearly coincide lose half the digits
+    assert distances.min(axis=0).max() < 1e-6 and distances.min(axis=1).max() < 1e-6
+
+
+@pytest.mark.parametrize("i", [1, 5])
+def test_sensitivity_and_bandwidth_are_those_that_twin_analyse_tells(i):
+    point, corner = analysed(i, FAST), fig4_corners()[i]
+    found = {name: margins(point.loops, point.gains, name) for name in point.gains}
+    # both search on a grid, 2 % and 1 % apart
+    assert predicted(corner, FAST).sensitivity == pytest.approx(max(m.sensitivity for m in found.values()), rel=0.02)
+    if corner.point.force_on:
+        bandwidth = predicted(corner, FAST).answers["force"].bandwidth
+        assert bandwidth == pytest.approx(found["force"].bandwidth, rel=0.05)
+
+
+@pytest.mark.parametrize(("i", "axis", "reference"), [(1, 2, "p_ref_B_z"), (5, 3, "F_z_ref")])
+def test_the_step_response_is_that_of_the_linear_loops(i, axis, reference):
+    point, corner = analysed(i, FAST), fig4_corners()[i]
+    system = closed_loops(point.loops, point.gains)
+    _, y, final = step_response(corner, FAST, axis)
+    output, sign = ("p_B_z", 1.0) if axis == 2 else ("F_ee_B_z", -1.0)
+    x, b = np.zeros(system.nstates), system.B[:, system.input_labels.index(reference)]
+    for k in range(300):
+        # the rounding of 300 products of matrices
+        assert y[k] == pytest.approx(sign * (system.C[system.output_labels.index(output)] @ x), abs=1e-9)
+        x = system.A @ x + b
+    # but for the droop, which depends a little on the pose, and for the Jacobian, which the estimate takes elsewhere
+    assert final == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_larger_force_reference_presses_harder():
+    for corner in fig4_corners():
+        if corner.point.force_on:
+            _, y, _ = step_response(corner, FIG4, 3)
+            assert np.all(np.diff(y[5:200]) > 0.0)
+
+
+def test_gains_beyond_the_limit_of_free_air_are_unstable():
+    # docs/analysis.md: the limit of kp in air is 17.1 1/s
+    assert predicted(fig4_corners()[1], FIG4._replace(kp=16.5)).stable
+    assert not predicted(fig4_corners()[1], FIG4._replace(kp=18.0)).stable
+
+
+@given(ONE_OF, GAINS, st.floats(0.2, 5.0))
+@examples(20)
+def test_a_factor_on_every_loop_of_a_law_is_one_on_its_gains(i, gains, factor):
+    corner = fig4_corners()[i]
+    for factors, scaled in (
+        ((factor, factor, factor, 1.0), gains._replace(kp=factor * gains.kp)),
+        ((1.0, 1.0, 1.0, factor), LawGains(gains.kp, factor * gains.force_kp, factor * gains.force_ki)),
+    ):
+        for ours, theirs in zip(closed(corner, gains, factors), closed(corner, scaled), strict=True):
+            # rounding
+            np.testing.assert_allclose(ours, theirs, rtol=1e-12, atol=1e-12)
+
+
+@pytest.mark.parametrize("i", [1, 3, 5])
+def test_eigenvalues_bear_out_the_sensitivity_and_no_smaller_one_that_the_gain_margin_forbids(i):
+    corner = fig4_corners()[i]
+    M_s = predicted(corner, FAST).sensitivity
+    assert confirmed(corner, FAST, M_s)
+    # M_s of 1.001 would leave room for 40 times the gain, which no loop has
+    assert not confirmed(corner, FAST, 1.001)
+
+
+def test_where_the_force_law_does_not_act_its_gains_change_nothing():
+    air = fig4_corners()[0]
+    np.testing.assert_array_equal(sensitivities(air, FIG4), sensitivities(air, FIG4._replace(force_kp=1.0)))

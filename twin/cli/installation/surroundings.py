@@ -1,0 +1,86 @@
+"""What a run finds around it: drives, processes, room on the disk."""
+
+import json
+import os
+import shutil
+import subprocess
+import tempfile
+import time
+from pathlib import Path
+
+from twin import __version__
+from twin.cli.installation.finding import Finding
+from twin.errors import InputRefused
+from twin.places import HOME, PACKAGE, is_clone
+from twin.runs.guard.interpreter import environment, module_command
+from twin.studies.qualify.shelf import shelved_drives
+
+DEFAULT_DRIVE = "velocity_servo"
+LITTLE, TOO_LITTLE = 1e9, 1e8
+"""Free bytes: a recording of 20 s takes some 6 MB."""
+SMOKE = "fig4_force_position.toml"
+
+
+def home_finding(home: Path = HOME) -> Finding:
+    """Where twin is, and whether its experiments and drives are with it."""
+    topic, text = ("repository", str(home)) if is_clone() else ("installed", f"twin {__version__} in {PACKAGE}")
+    missing = [name for name in ("experiments", "fmus", "tests/baselines") if not (home / name).is_dir()]
+    if missing:
+        return Finding(topic, "bad", f"{text}: {', '.join(missing)} missing; install it again")
+    return Finding(topic, "ok", text)
+
+
+def drives_finding(here: Path) -> Finding:
+    """Whether the drives of fmus/, as seen from `here`, fit and have a binary for this machine; none is loaded."""
+    try:
+        drives = shelved_drives(here)
+    except InputRefused as refusal:
+        return Finding("drives", "bad", str(refusal))
+    wrong = [drive for drive in drives if drive.problem]
+    if not drives:
+        return Finding("drives", "lacks", "fmus/ is empty; the default drive is the one that comes with twin")
+    if not wrong:
+        return Finding("drives", "ok", f"all {len(drives)} of fmus/ fit, with binaries for this machine")
+    text = f"{len(wrong)} of {len(drives)} do not fit: " + "; ".join(f"{d.name}: {d.problem}" for d in wrong)
+    needed = DEFAULT_DRIVE in {drive.name for drive in wrong}
+    return Finding("drives", "bad" if needed else "lacks", text)
+
+
+def isolation_finding() -> Finding:
+    """Whether a run can live in a process of its own."""
+    if os.name == "posix":
+        return Finding(
+            "isolation", "ok", "a run lives in a process of its own; a drive that crashes costs only its run"
+        )
+    return Finding("isolation", "lacks", "needs Linux or macOS: a drive that crashes takes twin with it")
+
+
+def disk_finding(here: Path) -> Finding:
+    """Whether results/ in `here` has room."""
+    results = here / "results" if (here / "results").is_dir() else here
+    if not os.access(results, os.W_OK):
+        return Finding("disk", "bad", f"{results} cannot be written; run twin in a folder of yours, or use --out")
+    free = shutil.disk_usage(results).free
+    text = f"{free / 1e9:.1f} GB free in {results}"
+    if free < LITTLE:
+        return Finding("disk", "bad" if free < TOO_LITTLE else "lacks", f"{text}; delete old runs")
+    return Finding("disk", "ok", text)
+
+
+def browser_finding() -> Finding:
+    """Whether the report page can be tested in a browser."""
+    found = shutil.which("chromium")
+    return Finding("chromium", "ok", found) if found else Finding("chromium", "note", "the page's tests need it")
+
+
+def smoke_finding(home: Path) -> Finding:
+    """One second of Fig. 4, really run, as `twin run` does."""
+    with tempfile.TemporaryDirectory() as folder:
+        command = module_command("twin", "run", str(home / "experiments" / SMOKE), "--json", "--set", "duration_s=1")
+        began = time.monotonic()
+        done = subprocess.run(command, cwd=folder, env=environment(), capture_output=True, text=True)
+        taken = time.monotonic() - began
+    if done.returncode:
+        return Finding("run", "bad", done.stderr.strip() or f"twin run ended with exit code {done.returncode}")
+    speed = json.loads(done.stdout)["real_time_factor"]
+    return Finding("run", "ok", f"1 s of Fig. 4 in {taken:.1f} s with loading, {speed:.0f} x real time without")

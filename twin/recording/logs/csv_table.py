@@ -1,0 +1,221 @@
+"""The text of a CSV file as a table of numbers.
+
+A file that is as it should be is read by numpy in
+one go; any other row by row, which is slower and knows where each mistake is.
+"""
+
+import io
+import math
+import warnings
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from itertools import count
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.errors import InputRefused
+from twin.files import open_regular
+from twin.recording.logs.csv_head import LARGEST, Head, head_of, number, refuse_foreign, rows_of, text_of
+from twin.recording.logs.errors import LogRefused
+
+LARGEST_FILE = 2**30
+"""Bytes; four hours of 36 columns at 200 Hz, and about as much memory."""
+_BLOCK = 2**20
+
+
+@dataclass
+class Wrong:
+    """Fields of one column that are no numbers.
+
+    Attributes:
+        count: how many. line, text: of the first. texts: whether any is not empty. commas: whether any has a comma.
+    """
+
+    count: int = 0
+    line: int = 0
+    text: str = ""
+    texts: bool = False
+    commas: bool = False
+
+    def add(self, line: int, text: str) -> None:
+        """Take note of one."""
+        if not self.count:
+            self.line, self.text = line, text
+        self.count += 1
+        self.texts |= bool(text)
+        self.commas |= "," in text
+
+
+@dataclass(frozen=True)
+class Table:
+    """A CSV file.
+
+    Attributes:
+        path: of the file.
+        comments: lines before the head, without their #.
+        head: names of the columns.
+        values: (rows, columns); NaN where a field is no finite number.
+        wrong: of the columns that have such fields, by position.
+        lines: line number of each row, from 1.
+    """
+
+    path: Path
+    comments: tuple[str, ...]
+    head: list[str]
+    values: NDArray[np.float64]
+    wrong: dict[int, Wrong]
+    lines: NDArray[np.int64]
+
+    def column(self, name: str) -> NDArray[np.float64]:
+        """The numbers of the column `name`."""
+        return self.values[:, self.head.index(name)]
+
+    def mistakes(self, name: str) -> Wrong | None:
+        """What of the column `name` is no number; None: nothing."""
+        return self.wrong.get(self.head.index(name))
+
+    def is_words(self, name: str) -> bool:
+        """Whether no field of the column `name` is a number, so that it says something else."""
+        wrong = self.mistakes(name)
+        return wrong is not None and wrong.count == len(self.values) and wrong.texts and not wrong.commas
+
+
+def read_table(path: Path) -> Table:
+    """The CSV file at `path`.
+
+    Raises:
+        LogRefused: no regular file, too large, no text, no rows, rows of different lengths, in one sentence.
+    """
+    try:
+        with open_regular(path, LARGEST_FILE) as file:
+            refuse_foreign(path, file)
+            head = head_of(path, text_of(file))
+            return _at_once(path, file, head) or _row_by_row(path, file, head)
+    except LogRefused:
+        raise
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
+
+
+def more(others: int, what: str) -> str:
+    """` (and 2 more such rows)`."""
+    return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
+
+
+def _at_once(path: Path, file: BinaryIO, head: Head) -> Table | None:
+    """The table, if each line after the head has as many fields, and only columns that begin with something else hold
+    anything but numbers; None if not."""
+    text = text_of(file)
+    for _ in range(head.until):
+        next(text)
+    first, _ = next(rows_of(path, text, head.separator, head.until), ([], 0))
+    text.detach()
+    wrong: dict[int, Wrong] = {}
+
+    def noted(position: int) -> Callable[[str], float]:
+        lines = count(head.until + 1)
+
+        def value(field: str) -> float:
+            line, found = next(lines), number(field.strip())
+            if found is None:
+                wrong.setdefault(position, Wrong()).add(line, field.strip())
+            return math.nan if found is None else found
+
+        return value
+
+    words = [position for position, field in enumerate(first) if number(field) is None]
+    text = text_of(file)
+    try:
+        with warnings.catch_warnings():
+            # that there are no rows is told in a sentence
+            warnings.simplefilter("ignore")
+            values = np.loadtxt(
+                text, delimiter=head.separator, comments=None, quotechar='"', skiprows=head.until, ndmin=2,
+                converters={position: noted(position) for position in words},
+            )  # fmt: skip
+    except ValueError:
+        return None
+    finally:
+        text.detach()
+    if len(values) < 2 or values.shape[1] != len(head.names) or _lines(file) != head.until + len(values):
+        return None
+    for position in set(range(len(head.names))) - set(words):
+        column = values[:, position]
+        # nan is no number either
+        if not (-LARGEST <= column.min() and column.max() <= LARGEST):
+            return None
+    return Table(path, head.comments, head.names, values, wrong, head.until + 1 + np.arange(len(values)))
+
+
+def _lines(file: BinaryIO) -> int:
+    """How many lines a file has that is not empty."""
+    file.seek(0)
+    ends = sum(block.count(b"\n") for block in iter(lambda: file.read(_BLOCK), b""))
+    file.seek(-1, io.SEEK_END)
+    return ends + (file.read() != b"\n")
+
+
+@dataclass
+class _Rows:
+    """Rows while they are read: numbers, their lines, what is wrong with them."""
+
+    numbers: list[NDArray[np.float64]] = field(default_factory=list)
+    block: list[list[float]] = field(default_factory=list)
+    lines: list[int] = field(default_factory=list)
+    wrong: dict[int, Wrong] = field(default_factory=dict)
+
+    def add(self, row: list[str], line: int) -> None:
+        try:
+            numbers = list(map(float, row))
+            simple = -LARGEST <= min(numbers) and max(numbers) <= LARGEST and not math.isnan(sum(numbers))
+        except ValueError:
+            simple = False
+        if not simple:
+            numbers = []
+            for position, text in enumerate(row):
+                value = number(text)
+                if value is None:
+                    self.wrong.setdefault(position, Wrong()).add(line, text)
+                numbers.append(math.nan if value is None else value)
+        self.block.append(numbers)
+        self.lines.append(line)
+        if len(self.block) >= 1000:
+            self.pack()
+
+    def pack(self) -> None:
+        """Lists of numbers take five times the memory of arrays."""
+        if self.block:
+            self.numbers.append(np.array(self.block, dtype=np.float64))
+            self.block = []
+
+
+def _row_by_row(path: Path, file: BinaryIO, head: Head) -> Table:
+    rows, ragged, first = _Rows(), 0, (0, 0)
+    text = text_of(file)
+    for _ in range(head.until):
+        next(text)
+    for row, line in rows_of(path, text, head.separator, head.until):
+        if not any(row):
+            continue
+        if len(row) == len(head.names):
+            rows.add(row, line)
+        else:
+            first = first if ragged else (line, len(row))
+            ragged += 1
+    text.detach()
+    rows.pack()
+    if ragged:
+        line, fields = first
+        # 3,14 in a file separated by commas gives twice as many fields
+        commas = fields > len(head.names) and head.separator == ","
+        hint = "; are there decimal commas? Export with points" if commas else ""
+        raise LogRefused(
+            f"{path} line {line}: {fields} field{'s' * (fields > 1)}, expected {len(head.names)}"
+            f"{more(ragged - 1, 'row')}{hint}"
+        )
+    if (many := len(rows.lines)) < 2:
+        raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
+    return Table(path, head.comments, head.names, np.concatenate(rows.numbers), rows.wrong, np.array(rows.lines))

@@ -1,5 +1,0 @@
-"""Experiments with [[measure]] tables against stored baselines: what was, what is, what is worse."""
-
-from twin.regression.check import Deviation, check
-
-__all__ = ["Deviation", "check"]

@@ -1,0 +1,108 @@
+"""From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken."""
+
+import difflib
+from collections.abc import Mapping
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+
+from twin.cosim.component import Component
+from twin.cosim.system import System
+from twin.cosim.wiring import wires
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.build import Build, DriveMaker, InThisProcess
+from twin.runs.assembly.drives import DrivePlan
+from twin.runs.assembly.faults.inject import inject
+from twin.runs.assembly.joints import planned_drives, refuse_second_instances
+from twin.runs.assembly.mechanics import at_rest
+from twin.runs.assembly.robot import ROBOT, connected
+from twin.runs.assembly.tunable import scheduled
+
+HERE = InThisProcess()
+
+
+@dataclass
+class Assembly:
+    """A system that owns its FMU instances; a context manager that frees them.
+
+    Attributes:
+        system: ready to be simulated. drives: what stands behind the three joints.
+        substituted: what took the place of the experiment's own components, by their names.
+    """
+
+    system: System
+    drives: tuple[DrivePlan, ...]
+    substituted: dict[str, str] = field(default_factory=dict)
+
+    def __enter__(self) -> "Assembly":
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        self.close()
+
+    def close(self) -> None:
+        for component in self.system.components:
+            component.close()
+
+
+def assemble(
+    experiment: Experiment, substitutes: Mapping[str, Component] | None = None, maker: DriveMaker = HERE
+) -> Assembly:
+    """Build every component of `experiment` and wire them.
+
+    The robot starts at rest in static equilibrium at the first way point of its reference.
+
+    Args:
+        experiment: what to build.
+        substitutes: components of the same ports that take the place of the ones with their names.
+        maker: of the drives.
+
+    Raises:
+        InputRefused: a drive FMU does not fit; all three are checked before any is loaded. Or a substitute for which
+            there is no place.
+    """
+    plans = planned_drives(experiment)
+    if maker.one_process:
+        refuse_second_instances(plans)
+    if experiment.monitor is not None:
+        plans = tuple(plan.switchable() for plan in plans)
+    build = Build(experiment, plans, maker, *at_rest(experiment))
+    parts = {row.name: row.parts(build) for row in ROBOT}
+    taken = dict(substitutes or {})
+    _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
+    made: dict[str, list[Component]] = {row: [] for row in parts}
+    with ExitStack() as to_close:
+        for row, makers in parts.items():
+            for name, make in makers.items():
+                component = taken[name] if name in taken else make()
+                to_close.callback(component.close)
+                made[row].append(component)
+        components = [component for row in made.values() for component in row]
+        components, feeds = inject(
+            components,
+            connected(made),
+            experiment.faults,
+            experiment.cosim.tick,
+            (experiment.plant.motor_counts_per_turn, experiment.plant.joint_counts_per_turn),
+            experiment.controller.speed_limit,
+        )
+        cosim = experiment.cosim
+        joined = wires(feeds, components)
+        system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
+        system.changes = scheduled(experiment, system)
+        to_close.pop_all()
+    return Assembly(system, plans, {name: _kind(component) for name, component in taken.items()})
+
+
+def _refuse_unplaced(substitutes: Mapping[str, Component], names: list[str]) -> None:
+    for name in substitutes:
+        if name not in names:
+            close = difflib.get_close_matches(name, names, 1)
+            hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
+            raise InputRefused(f"substitutes: no component '{name}' in this experiment; {hint}")
+
+
+def _kind(component: Component) -> str:
+    """What a substitute is: the class of a user's model, or that of the component."""
+    own = type(component).__name__
+    return f"{component.label} ({own})" if component.label else own

@@ -1,0 +1,94 @@
+"""The robot's computer: estimator, controller and safety monitor."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
+from twin.controller.damping import Damping
+from twin.controller.estimator import Estimator
+from twin.controller.feed_forward import FeedForward
+from twin.controller.phase import Phase
+from twin.controller.pid import Gains
+from twin.controller.task_controller import TaskController, Touch
+from twin.cosim.delay import delay
+from twin.experiment.experiment import Experiment
+from twin.experiment.monitor import Monitor as MonitorTable
+from twin.monitor.component import Monitor
+from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
+from twin.runs.assembly.build import Build, Makers
+from twin.runs.assembly.program import program_of
+
+
+def estimator(experiment: Experiment) -> Estimator:
+    """Encoder counts to position and force."""
+    return Estimator(belief(experiment), experiment.controller.gravity_compensation, experiment.controller_ticks)
+
+
+def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -> Controller | TaskController:
+    """The force-position law with the experiment's gains, led by way points or by tasks.
+
+    In position mode nothing ever triggers the force loop.
+
+    Args:
+        program: phases that lead it instead of those of the experiment's tasks; only if it has tasks.
+    """
+    c = experiment.controller
+    force_on = c.mode == "force_position"
+    law = Law(
+        N=c.model.N,
+        omega_max=c.speed_limit,
+        F_z_ref=c.force.reference or 0.0,
+        trigger_force=c.force.trigger if force_on and c.force.trigger is not None else NEVER,
+        trigger_time=c.force.trigger_time if force_on and c.force.trigger_time is not None else NEVER,
+        dp_z_max=c.force.limit,
+        corner=c.force.filter,
+    )
+    position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
+    force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
+    ticks = experiment.controller_ticks
+    if experiment.reference is not None and program is None:
+        return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks)
+    if program is None:
+        assert experiment.approach is not None and c.touch is not None
+        program = program_of(experiment.approach, c.touch.contact, experiment.tasks)
+    assert c.touch is not None and c.feed_forward is not None and c.damping is not None
+    return TaskController(
+        law,
+        position,
+        force,
+        FeedForward(c.model.k_s, c.model.eta, c.feed_forward.friction, c.feed_forward.lag),
+        Damping(c.damping.gain, c.damping.corner),
+        Touch(c.touch.contact, c.touch.patience, c.touch.turn, c.touch.learning),
+        program,
+        experiment.start,
+        ticks,
+    )
+
+
+def safety_monitor(experiment: Experiment, table: MonitorTable) -> Monitor:
+    """Who watches, as [monitor] says."""
+    bounds = monitor_limits(table, experiment.controller.speed_limit)
+    return Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)
+
+
+def estimators(build: Build) -> Makers:
+    """What makes the estimator."""
+    return {"estimator": lambda: estimator(build.experiment)}
+
+
+def controllers(build: Build) -> Makers:
+    """What makes the controller."""
+    return {"controller": lambda: controller(build.experiment)}
+
+
+def delays(build: Build) -> Makers:
+    """What makes the delay between controller and drives, if one is set."""
+    ticks = build.experiment.controller.delay_ticks
+    return {"delay": lambda: delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
+
+
+def monitors(build: Build) -> Makers:
+    """What makes the safety monitor, if anybody watches."""
+    table = build.experiment.monitor
+    return {} if table is None else {"monitor": lambda: safety_monitor(build.experiment, table)}

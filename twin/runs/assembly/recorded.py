@@ -1,0 +1,80 @@
+"""The experiment that a recording carries with it, ready to run again."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
+from twin.experiment.schema import Drive
+from twin.experiment.source import Source, located
+from twin.runs.assembly.load import checked_experiment
+
+
+def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
+    """The experiment of a recording with the very FMUs that it was made with.
+
+    A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
+    experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken.
+
+    Args:
+        metadata: of the recording. where: the recording.
+
+    Raises:
+        InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
+            not found.
+    """
+    name, values = recorded_name(metadata, where), recorded_values(metadata, where)
+    if "drive" not in values:
+        raise InputRefused(f"{where}: carries no experiment that could be run again")
+    fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
+    drive = values["drive"]
+    if "substituted" in metadata:
+        parts = ", ".join(metadata["substituted"])
+        raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not make it again")
+    if "changed" in metadata:
+        raise InputRefused(f"{where}: was changed by hand while it ran, so its experiment does not make it again")
+    if not fmus:
+        raise InputRefused(f"{where}: carries no FMUs, so its experiment cannot be run again as it was")
+    folder = where.resolve().parent
+    # the body's file has filled [contact] in already
+    values.get("contact", {}).pop("body", None)
+    source = Source()
+    source.put(values | {"drive": _with_paths(drive, where, folder)}, "recorded")
+    experiment = checked_experiment(source, name, where, folder)
+    one, two, three = (
+        _pinned(drive, f"drive_{number}", fmus) for number, drive in enumerate(experiment.drives, start=1)
+    )
+    return replace(experiment, drives=(one, two, three))
+
+
+def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
+    """[drive] with paths of FMUs where it has names."""
+    return {
+        key: _with_paths(value, where, folder)
+        if isinstance(value, dict)
+        else _path(value, where, folder)
+        if key == "fmu"
+        else value
+        for key, value in table.items()
+    }
+
+
+def _path(name: str, where: Path, folder: Path) -> str:
+    # a recording may come from anybody: it names a file, and no way to one
+    name = Path(name).name
+    # fmus/ first: a run may lie in a folder that is called like its drive
+    for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", name):
+        path = located(candidate, folder)
+        if path.is_file() or (path.exists() and candidate != name):
+            return str(path)
+    raise InputRefused(f"{where}: its drive {name} is neither in fmus/ nor beside it; put it there to run it again")
+
+
+def _pinned(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:
+    parts = {
+        part: table.model_copy(update={"sha256": fmus.get(f"{name}.{part}")}) for part, table in drive.parts.items()
+    }
+    return drive.model_copy(update={"sha256": fmus.get(name), "parts": parts})

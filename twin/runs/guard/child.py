@@ -1,0 +1,96 @@
+"""`python -m twin.runs.guard.child BOX PARENT`: the guarded process.
+
+Standard input brings the job's name, its arguments (a line each) and then orders; standard output takes the reports,
+so whatever is printed by FMUs or anybody else is sent to standard error first.
+"""
+
+import contextlib
+import ctypes
+import importlib
+import json
+import os
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Iterator
+
+from twin.errors import NotWritten, TwinError
+
+STOP = "stop"
+_PR_SET_PDEATHSIG = 1
+
+
+def main() -> None:
+    """Run the one job of this process; ends it without cleaning up, because nothing of value is left to clean."""
+    box, parent = map(int, sys.argv[1:])
+    orders, reports = os.dup(0), os.fdopen(os.dup(1), "w", encoding="utf-8")
+    with open(os.devnull) as nothing:
+        os.dup2(nothing.fileno(), 0)
+    os.dup2(2, 1)
+    # whoever started us may have had it ignored
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    _die_with(parent)
+    lines = _lines(orders)
+    module, _, function = next(lines).partition(":")
+    try:
+        job = getattr(importlib.import_module(module), function)
+        # after the job's own imports: what it needs of them is loaded while the arguments are still being made
+        from twin.cosim.simulation import let_watch
+        from twin.drive.announcement import listen
+        from twin.runs.guard.voice import PipeVoice
+
+        voice = PipeVoice(reports, box)
+        listen(voice.announcer.tell)
+        let_watch(voice.stepping)
+        arguments = json.loads(next(lines))
+        threading.Thread(target=_obey, args=(lines,), daemon=True).start()
+        last = {"finished": job(voice, **arguments)}
+    except TwinError as error:
+        last = {"failed": [str(error), error.exit_code]}
+    except KeyboardInterrupt:
+        last = {"interrupted": None}
+    # what nobody has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame
+    except OSError as problem:
+        told = f"{problem.filename or 'twin'}: {problem.strerror or problem}"
+        last = {"failed": [told, NotWritten.exit_code]}
+    except Exception:
+        last = {"failed": [traceback.format_exc(), 1]}
+    with contextlib.suppress(BrokenPipeError):
+        reports.write(json.dumps(last) + "\n")
+        reports.flush()
+    os._exit(0)
+
+
+def _die_with(parent: int) -> None:
+    """On Linux the kernel ends this process with `parent`, also one that hangs; elsewhere the closed pipe has to do."""
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
+    # it may have died before that was in force
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _lines(fd: int) -> Iterator[str]:
+    """Lines that arrive at `fd`; the end of the process if nobody is left to write one."""
+    rest = b""
+    while True:
+        line, found, rest = rest.partition(b"\n")
+        if found:
+            yield line.decode()
+            continue
+        more = os.read(fd, 65536)
+        if not more:
+            os._exit(1)
+        rest = line + more
+
+
+def _obey(lines: Iterator[str]) -> None:
+    for line in lines:
+        if line == STOP:
+            # a real signal, because it also ends a system call that waits
+            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,157 @@
+"""Runs a job in a guarded process and answers for how it ends."""
+
+import sys
+import time
+from collections.abc import Callable
+from typing import Any
+
+from twin.errors import ComponentFailed, InputRefused, TwinError, visible
+from twin.runs.guard.account import Account
+from twin.runs.guard.child import STOP
+from twin.runs.guard.limits import Limits
+from twin.runs.guard.process import GuardedProcess, resident_memory
+from twin.runs.guard.sentence import manner, obituary
+
+POLL = 0.05
+"""How often (s) limits are looked at and progress is shown."""
+GRACE = 5.0
+"""How long (s) a job may take to stop by itself when asked to."""
+
+
+class JobDied(ComponentFailed):
+    """The job's process crashed, ended itself or was ended for a limit, after stepping had begun."""
+
+
+class JobDiedLoading(InputRefused):
+    """The same before the first step: a component could not even be made."""
+
+
+def guarded(
+    job: str,
+    arguments: dict[str, Any],
+    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    listen: Callable[[dict[str, Any]], None] = lambda note: None,
+    show: Callable[[int, int], None] = lambda done, total: None,
+) -> Any:
+    """The result of `job`, run in a process of its own.
+
+    Args:
+        job: "module:function"; the function is called as `function(voice, **arguments)`, see `twin.runs.guard.voice.Voice`.
+        arguments: what JSON can hold.
+        limits: the job is ended if it exceeds one.
+        listen: told of every note of the job.
+        show: told (ticks done, ticks in all) while a system is being stepped.
+
+    Returns:
+        What the function returned, through JSON. An end without this is a failure, whatever the exit status.
+
+    Raises:
+        JobDied, JobDiedLoading: in one sentence who, how, where, when, with which inputs, and what to do.
+        TwinError: the job raised one: text and exit code are those.
+        KeyboardInterrupt: Ctrl-C; the job has been asked to stop, and ended if it did not.
+    """
+    with GuardedProcess(job) as process:
+        process.start(arguments)
+        try:
+            return _followed(process, Watch(process, limits), listen, show)
+        except KeyboardInterrupt:
+            process.order(STOP)
+            deadline = time.monotonic() + GRACE
+            while not process.gone and time.monotonic() < deadline:
+                process.reports(POLL)
+            raise
+
+
+def _followed(
+    process: GuardedProcess,
+    watch: "Watch",
+    listen: Callable[[dict[str, Any]], None],
+    show: Callable[[int, int], None],
+) -> Any:
+    while True:
+        for report in process.reports(POLL):
+            watch.account.take(report)
+            raise_failure(report)
+            if "note" in report:
+                listen(report["note"])
+            elif "finished" in report:
+                process.end()
+                # whatever an FMU has printed is shown, and never obeyed
+                sys.stderr.write("".join(f"{visible(line)}\n" for line in process.printed.splitlines()))
+                return report["finished"]
+        stepped = watch.account.stepped
+        if stepped:
+            show(process.box.mark()[0], stepped.last_tick)
+        watch.raise_if_over()
+
+
+def raise_failure(report: dict[str, Any]) -> None:
+    """Raise what ended a job, if `report` says so.
+
+    Raises:
+        TwinError: with text and exit code of the one that the job raised.
+        KeyboardInterrupt: the job was interrupted.
+    """
+    if "failed" in report:
+        text, exit_code = report["failed"]
+        error = TwinError(text)
+        error.exit_code = exit_code
+        raise error
+    if "interrupted" in report:
+        raise KeyboardInterrupt
+
+
+class Watch:
+    """Knows what a process is doing and for how long, and ends it at its limits.
+
+    Attributes:
+        account: what the job has said; whoever reads the reports lets it take them.
+        process, limits: what is watched.
+    """
+
+    def __init__(self, process: GuardedProcess, limits: Limits):
+        self.account = Account()
+        self.process, self.limits = process, limits
+        self._doing: object = None
+        self._since = time.monotonic()
+
+    def raise_if_over(self) -> None:
+        """Look once.
+
+        Raises:
+            JobDied, JobDiedLoading: the process has ended without a word, or exceeded a limit and has been ended.
+        """
+        limits, process = self.limits, self.process
+        if process.gone:
+            raise self._death(manner(process.end()))
+        doing = (process.box.mark(), process.box.call())
+        if doing != self._doing or not self.account.busy(process.box):
+            self._doing, self._since = doing, time.monotonic()
+        elif time.monotonic() - self._since > limits.step:
+            raise self._death(
+                f"did not return within {limits.step:g} s",
+                "If it is slow rather than stuck, raise --limit-step; else choose another FMU.",
+            )
+        for name, pid in self.account.helpers.items():
+            if resident_memory(pid) > limits.memory:
+                raise self._death(
+                    f"grew to the limit of {limits.memory / 1e6:g} MB of memory",
+                    "It leaks: tell its maker; --limit-memory sets the limit.",
+                    name,
+                )
+        if process.memory > limits.memory:
+            raise self._death(
+                f"was at work when the process reached the limit of {limits.memory / 1e6:g} MB of memory",
+                "`--isolate drive` shows which drive grows; --limit-memory sets the limit.",
+            )
+        if process.age > limits.wall:
+            raise self._death(
+                f"was at work when the time limit of {limits.wall:g} s was over",
+                "Simulate less, or raise --limit-wall.",
+            )
+
+    def _death(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
+        """The error that tells of the end of the process; ends it first, so that nothing changes any more."""
+        self.process.end()
+        text = obituary(self.account, self.process.box, manner, remedy, self.process.printed, culprit)
+        return JobDied(text) if self.account.stepped else JobDiedLoading(text)

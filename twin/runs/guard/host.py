@@ -1,0 +1,53 @@
+"""The job of a process that has one drive: makes it, then answers for it until nobody asks any more."""
+
+import base64
+import os
+import pickle
+
+import numpy as np
+
+from twin.cosim.component import Component
+from twin.runs.assembly.drives import drive, planned
+from twin.runs.guard.called import called_function
+from twin.runs.guard.page import IDLE, STOPPED, Page, serve
+from twin.runs.guard.voice import PipeVoice
+
+
+def hosted_drive(voice: PipeVoice, packed: str) -> None:
+    """Serve the drive that `packed` describes.
+
+    Notes: {"ports"} when the drive can be asked, {"explained"} after a bad status.
+
+    Args:
+        packed: see `isolated_drive.packed`.
+
+    Raises:
+        InputRefused: the drive cannot be made.
+    """
+    name, table, switched, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
+    plan = planned(table)
+    component = drive(name, plan.switchable() if switched else plan, tick, theta_m, tau_load)
+    page = Page(voice.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
+    # no question: compiles, or loads from the cache, before the first one comes
+    number = _served(page, component, 1)[0]
+    voice.note(ports=_described(component))
+    os.sched_setaffinity(0, {processor})
+    status = IDLE
+    while status != STOPPED:
+        number, status = _served(page, component, number)
+        if status not in (IDLE, STOPPED):
+            voice.note(explained=component.explain(status))
+    component.close()
+
+
+def _served(page: Page, component: Component, number: int) -> tuple[int, int]:
+    return serve(
+        page.address, page.inputs, component.step_address, component.self_address, number,
+        page.kernel.ctypes.data, page.nap.ctypes.data,
+    )  # fmt: skip
+
+
+def _described(component: Component) -> str:
+    """What a component that stands for this one needs to know, packed."""
+    facts = (component.inputs, component.outputs, np.array(component.initial_outputs), called_function(component))
+    return base64.b64encode(pickle.dumps(facts)).decode()

@@ -1,0 +1,165 @@
+"""Drives in processes of their own: a crash kills none but the drive that caused it, and single-instance FMUs fit.
+
+A step is a question and an answer through shared memory (`page.py`). Only one side works at a time, so all of them
+share one processor: switching between two processes there costs 2.5 microseconds, waking another processor ten times
+as much.
+"""
+
+import base64
+import ctypes
+import os
+import pickle
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from twin.cosim.component import Component
+from twin.cosim.port import width
+from twin.errors import InputRefused, TwinError
+from twin.runs.assembly.drives import DrivePlan, Start
+from twin.runs.guard.called import Elsewhere
+from twin.runs.guard.futex import kernel
+from twin.runs.guard.guard import POLL, JobDied, Watch, raise_failure
+from twin.runs.guard.limits import Limits
+from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask
+from twin.runs.guard.process import GuardedProcess
+from twin.runs.guard.sentence import manner
+from twin.runs.guard.voice import Voice
+
+JOB = "twin.runs.guard.host:hosted_drive"
+
+
+class IsolatedDrives:
+    """Makes drives that live elsewhere; a context manager at whose exit their processes are gone.
+
+    Args:
+        voice: told of each process, so that the supervisor watches its memory.
+        step: longest time of one call into a drive (s).
+        count: processes to start at once, because they take a while.
+
+    Raises:
+        InputRefused: this system has no futex.
+    """
+
+    one_process = False
+
+    def __init__(self, voice: Voice, step: float, count: int = 3):
+        # raises where this cannot work, before anything is started
+        kernel()
+        self._voice, self._limits = voice, Limits(step=step)
+        self._processors = os.sched_getaffinity(0)
+        self._idle = [GuardedProcess(JOB, helper=True) for _ in range(count)]
+        self._all = list(self._idle)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        for process in self._all:
+            process.close()
+        os.sched_setaffinity(0, self._processors)
+
+    def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
+        """As `twin.runs.assembly.drives.drive`, in a process of its own.
+
+        Raises:
+            InputRefused: likewise; also if it crashes or hangs while it is made.
+        """
+        processor = ctypes.CDLL(None).sched_getcpu()
+        os.sched_setaffinity(0, {processor})
+        process = self._idle.pop(0)
+        self._voice.helper(name, process.pid)
+        process.start({"packed": packed(name, plan, tick, theta_m, tau_load, processor)})
+        watch = Watch(process, self._limits)
+        try:
+            while True:
+                for report in process.reports(POLL):
+                    watch.account.take(report)
+                    raise_failure(report)
+                    if "note" in report:
+                        return IsolatedDrive(name, plan.label, watch, report["note"]["ports"])
+                watch.raise_if_over()
+        except BaseException:
+            process.end()
+            raise
+
+
+class IsolatedDrive(Elsewhere):
+    """Stands for a drive in another process.
+
+    Args:
+        name, label: of the drive. watch: of its process. described: see `host`.
+    """
+
+    def __init__(self, name: str, label: str, watch: Watch, described: str):
+        inputs, outputs, initial, self.function = pickle.loads(base64.b64decode(described))
+        self._watch = watch
+        self._process = process = watch.process
+        self._page = page = Page(process.box.fd, width(inputs), width(outputs))
+        info = np.zeros(128, dtype=np.uint8)
+        memory = np.zeros(1, dtype=CALLER)
+        m = memory[0]
+        m["page"], m["inputs"], m["outputs"] = page.address, page.inputs, page.outputs
+        m["naps"], m["nap"] = round(watch.limits.step / NAP), page.nap.ctypes.data
+        m["kernel"], m["pid"], m["info"] = page.kernel.ctypes.data, process.pid, info.ctypes.data
+        super().__init__(
+            name=name,
+            inputs=inputs,
+            outputs=outputs,
+            sampled=False,
+            step_address=ask.address,
+            self_address=memory.ctypes.data,
+            initial_outputs=initial,
+            label=label,
+            keep=(memory, info, page),
+        )
+
+    def rewind(self) -> None:
+        raise InputRefused(
+            f"{self.label}: a drive in a process of its own cannot go back to the start of a step, which iterations "
+            "above 1 need; use iterations = 1, or --isolate run"
+        )
+
+    def explain(self, status: int) -> str:
+        if status == STUCK:
+            self._process.end()
+            limit = f"{self._watch.limits.step:g} s"
+            return f"did not return from {self.function} within {limit} (if it is slow, not stuck, raise --limit-step)"
+        if status == DIED:
+            return f"{manner(self._process.end())} in {self.function} (tell its maker)"
+        while not self._process.gone:
+            for report in self._process.reports(POLL):
+                if "note" in report:
+                    return report["note"]["explained"]
+        return super().explain(status)
+
+    def close(self) -> None:
+        """Free the drive and end its process.
+
+        Raises:
+            JobDied: it crashed or hung while being freed.
+        """
+        if self._process.gone or self._process.ended:
+            return
+        self._page.close()
+        self._watch.account.unstepped = "after the last step"
+        while True:
+            for report in self._process.reports(POLL):
+                self._watch.account.take(report)
+                raise_failure(report)
+                if "finished" in report:
+                    self._process.end()
+                    return
+            try:
+                self._watch.raise_if_over()
+            except TwinError as death:
+                raise JobDied(str(death)) from None
+
+
+def packed(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start, processor: int) -> str:
+    """Everything a host needs to make the drive, as text; the processor is the one to serve on."""
+    facts = (name, plan.table, plan.switched, tick, theta_m, tau_load, processor)
+    return base64.b64encode(pickle.dumps(facts)).decode()

@@ -1,0 +1,112 @@
+"""One component's step across two processes: inputs and outputs in shared memory, a word that asks, one that answers.
+
+The page stands in the black box of the process that has the component, where inputs stand in that of a run: four words
+and the status, a cache line for each side; then t and h, the inputs, the outputs.
+"""
+
+import mmap
+import os
+
+import numpy as np
+from numba import carray, njit, types
+
+from twin.cosim.native import call_step, doubles_at, pointer_to, step_function
+from twin.runs.guard.black_box import INPUTS_AT
+from twin.runs.guard.futex import has_ended, kernel, seen, tell, timespec
+
+ASKED, HOST_ASLEEP, CLOSED = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
+ANSWERED, CALLER_ASLEEP, STATUS = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
+_TIME, _INPUTS = INPUTS_AT + 128, INPUTS_AT + 144
+NAP = 0.02
+"""How long (s) either side sleeps before it looks whether the other still lives."""
+
+DIED, STUCK = 1 << 20, 1 << 21
+"""Statuses of the caller's step: the host has ended, or did not answer in time. No step returns them."""
+IDLE, STOPPED = 1 << 22, 1 << 23
+"""What `serve` returns besides statuses: nobody asked for a while, or nobody will any more."""
+
+CALLER = np.dtype(
+    [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "info")],
+    align=True,
+)
+"""Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
+until the host is taken for stuck; address of their length; see `futex.kernel` and `futex.has_ended`; the host."""
+
+_i32 = pointer_to(types.int32)
+
+
+class Page:
+    """The page in this process.
+
+    Args:
+        fd: of the black box. inputs, outputs: numbers of doubles.
+
+    Attributes:
+        address: of byte 0.
+    """
+
+    def __init__(self, fd: int, inputs: int, outputs: int):
+        size = _INPUTS + 8 * (inputs + outputs)
+        os.ftruncate(fd, max(size, os.fstat(fd).st_size))
+        # the array keeps the mapping alive
+        self._bytes = np.frombuffer(mmap.mmap(fd, size), dtype=np.uint8)
+        self.address = self._bytes.ctypes.data
+        self.inputs, self.outputs = inputs, outputs
+        self.kernel, self.nap = kernel(), timespec(NAP)
+
+    def close(self) -> None:
+        """Let the host's `serve` return STOPPED."""
+        self._bytes[CLOSED] = 1
+
+
+@njit(cache=True, inline="always")
+def following(number):
+    # a word has 31 bits for it
+    return (number + 1) & 0x7FFFFFFF
+
+
+@step_function(CALLER)
+def ask(m, t, h, u, y):
+    """A component's step: let the host do it."""
+    page = m.page
+    times, there = carray(doubles_at(page + _TIME), 2), carray(doubles_at(page + _INPUTS), m.inputs + m.outputs)
+    u_, y_ = carray(u, m.inputs), carray(y, m.outputs)
+    times[0], times[1] = t, h
+    for j in range(m.inputs):
+        there[j] = u_[j]
+    m.number = following(m.number)
+    tell(m.kernel, page + ASKED, page + HOST_ASLEEP, m.number)
+    naps = 0
+    while not seen(m.kernel, page + ANSWERED, page + CALLER_ASLEEP, m.number, m.nap):
+        naps += 1
+        if has_ended(m.kernel, m.pid, m.info):
+            return DIED
+        if naps > m.naps:
+            return STUCK
+    for j in range(m.outputs):
+        y_[j] = there[m.inputs + j]
+    return carray(_i32(page + STATUS), 1)[0]
+
+
+@njit(cache=True, nogil=True)
+def serve(page, inputs, step, memory, number, kernel, nap):
+    """Answer questions from `number` on, until one gives a bad status or nobody asks.
+
+    Args:
+        page: address. inputs: their number. step, memory: addresses of the component's step and memory.
+        kernel, nap: addresses of what `futex.kernel` and `futex.timespec` return.
+
+    Returns:
+        (number of the next question, status or IDLE or STOPPED).
+    """
+    times = carray(doubles_at(page + _TIME), 2)
+    while True:
+        if not seen(kernel, page + ASKED, page + HOST_ASLEEP, number, nap):
+            return number, STOPPED if carray(_i32(page + CLOSED), 1)[0] else IDLE
+        u = page + _INPUTS
+        status = call_step(step, memory, times[0], times[1], u, u + 8 * inputs)
+        carray(_i32(page + STATUS), 1)[0] = status
+        tell(kernel, page + ANSWERED, page + CALLER_ASLEEP, number)
+        number = following(number)
+        if status != 0 and status != 1:
+            return number, status

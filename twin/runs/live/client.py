@@ -1,0 +1,169 @@
+"""One viewer that is connected: what it has subscribed to, what it asks, and what it may."""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Collection, Sequence
+
+from websockets.asyncio.server import ServerConnection
+from websockets.exceptions import ConnectionClosed
+
+from twin.errors import InputRefused
+from twin.runs.live.protocol import (
+    AskParameters,
+    FollowParameters,
+    LeaveParameters,
+    Level,
+    Message,
+    Request,
+    SetParameters,
+    Subscribe,
+    Unsubscribe,
+    message_data,
+    parameter_values,
+    request,
+    status,
+    time_now,
+)
+from twin.runs.tuning import Tuning
+
+BACKLOG = 1024
+"""Messages that wait for a viewer that is too slow; after that it loses the oldest."""
+WATCHES = "refused: this viewer watches only; to tune, open the address that twin has printed, with its token"
+
+
+class Client:
+    """Lives in the server's event loop.
+
+    Args:
+        connection: to the viewer.
+        may_tune: whether it may change parameters.
+        channels: their numbers. tuning: of the run.
+        subscribed: called when its subscriptions have changed, with whether there are more of them.
+        changed: called with the parameters that it has asked to change.
+
+    Attributes:
+        subscriptions: by channel, the number that the viewer has given it.
+    """
+
+    def __init__(
+        self,
+        connection: ServerConnection,
+        may_tune: bool,
+        channels: Collection[int],
+        tuning: Tuning,
+        subscribed: Callable[[bool], None],
+        changed: Callable[[Sequence[str]], None],
+    ):
+        self.subscriptions: dict[int, int] = {}
+        self._connection, self._may_tune, self._channels = connection, may_tune, channels
+        self._tuning, self._subscribed, self._changed = tuning, subscribed, changed
+        self._follows: set[str] = set()
+        self._waiting: deque[str | bytes | None] = deque(maxlen=BACKLOG)
+        self._ready = asyncio.Event()
+        self._sending = asyncio.create_task(self._send())
+
+    async def attend(self, greeting: Sequence[str]) -> None:
+        """Say the `greeting`, then answer until it leaves."""
+        try:
+            for told in greeting:
+                await self._connection.send(told)
+            # answers are waited for, so whoever does not read them is not heard any more
+            async for said in self._connection:
+                for answer in self._answers(said):
+                    await self._connection.send(answer)
+        except ConnectionClosed:
+            pass
+        finally:
+            self._sending.cancel()
+
+    def hand(self, time: int, messages: Sequence[Message]) -> None:
+        """Send it the simulated `time` (ns), and what it has subscribed to of `messages`."""
+        found = self.subscriptions
+        self._put(time_now(time), *(message_data(found[m.channel], m) for m in messages if m.channel in found))
+
+    def tell(self, names: Sequence[str]) -> None:
+        """Send it what has become of those of the parameters `names` that it follows."""
+        if wanted := self._follows.intersection(names):
+            self._put(parameter_values(self._values(wanted)))
+
+    async def farewell(self, patience: float) -> None:
+        """Send what is waiting and say goodbye; after `patience` (s) it is left as it is."""
+        self._put(None)
+        await asyncio.wait([self._sending], timeout=patience)
+
+    def _put(self, *messages: str | bytes | None) -> None:
+        self._waiting.extend(messages)
+        self._ready.set()
+
+    async def _send(self) -> None:
+        try:
+            while True:
+                await self._ready.wait()
+                self._ready.clear()
+                while self._waiting:
+                    message = self._waiting.popleft()
+                    if message is None:
+                        await self._connection.close(1001)
+                        return
+                    await self._connection.send(message)
+        except ConnectionClosed:
+            pass
+
+    def _answers(self, said: str | bytes) -> list[str]:
+        if isinstance(said, bytes):
+            return [status(Level.ERROR, "not understood: nothing binary is expected here")]
+        try:
+            return self._answer(request(said))
+        except InputRefused as refusal:
+            return [status(Level.ERROR, str(refusal))]
+
+    def _answer(self, asked: Request) -> list[str]:
+        match asked:
+            case Subscribe():
+                return self._subscribe(asked)
+            case Unsubscribe():
+                left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
+                self.subscriptions = left
+                self._subscribed(False)
+            case AskParameters():
+                return [parameter_values(self._values(asked.names), asked.id)]
+            case SetParameters():
+                return self._set(asked)
+            case FollowParameters():
+                self._follows |= self._values(asked.names).keys()
+            case LeaveParameters():
+                self._follows -= self._values(asked.names).keys()
+        return []
+
+    def _subscribe(self, asked: Subscribe) -> list[str]:
+        answers, before = [], len(self.subscriptions)
+        for wanted in asked.subscriptions:
+            if wanted.channel not in self._channels:
+                answers.append(status(Level.ERROR, f"there is no channel {wanted.channel}"))
+            elif wanted.channel in self.subscriptions:
+                answers.append(status(Level.WARNING, f"already subscribed to channel {wanted.channel}"))
+            else:
+                self.subscriptions[wanted.channel] = wanted.id
+        if len(self.subscriptions) > before:
+            self._subscribed(True)
+        return answers
+
+    def _set(self, asked: SetParameters) -> list[str]:
+        """What the answer says of a refused one is the value that it keeps."""
+        answers, names = [], [wish.name for wish in asked.parameters]
+        if self._may_tune:
+            for wish in asked.parameters:
+                try:
+                    self._tuning.request(wish.name, wish.value)
+                except InputRefused as refusal:
+                    answers.append(status(Level.WARNING, f"refused: {refusal}"))
+            self._changed(names)
+        else:
+            answers.append(status(Level.WARNING, WATCHES))
+        if asked.id is not None and names:
+            answers.append(parameter_values(self._values(names), asked.id))
+        return answers
+
+    def _values(self, names: Collection[str]) -> dict[str, float]:
+        """Of those of `names` that there are; of all if there are no names."""
+        return {name: value for name, value in self._tuning.values().items() if name in names or not names}

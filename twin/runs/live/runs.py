@@ -1,0 +1,38 @@
+"""The job of `twin run --live`: as without, and served."""
+
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.runs.guard.runs import recorded_runs
+from twin.runs.guard.voice import Voice
+
+
+def served_runs(voice: Voice, port: int, origins: list[str], **arguments: Any) -> None:
+    """Run experiments as `recorded_runs` does while viewers watch; each begins when somebody does.
+
+    Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} about a connection that
+    was, meanwhile; the others are those of `recorded_runs`.
+
+    Args:
+        port, origins: see `LiveServer`.
+        arguments: of `recorded_runs`.
+
+    Raises:
+        InputRefused: websockets is not installed, the port is taken, or an origin is none.
+        TwinError: as `recorded_runs`.
+    """
+    try:
+        from twin.runs.live.server import LiveServer
+    except ImportError as missing:
+        if not (missing.name or "").startswith("websockets"):
+            raise
+        raise InputRefused("--live: websockets is not installed; pip install 'twin[live]'") from None
+
+    def announce(address: str) -> None:
+        voice.note(serving=address)
+
+    def warn(sentence: str) -> None:
+        voice.note(refused=sentence)
+
+    with LiveServer(port, announce, warn, origins) as server:
+        recorded_runs(voice, **arguments, viewer=server)

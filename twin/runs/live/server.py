@@ -1,0 +1,97 @@
+"""The server that runs are watched through: Foxglove's WebSocket protocol on this machine's own address."""
+
+import socket
+from collections.abc import Callable, Sequence
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from twin.errors import InputRefused
+from twin.runs.live.broadcast import HOST, Broadcast
+from twin.runs.live.gate import Gate
+from twin.runs.live.publisher import Publisher
+from twin.runs.live.topics import Topics
+from twin.runs.observer import Event
+from twin.runs.scene.scene import Scene
+from twin.runs.streams import Stream
+from twin.runs.tuning import Tuning
+
+
+class LiveServer:
+    """A `twin.runs.viewer.Viewer`; a context manager at whose exit what was published has been sent.
+
+    Each run is a broadcast of its own at the same port, with the same token. Viewers come back by themselves, and
+    before the first run the port is held by a socket that does not listen.
+
+    Args:
+        port: to listen at; 0: any that is free.
+        announce: told the address, `ws://127.0.0.1:8765/?token=...`, whenever a run waits there for its first viewer.
+        warn: told a sentence about connections that are refused meanwhile.
+        origins: see `Gate`.
+
+    Raises:
+        InputRefused: the port is taken, or one of `origins` is none.
+    """
+
+    def __init__(
+        self,
+        port: int,
+        announce: Callable[[str], None],
+        warn: Callable[[str], None] = lambda text: None,
+        origins: Sequence[str] = (),
+    ):
+        self._announce, self._warn, self._gate = announce, warn, Gate(origins)
+        self._held = socket.socket()
+        try:
+            self._held.bind((HOST, port))
+        except OSError as problem:
+            self._held.close()
+            raise _refusal(port, problem) from None
+        self._port = self._held.getsockname()[1]
+        self._on_air: tuple[Broadcast, Publisher | None] | None = None
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._held.close()
+        self._sign_off()
+
+    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
+        """Wait until somebody has subscribed to one of the topics.
+
+        Raises:
+            InputRefused: somebody has taken the port in the meantime.
+        """
+        self._held.close()
+        self._sign_off()
+        topics = Topics(streams, scene, tick)
+        try:
+            broadcast = Broadcast(self._port, self._gate, topics.channels, tuning)
+        except OSError as problem:
+            raise _refusal(self._port, problem) from None
+        self._on_air = broadcast, None
+        self._announce(f"ws://{HOST}:{self._port}/?token={self._gate.token}")
+        for refusal in iter(broadcast.news.get, None):
+            self._warn(refusal)
+        self._on_air = broadcast, Publisher(topics, broadcast)
+
+    def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
+        """Hand the newest row and every event to the publisher."""
+        if self._on_air and self._on_air[1] and len(rows):
+            self._on_air[1].put(first + len(rows) - 1, rows[-1], events)
+
+    def _sign_off(self) -> None:
+        if self._on_air:
+            broadcast, publisher = self._on_air
+            if publisher:
+                publisher.finish()
+            broadcast.close()
+            self._on_air = None
+
+
+def _refusal(port: int, problem: Exception) -> InputRefused:
+    return InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free")

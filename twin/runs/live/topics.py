@@ -1,0 +1,84 @@
+"""What a viewer can subscribe to: the topics of the recording, and what is sent of them."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+from foxglove_schemas_protobuf.Log_pb2 import Log
+
+from twin.recording.form import form_layout, form_records
+from twin.recording.messages import HEAD_SIZE
+from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
+from twin.recording.writer import EVENTS, NANOSECONDS
+from twin.runs.live.encoding import Encoder
+from twin.runs.live.protocol import Channel, Message
+from twin.runs.observer import Event
+from twin.runs.scene.scene import Scene
+from twin.runs.streams import Stream
+
+
+class Topics:
+    """Names, schemas and units are those of the recording.
+
+    Args:
+        streams, scene, tick: see `twin.runs.viewer.Viewer.begin`.
+
+    Attributes:
+        channels: the streams in their order, `/scene`, `/tf` and `/force`, which draw the robot, and `/events`.
+    """
+
+    def __init__(self, streams: Sequence[Stream], scene: Scene, tick: float):
+        self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
+        self._layouts = {form.name: form_layout(0, form) for form in scene.forms}
+        told = [*_streams(streams), *_forms(scene), (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})]
+        self.channels = tuple(Channel(number, f"/{name}", *rest) for number, (name, *rest) in enumerate(told, start=1))
+        self._numbers = {channel.topic[1:]: channel.number for channel in self.channels}
+        self._drawn = {self._numbers[name] for name in self._layouts}
+
+    def time(self, tick: int) -> int:
+        """Simulated time of `tick` (ns) as in the recording, which begins at 0."""
+        return round(tick * (self._tick * NANOSECONDS))
+
+    def messages(
+        self, tick: int, row: np.ndarray, events: Sequence[Event], still: bool, wanted: frozenset[int]
+    ) -> Iterator[Message]:
+        """Of what has happened, and of the `row` of `tick`.
+
+        Args:
+            still: also what never changes. wanted: channels that anybody has subscribed to; nothing is drawn in vain.
+        """
+        for event in events:
+            time = self.time(event.tick)
+            yield Message(self._numbers[EVENTS], time, _log(event, time))
+        time = self.time(tick)
+        # sampled outputs stay valid until the next sample, so all of the row is what is valid now
+        for channel, content in zip(self.channels, self._encoder.messages(row), strict=False):
+            yield Message(channel.number, time, content)
+        if wanted.isdisjoint(self._drawn):
+            return
+        # tick 0 is one at which everything is drawn
+        for name, _, rows in self._scene.drawings(0, row[None, :]):
+            if still or rows.shape[1] > 0:
+                record = form_records(self._layouts[name], np.array([time]), 0, rows)
+                yield Message(self._numbers[name], time, record[0, HEAD_SIZE:].tobytes())
+
+
+_Told = tuple[str, str, bytes, dict[str, str]]
+
+
+def _streams(streams: Sequence[Stream]) -> Iterator[_Told]:
+    topics = [stream.topic for stream in streams]
+    for topic, name in zip(topics, message_names(topics), strict=True):
+        units = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
+        yield topic.name, name, descriptor_set(name, topic.fields), units
+
+
+def _forms(scene: Scene) -> Iterator[_Told]:
+    for form in scene.forms:
+        descriptor = form.example.DESCRIPTOR
+        yield form.name, descriptor.full_name, descriptors_of(descriptor), {}
+
+
+def _log(event: Event, time: int) -> bytes:
+    log = Log(level=Log.Level.Value(event.level), message=event.text, name=event.source)
+    log.timestamp.FromNanoseconds(time)
+    return log.SerializeToString()

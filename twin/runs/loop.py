@@ -1,0 +1,76 @@
+"""The one loop: an assembled robot, stepped slice by slice before its observers."""
+
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twin.cosim.simulation import Simulation
+from twin.errors import ComponentFailed
+from twin.monitor.component import Monitor
+from twin.monitor.reasons import trip_sentence
+from twin.runs.assembly.assemble import Assembly
+from twin.runs.observer import Observer
+
+LONG_SLICE = 1000
+"""Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
+
+
+@dataclass(frozen=True)
+class Simulated:
+    """A simulation that is over.
+
+    Attributes:
+        simulation: how far it came, and what ended it too early, if anything did.
+        stepping: wall time in the master (s). monitor: of the robot; None if nobody watches it.
+    """
+
+    simulation: Simulation
+    stepping: float
+    monitor: Monitor | None
+
+    @property
+    def failure(self) -> ComponentFailed | None:
+        return self.simulation.failure
+
+    @property
+    def trip(self) -> str:
+        """Why the safety monitor tripped; "" if it did not."""
+        return trip_sentence(self.monitor.trip) if self.monitor and self.monitor.trip else ""
+
+    @property
+    def costs(self) -> dict[str, float]:
+        """Wall time per tick of each component (s), by its name; {} if they were not timed."""
+        cycles, ticks = self.simulation.cycles, max(1, self.simulation.next_tick)
+        share = self.stepping / max(1, cycles.sum()) / ticks
+        return {c.name: float(n * share) for c, n in zip(self.simulation.system.components, cycles, strict=False)}
+
+
+def simulate(
+    assembly: Assembly,
+    last_tick: int,
+    observers: Sequence[Observer] = (),
+    slice_ticks: int = LONG_SLICE,
+    timed: bool = False,
+) -> Simulated:
+    """Step the robot from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
+
+    Args:
+        assembly: freshly made. last_tick: the tick that gets the last row and no step.
+        observers: called in this order. slice_ticks: most ticks of a slice. timed: measure each component.
+    """
+    simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
+    for observer in observers:
+        observer.begin(simulation)
+    stepping = 0.0
+    while not simulation.finished and not any(observer.enough for observer in observers):
+        first = simulation.next_tick
+        for observer in observers:
+            observer.ready(first)
+        began = time.perf_counter()
+        rows = simulation.advance()
+        stepping += time.perf_counter() - began
+        events: list = []
+        for observer in observers:
+            observer.take(first, rows, events)
+    monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
+    return Simulated(simulation, stepping, monitor)

@@ -1,0 +1,59 @@
+"""Where a recording comes from."""
+
+import json
+import platform
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+from twin.controller.phase import PhaseKind
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.assemble import Assembly
+from twin.runs.assembly.drives import DrivePlan
+
+PACKAGES = ("twin", "numpy", "numba", "llvmlite", "fmpy", "mcap")
+
+
+def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str, str]]:
+    """What a recording says of its origin; nothing in it depends on when, where or by whom it was made."""
+    fmus = {
+        f"{name}{'.' * bool(part)}{part}": json.dumps(
+            {
+                "file": fmu.path.name,
+                "sha256": fmu.sha256,
+                "model": fmu.model.modelName,
+                "fmi": fmu.model.fmiVersion,
+                "generation_tool": fmu.model.generationTool,
+                "set": {variable.name: value for variable, value in plan.settings[part]},
+                "mapped": [str(binding) for binding in plan.bindings],
+            }
+        )
+        for name, plan in driven(assembly)
+        for part, fmu in plan.parts.items()
+    }
+    values = _named_fmus(experiment.values)
+    return {
+        "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
+        # sorted: the same experiment may be spread over files in many ways
+        "origins": dict(sorted(experiment.origins.items())),
+        "fmu": fmus,
+        **({"substituted": assembly.substituted} if assembly.substituted else {}),
+        **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
+        "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
+    }
+
+
+def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
+    """(`drive_1`, its plan) and so on of the joints that the experiment's own drives move."""
+    if "drive" in assembly.substituted:
+        return []
+    named = [(f"drive_{number}", plan) for number, plan in enumerate(assembly.drives, start=1)]
+    return [(name, plan) for name, plan in named if name not in assembly.substituted]
+
+
+def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with FMUs by file name only: where they lie on this machine is nobody's business."""
+    return {
+        key: _named_fmus(value) if isinstance(value, dict) else Path(value).name if key == "fmu" else value
+        for key, value in values.items()
+    }

@@ -1,0 +1,135 @@
+"""A run in memory: all of its rows or those of every so many ticks, all of its signals or some."""
+
+import math
+from collections.abc import Collection
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.cosim.simulation import Simulation
+from twin.experiment.experiment import Experiment
+from twin.recording.errors import UnknownSeries
+from twin.recording.layout import Field
+from twin.recording.messages import VALUE_TYPES
+from twin.recording.recording import nearest
+from twin.recording.series import NANOSECONDS
+from twin.runs.assembly.assemble import assemble
+from twin.runs.loop import simulate
+from twin.runs.observer import Event, Observer
+from twin.runs.streams import streams_of
+
+
+class _Kept(NamedTuple):
+    """A signal that is kept: its field, the ticks between two of its values, its columns in memory."""
+
+    field: Field
+    period: int
+    columns: slice
+
+
+class Trace(Observer):
+    """Keeps a run, and is read like a recording of it: `trace["plant.F_ee_B"]`, `trace.time("drive/1")`.
+
+    Args:
+        every: rows are kept of every `every`-th tick, tick 0 first.
+        only: the signals that are kept, `topic.field` each; none: all of them.
+
+    Attributes:
+        metadata: a recording's; there is none. tick: of the simulation (s).
+    """
+
+    def __init__(self, every: int = 1, only: Collection[str] = ()):
+        self.metadata: dict[str, dict[str, str]] = {}
+        self._every, self._only = every, only
+        self._signals: dict[str, _Kept] = {}
+
+    def begin(self, simulation: Simulation) -> None:
+        self.tick = simulation.system.tick
+        taken: list[int] = []
+        for stream in streams_of(simulation.system):
+            column = stream.columns.start
+            for field in stream.topic.fields:
+                name = f"{stream.topic.name}.{field.name}"
+                if not self._only or name in self._only:
+                    columns = slice(len(taken), len(taken) + field.size)
+                    self._signals[name] = _Kept(field, stream.topic.period, columns)
+                    taken += range(column, column + field.size)
+                column += field.size
+        self._taken = np.array(taken, dtype=np.intp) if self._only else slice(None)
+        self._memory = np.empty((simulation.last_tick // self._every + 1, len(taken)))
+        self._count = 0
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        kept = rows[-first % self._every :: self._every, self._taken]
+        self._memory[self._count : self._count + len(kept)] = kept
+        self._count += len(kept)
+
+    def __getitem__(self, key: str) -> NDArray:
+        """Values of `topic.field` when it was due, in every kept row: (n,) or, for a field of several values,
+        (n, size); float64, int64 or bool.
+
+        Raises:
+            UnknownSeries: no such signal was kept; it names the nearest ones.
+        """
+        return self.held(key)[:: self._stride(self._kept(key).period)]
+
+    def held(self, key: str) -> NDArray:
+        """Values of `topic.field` as they held at the times `t`, shaped as those of `[]`; raises the same."""
+        field, _, columns = self._kept(key)
+        values = self.values[:, columns] if field.size > 1 else self.values[:, columns.start]
+        return values != 0.0 if field.kind == "bool" else values.astype(VALUE_TYPES[field.kind], copy=False)
+
+    def of_drives(self, name: str) -> NDArray[np.float64]:
+        """The field `name` of all three drives at the times `t`, (n, 3); (n, 0) where they have none."""
+        keys = [key for key in self._signals if key.startswith("drive") and key.endswith(f".{name}")]
+        return np.column_stack([self.held(key) for key in keys]) if keys else np.zeros((self._count, 0))
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times of the kept rows (s), (n,)."""
+        return np.arange(self._count, dtype=float) * (self._every * self.tick)
+
+    @property
+    def values(self) -> NDArray[np.float64]:
+        """The kept rows, (n, numbers of all kept signals)."""
+        return self._memory[: self._count]
+
+    def time(self, topic: str) -> NDArray[np.float64]:
+        """When `topic` was due (s), (n,); rounded to nanoseconds, as in a recording.
+
+        Raises:
+            UnknownSeries: nothing of that topic was kept; it names the nearest ones.
+        """
+        periods = {key.rpartition(".")[0]: kept.period for key, kept in self._signals.items()}
+        if topic not in periods:
+            raise UnknownSeries(f"run in memory: no topic {topic!r}; {nearest(topic, periods)}")
+        ticks = np.arange(0, self._count, self._stride(periods[topic])) * self._every
+        return np.rint(ticks * (self.tick * NANOSECONDS)) / NANOSECONDS
+
+    def fields(self) -> dict[str, Field]:
+        """`topic.field` -> the field with its unit and meaning, in the order of the components."""
+        return {key: kept.field for key, kept in self._signals.items()}
+
+    def _kept(self, key: str) -> _Kept:
+        if key not in self._signals:
+            raise UnknownSeries(f"run in memory: no series {key!r}; {nearest(key, self._signals)}")
+        return self._signals[key]
+
+    def _stride(self, period: int) -> int:
+        """Kept rows from one at which something of that `period` (ticks) is due to the next."""
+        return math.lcm(period, self._every) // self._every
+
+
+def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] = ()) -> Trace:
+    """Run `experiment` in this process and keep what `Trace` is told to.
+
+    Raises:
+        InputRefused: a drive FMU does not fit. ComponentFailed: a component failed.
+    """
+    trace = Trace(every, only)
+    with assemble(experiment) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [trace])
+        if done.failure:
+            raise done.failure
+    return trace

@@ -1,0 +1,119 @@
+"""An experiment's loops at each operating point, linear and sampled as the co-simulation steps them."""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from twin.controller.damping import Damping
+from twin.controller.pid import Gains
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
+from twin.runs.assembly.beliefs import belief
+from twin.runs.assembly.drives import planned
+from twin.studies.analyse.drive_response import identified
+from twin.studies.analyse.linear.drive_model import DriveModel
+from twin.studies.analyse.linear.loops import Loops, open_loops
+from twin.studies.analyse.linear.plant_system import linear_plant
+from twin.studies.analyse.linear.sampled_law import LOOPS, Estimation, Settings, estimation, linear_law
+from twin.studies.analyse.linear.sampled_robot import Stepping, period_map, tick_map
+from twin.studies.analyse.operating_point import OperatingPoint
+
+OFF = Gains(0.0)
+
+
+@dataclass(frozen=True)
+class LinearPoint:
+    """The loops at one operating point.
+
+    Attributes:
+        point: where. loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
+        gains: 1 for each loop that is closed there.
+    """
+
+    point: OperatingPoint
+    loops: Loops
+    gains: dict[str, float] = field(default_factory=dict)
+
+
+class Linearised:
+    """What all operating points of an experiment share: drives, settings, stepping.
+
+    Args:
+        experiment: its faults are left out.
+        points: the drives are identified under the mean load of these.
+
+    Attributes:
+        drives: one model per joint. labels: what the drives are called.
+
+    Raises:
+        InputRefused: a drive has no linear model, or a rate is not one that the analysis knows.
+        ComponentFailed: a drive failed while it was measured.
+    """
+
+    def __init__(self, experiment: Experiment, points: list[OperatingPoint]):
+        self.experiment = experiment
+        self.stepping = _stepping(experiment)
+        load = float(np.mean([_loads(point) for point in points]))
+        models: list[DriveModel] = []
+        tables = experiment.drives
+        plans = [planned(table) for table in tables]
+        for i, table in enumerate(tables):
+            same = tables.index(table)
+            models.append(models[same] if same < i else identified(plans[i], experiment.cosim.tick, load))
+        self.drives, self.labels = tuple(models), tuple(plan.label for plan in plans)
+
+    def at(self, point: OperatingPoint) -> LinearPoint:
+        """The loops at `point`."""
+        plant = linear_plant(point.parameters, point.x, point.theta_m)
+        robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
+        settings = self._settings(point.force_on)
+        law = linear_law(settings, self._estimation(point))
+        closed = LOOPS if any(settings.force[:3]) else LOOPS[:3]
+        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed, 1.0))
+
+    def _settings(self, force_on: bool) -> Settings:
+        c = self.experiment.controller
+        damping = c.damping if self.experiment.tasks else None
+        return Settings(
+            N=c.model.N,
+            eta=c.model.eta,
+            position=Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter),
+            force=Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter) if force_on else OFF,
+            corner=c.force.filter,
+            damping=None if damping is None else Damping(damping.gain, damping.corner),
+            period=self.stepping.period * self.stepping.tick,
+        )
+
+    def _estimation(self, point: OperatingPoint) -> Estimation:
+        plant, parameters = self.experiment.plant, point.parameters
+        geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
+        angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
+        read = angles + np.concatenate([plant.motor_zero, plant.joint_zero])
+        # the command with which a drive stands still under its load
+        gains = np.array([drive.steady_gain for drive in self.drives])
+        standing = -gains[:, 1] / gains[:, 0] * _loads(point)
+        compensation = self.experiment.controller.gravity_compensation
+        return estimation(belief(self.experiment), compensation, read, standing)
+
+
+def _loads(point: OperatingPoint) -> np.ndarray:
+    """tau_load (3,) at rest (N m)."""
+    p = point.parameters
+    geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
+    d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
+    wound = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
+    return p.k_s * np.array(p.k_s_share) * wound
+
+
+def _stepping(experiment: Experiment) -> Stepping:
+    c = experiment.controller
+    period, delay = experiment.controller_ticks, c.delay_ticks
+    if experiment.monitor is not None and (period % experiment.monitor_ticks or delay % experiment.monitor_ticks):
+        raise InputRefused(
+            f"[monitor] period_ms = {1e3 * experiment.monitor_ticks * experiment.cosim.tick:g} passes the controller's "
+            "commands on late; the analysis knows only monitors that divide the controller's period and delay"
+        )
+    jacobi = experiment.cosim.scheme == "jacobi"
+    return Stepping(experiment.cosim.tick, experiment.plant.substeps, period, delay, jacobi)

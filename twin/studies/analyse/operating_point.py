@@ -1,0 +1,184 @@
+"""Where an experiment's loops are looked at: the robot at rest, in free air and pressing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import brentq
+
+from twin.errors import InputRefused, Unreachable
+from twin.experiment.experiment import Experiment
+from twin.experiment.task import Push, Tap
+from twin.plant.contact import contact_force
+from twin.plant.equilibrium import resting
+from twin.plant.parameters import PlantParameters
+from twin.plant.surface import surface_frame
+from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
+from twin.runs.assembly.true_parameters import plant_parameters
+
+CLEARANCE = 1e-3
+"""Height (m) over the surface at which a pose is looked at in free air, too."""
+DEEPEST = 0.1
+"""Depth (m) beyond which no surface is pressed."""
+SMALLEST_WINDING = 2e-5
+"""Least wind-up (rad) of a spring with backlash: ten times the steps by which the plant is differentiated."""
+
+
+@dataclass(frozen=True)
+class OperatingPoint:
+    """The robot at rest.
+
+    Attributes:
+        name: for people. p_B: platform position (m).
+        F_z: pressing force (N); 0 in free air.
+        force_on: whether the force loop is closed.
+        parameters: what is true. x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its
+            bristle straight.
+    """
+
+    name: str
+    p_B: tuple[float, float, float]
+    F_z: float
+    force_on: bool
+    parameters: PlantParameters
+    x: np.ndarray
+    theta_m: np.ndarray
+
+    @property
+    def in_contact(self) -> bool:
+        return self.F_z > 0.0
+
+
+def operating_points(experiment: Experiment) -> tuple[list[OperatingPoint], list[str]]:
+    """(points, sentences about those that have no linear model): the start, and each place that is pressed on, touching
+    and 1 mm above.
+
+    A surface that moves is taken where it is at the beginning.
+
+    Raises:
+        InputRefused: there is not one point with a linear model.
+    """
+    parameters = plant_parameters(experiment.plant, experiment.contact)
+    points: list[OperatingPoint] = []
+    problems: list[str] = []
+
+    def look_at(make: Callable[[], OperatingPoint]) -> None:
+        try:
+            points.append(make())
+        except InputRefused as refusal:
+            problems.append(str(refusal))
+
+    look_at(lambda: resting_point("start", parameters, experiment.start))
+    for place in _touches(experiment, parameters):
+        above = (place.x, place.y, surface_height(parameters, place.x, place.y) + CLEARANCE)
+        if not any(np.allclose(point.p_B, above) for point in points):
+            look_at(lambda above=above: resting_point("above", parameters, above))  # type: ignore[misc]
+        look_at(lambda place=place: _pressing(parameters, place))  # type: ignore[misc]
+    if not points:
+        raise InputRefused(problems[0])
+    return points, list(dict.fromkeys(problems))
+
+
+def resting_point(
+    name: str, parameters: PlantParameters, p_B: tuple[float, float, float], force_on: bool = False
+) -> OperatingPoint:
+    """The robot at rest at `p_B` (m).
+
+    Raises:
+        InputRefused: `p_B` is out of reach, or a spring carries so little there that it hangs in its backlash.
+    """
+    where = "({:g}, {:g}, {:g}) mm".format(*(round(1e3 * value, 3) for value in p_B))
+    try:
+        x, theta_m = resting(parameters, p_B)
+    except Unreachable as refusal:
+        raise InputRefused(f"no operating point at {where}: {refusal}") from None
+    theta_l = joint_angles(Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b), p_B)
+    backlash = parameters.backlash + np.array(parameters.backlash_added)
+    wound = np.abs(theta_m - parameters.N * theta_l - np.array(parameters.slip)) - backlash
+    slack = np.flatnonzero((wound < SMALLEST_WINDING) & (backlash > 0.0))
+    if len(slack):
+        raise InputRefused(
+            f"no linear model at {where}: the spring of leg {slack[0] + 1} carries nothing there and hangs free in its "
+            "backlash. Choose a point or a force a little different, or --set plant.backlash_deg=0"
+        )
+    return OperatingPoint(name, p_B, -_force(parameters, p_B), force_on, parameters, x, theta_m)
+
+
+def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
+    """Height (m) of the surface at (x, y)."""
+
+    def depth(z: float) -> float:
+        return float(surface_frame(parameters, x, y, z)[0])
+
+    return float(brentq(depth, parameters.z_s - DEEPEST, parameters.z_s + DEEPEST, xtol=1e-12))
+
+
+def pressing_height(parameters: PlantParameters, x: float, y: float, F_z: float) -> float:
+    """Height (m) of the platform at which the surface answers with the vertical force `F_z` (N) at rest.
+
+    Raises:
+        InputRefused: the surface does not, down to `DEEPEST`.
+    """
+    top = surface_height(parameters, x, y)
+    lack = F_z + _force(parameters, (x, y, top - DEEPEST))
+    if not lack < 0.0:
+        raise InputRefused(
+            f"no operating point at ({1e3 * x:g}, {1e3 * y:g}) mm: the surface does not answer with {F_z:g} N down to "
+            f"{1e3 * DEEPEST:g} mm; press less, or raise [contact] stiffness_N_per_m"
+        )
+    return float(brentq(lambda z: F_z + _force(parameters, (x, y, z)), top - DEEPEST, top, xtol=1e-12))
+
+
+def on_stiffness(point: OperatingPoint, K: float) -> OperatingPoint:
+    """The same pose and force on a surface of stiffness `K` (N/m), which is moved up or down for it.
+
+    Raises:
+        InputRefused: it would have to be pressed in deeper than `DEEPEST`.
+    """
+    parameters, (x, y, z) = point.parameters._replace(K=K), point.p_B
+
+    def excess(up: float) -> float:
+        return -_force(parameters._replace(z_s=parameters.z_s + up), (x, y, z)) - point.F_z
+
+    gap = z - surface_height(parameters, x, y)
+    if not excess(gap + DEEPEST) > 0.0:
+        raise InputRefused(f"a surface of {K:g} N/m does not answer with {point.F_z:g} N within {1e3 * DEEPEST:g} mm")
+    moved = parameters._replace(z_s=parameters.z_s + brentq(excess, gap, gap + DEEPEST, xtol=1e-12))
+    return resting_point(point.name, moved, point.p_B, point.force_on)
+
+
+def _force(parameters: PlantParameters, p: tuple[float, float, float]) -> float:
+    """F_ee_B_z (N) at rest at `p`."""
+    return float(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0)[2])
+
+
+class Place(NamedTuple):
+    """A place that is pressed on: with the force F_z (N), or, if that is None, as deep as z (m) says."""
+
+    x: float
+    y: float
+    z: float
+    F_z: float | None
+    force_on: bool
+
+
+def _pressing(parameters: PlantParameters, place: Place) -> OperatingPoint:
+    z = place.z if place.F_z is None else pressing_height(parameters, place.x, place.y, place.F_z)
+    return resting_point("pressing", parameters, (place.x, place.y, z), place.force_on)
+
+
+def _touches(experiment: Experiment, parameters: PlantParameters) -> list[Place]:
+    """Each place that is pressed on, once. In a tap the force loop is off."""
+    found: list[Place] = []
+    for task in experiment.tasks:
+        corners = [task.point, task.to] if isinstance(task, Push) else [task.point]
+        found += [Place(x, y, 0.0, task.force, not isinstance(task, Tap)) for x, y in corners]
+    if experiment.reference is not None:
+        force_on = experiment.controller.mode == "force_position"
+        F_ref = experiment.controller.force.reference if force_on else None
+        for x, y, z in experiment.reference.p:
+            if _force(parameters, (x, y, z)) < 0.0:
+                found.append(Place(x, y, 0.0 if force_on else z, F_ref, force_on))
+    return list(dict.fromkeys(found))

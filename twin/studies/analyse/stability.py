@@ -1,0 +1,217 @@
+"""How stable an experiment's loops are: at each operating point, and over contact stiffness and gains."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.studies.analyse.limit_check import LimitCheck, checked_limit
+from twin.studies.analyse.linear.loops import closed_poles, spectral_radius
+from twin.studies.analyse.linear.margins import Margins, Pole, gain_limit, margins, poles, worst_sensitivity
+from twin.studies.analyse.linear.sampled_law import LOOPS
+from twin.studies.analyse.linear_point import Linearised, LinearPoint
+from twin.studies.analyse.operating_point import on_stiffness, operating_points
+
+POSITION, FORCE = LOOPS[:3], LOOPS[3:]
+NEUTRAL = 1e-9
+"""What rounding may add to the magnitude of a pole."""
+STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
+"""N/m: from fat to a table."""
+FACTORS = np.geomspace(0.1, 300.0, 61)
+POLES_TOLD = 6
+
+
+@dataclass(frozen=True)
+class PointStability:
+    """One operating point, judged; margins only where it is stable, for elsewhere they mean nothing.
+
+    Attributes:
+        linear: its loops. stable: whether every pole is inside the unit circle.
+        poles: slowest decay first.
+        margins: by loop. sensitivity: of all loops at once, largest singular value; None if unstable.
+        limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
+            `twin.studies.analyse.linear.margins.gain_limit`.
+    """
+
+    linear: LinearPoint
+    stable: bool
+    poles: list[Pole]
+    margins: dict[str, Margins]
+    sensitivity: float | None
+    limits: dict[str, float | None]
+
+    @property
+    def least_damped(self) -> Pole:
+        """The pole of the smallest damping ratio."""
+        return min(self.poles, key=lambda pole: pole.zeta)
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON, SI."""
+        point = self.linear.point
+        return {
+            "name": point.name,
+            "p_B": list(point.p_B),
+            "F_z": point.F_z,
+            "force_loop": point.force_on,
+            "stable": self.stable,
+            "loops": {name: found._asdict() for name, found in self.margins.items()},
+            "sensitivity": self.sensitivity,
+            "gain_limits": self.limits,
+            "poles": [pole._asdict() for pole in self.poles[:POLES_TOLD]],
+            "least_damped": self.least_damped._asdict(),
+        }
+
+
+@dataclass(frozen=True)
+class StabilityMap:
+    """Damping over contact stiffness and gains at one pressing point, its pose and force kept.
+
+    Attributes:
+        law: "position" or "force". at: the point.
+        stiffness: N/m (n,). factors: on all gains of the law (m,).
+        zeta: smallest damping ratio of a pole (m, n); < 0: unstable; NaN: no operating point.
+    """
+
+    law: str
+    at: LinearPoint
+    stiffness: np.ndarray
+    factors: np.ndarray
+    zeta: np.ndarray
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON, SI; None where there is no operating point."""
+        return {
+            "law": self.law,
+            "p_B": list(self.at.point.p_B),
+            "F_z": self.at.point.F_z,
+            "stiffness": self.stiffness.tolist(),
+            "factors": self.factors.tolist(),
+            "zeta": [[None if np.isnan(value) else value for value in row] for row in self.zeta.tolist()],
+        }
+
+
+@dataclass(frozen=True)
+class Stability:
+    """An experiment's loops, judged.
+
+    Attributes:
+        experiment: what it is of. shared: drives, settings and stepping of all points.
+        points: judged. problems: sentences about points that have no linear model.
+        maps: empty where nothing is pressed on.
+        checks: the gain limits that were tried in the co-simulation.
+    """
+
+    experiment: Experiment
+    shared: Linearised
+    points: list[PointStability]
+    problems: list[str]
+    maps: list[StabilityMap]
+    checks: list[LimitCheck]
+
+    @property
+    def stable(self) -> bool:
+        """Whether the linear model is at every point, and no nudge lasts with the gains as they are set."""
+        return all(point.stable for point in self.points) and not any(check.shakes for check in self.checks)
+
+    def critical(self, law: str) -> PointStability | None:
+        """The point at which the gains of `law` can be raised least; None if nothing limits them."""
+        limits = [(limit, point) for point in self.points if (limit := point.limits.get(law)) is not None]
+        return min(limits, key=lambda pair: pair[0])[1] if limits else None
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON, SI."""
+        c = self.experiment.controller
+        return {
+            "experiment": self.experiment.name,
+            "stable": self.stable,
+            "period": self.shared.stepping.period * self.shared.stepping.tick,
+            "gains": {"position": {"kp": c.position.kp}, "force": {"kp": c.force.kp, "ki": c.force.ki}},
+            "drives": [
+                {"drive": label, "states": len(model.A), "residual": model.residual, "turning": model.turning}
+                for label, model in zip(self.shared.labels, self.shared.drives, strict=True)
+            ],
+            "points": [point.facts() for point in self.points],
+            "gain_limits": [check.facts() for check in self.checks],
+            "without_linear_model": self.problems,
+            "maps": [chart.facts() for chart in self.maps],
+        }
+
+
+def stability(experiment: Experiment, tried: bool = False) -> Stability:
+    """Judge the loops of `experiment`; its drives are run in this process, its faults are left out.
+
+    Args:
+        tried: whether the gain limits are tried in the co-simulation, too.
+
+    Raises:
+        InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
+        ComponentFailed: a drive failed while it was measured.
+    """
+    points, problems = operating_points(experiment)
+    shared = Linearised(experiment, points)
+    judged = [judged_point(shared.at(point)) for point in points]
+    checks = limit_checks(shared, judged) if tried else []
+    return Stability(experiment, shared, judged, problems, _maps(shared, judged), checks)
+
+
+def limit_checks(shared: Linearised, judged: list[PointStability]) -> list[LimitCheck]:
+    """The limits of each law in air and in contact, each tried where it is lowest.
+
+    Where no gain of a law makes the robot stable there is nothing to try.
+    """
+    checks: list[LimitCheck] = []
+    for law, loops in (("position", POSITION), ("force", FORCE)):
+        for in_contact in (False, True):
+            there = [p for p in judged if p.linear.point.in_contact == in_contact and loops[0] in p.linear.gains]
+            at = min(there, key=lambda point: _room(point, law), default=None)
+            if at is not None and at.limits[law] != 0.0:
+                limit, point = at.limits[law], at.linear.point
+                checks.append(checked_limit(shared.experiment, point, law, limit, shared.drives))
+    return checks
+
+
+def _maps(shared: Linearised, judged: list[PointStability]) -> list[StabilityMap]:
+    """Of the pressing point with the least room for its gains, of those with a force loop if there are any."""
+    pressing = [point for point in judged if point.linear.point.in_contact]
+    with_force = [point for point in pressing if "force" in point.linear.gains]
+    law = "force" if with_force else "position"
+    at = min(with_force or pressing, key=lambda point: _room(point, law), default=None)
+    if at is None:
+        return []
+    maps = [stability_map(shared, at.linear, "position", POSITION)]
+    return [*maps, stability_map(shared, at.linear, "force", FORCE)] if with_force else maps
+
+
+def _room(point: PointStability, law: str) -> float:
+    limit = point.limits[law]
+    return np.inf if limit is None else limit
+
+
+def judged_point(linear: LinearPoint) -> PointStability:
+    """Poles, and where they are stable margins and limits."""
+    loops, gains = linear.loops, linear.gains
+    stable = spectral_radius(loops, gains) < 1.0 - NEUTRAL
+    found = poles(closed_poles(loops, gains), loops.dt)
+    limits = {"position": gain_limit(loops, gains, POSITION)}
+    if "force" in gains:
+        limits["force"] = gain_limit(loops, gains, FORCE)
+    if not stable:
+        return PointStability(linear, False, found, {}, None, limits)
+    each = {name: margins(loops, gains, name) for name in gains}
+    return PointStability(linear, True, found, each, worst_sensitivity(loops, gains), limits)
+
+
+def stability_map(shared: Linearised, at: LinearPoint, law: str, names: tuple[str, ...]) -> StabilityMap:
+    """Damping with the gains of `names` raised and lowered together, over the contact's stiffness."""
+    zeta = np.full((len(FACTORS), len(STIFFNESSES)), np.nan)
+    for column, K in enumerate(STIFFNESSES):
+        try:
+            loops = shared.at(on_stiffness(at.point, K)).loops
+        except InputRefused:
+            continue
+        for row, factor in enumerate(FACTORS):
+            z = closed_poles(loops, at.gains | dict.fromkeys(names, factor))
+            zeta[row, column] = min(pole.zeta for pole in poles(z, loops.dt))
+    return StabilityMap(law, at, STIFFNESSES, FACTORS, zeta)

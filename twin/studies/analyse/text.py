@@ -1,0 +1,178 @@
+"""The loops of an experiment as text of at most 80 columns: the verdict, then each operating point."""
+
+import math
+import re
+import textwrap
+from collections.abc import Iterator
+
+from twin.studies.analyse.limit_check import FARTHEST, HOLDS, LimitCheck
+from twin.studies.analyse.linear.margins import LARGEST_GAIN, Margins, Pole
+from twin.studies.analyse.operating_point import OperatingPoint
+from twin.studies.analyse.stability import PointStability, Stability
+
+WIDTH = 80
+DOUBT = 0.03
+"""Distance of a drive's model from what was measured that a reader has to know of."""
+TURNING = (
+    "measured while it turns: at rest its small signals drown in steps or sticking friction, "
+    "so the numbers are those of swings that are larger than these"
+)
+UNTRIED = "the gain limits are the linear model's and were not tried in the co-simulation"
+TIE = "\xa0"
+BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
+
+
+def analysis_text(done: Stability) -> str:
+    """The verdict first, then where its numbers come from."""
+    lines = [*_verdict(done), ""]
+    for judged in done.points:
+        lines += [*_wrapped("", point_name(judged.linear.point) + _damping(judged)), *_table(judged)]
+    if any(m.crossover is None for judged in done.points for m in judged.margins.values()):
+        lines += [
+            "",
+            *_wrapped("", "- where a loop's gain never reaches 1: sticking friction holds the platform there"),
+        ]
+    remarks = [f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark]
+    lines += ["", *_drives(done)]
+    if not done.checks:
+        remarks.append(UNTRIED)
+    for text in dict.fromkeys([*remarks, *(f"left out: {problem}" for problem in done.problems)]):
+        lines += _wrapped("note  ", text)
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def point_name(point: OperatingPoint) -> str:
+    """`pressing with 5 N at (0, 20, -105) mm`."""
+    x, y, z = (round(1e3 * value, 2) + 0.0 for value in point.p_B)
+    doing = f"pressing with {point.F_z:.3g} N" if point.in_contact else "in air"
+    return f"{doing} at ({x:g}, {y:g}, {z:g}) mm"
+
+
+def loop_name(name: str) -> str:
+    """`position z`."""
+    return name.replace("_", " ")
+
+
+def _verdict(done: Stability) -> Iterator[str]:
+    unstable = [judged for judged in done.points if not judged.stable]
+    count = len(done.points)
+    left_out = f"; {len(done.problems)} left out" if done.problems else ""
+    points = "the operating point" if count == 1 else f"all {count} operating points"
+    if unstable:
+        points = f"{len(unstable)} of {count} operating points"
+    elif not done.stable:
+        points += " by the linear model, but not in the co-simulation"
+    yield from _wrapped("", f"{done.experiment.name}  {'STABLE' if done.stable else 'UNSTABLE'} at {points}{left_out}")
+    for law in ("position", "force"):
+        critical = done.critical(law)
+        checks = [check for check in done.checks if check.law == law]
+        if checks:
+            for check in checks:
+                yield from _wrapped(f"  {law:8}  ", _checked(done, check))
+        elif critical is not None:
+            yield from _wrapped(f"  {law:8}  ", _limit(done, law, critical))
+        elif any(law in judged.limits for judged in done.points):
+            yield f"  {law:8}  nothing limits its gains up to {LARGEST_GAIN:g} times what is set"
+
+
+def _limit(done: Stability, law: str, critical: PointStability) -> str:
+    where, factor = point_name(critical.linear.point), critical.limits[law]
+    if not factor:
+        return f"no gain of it makes the robot stable {where}"
+    return f"stable up to {_gains(done, law, factor)}, {factor:.3g} times what is set; beyond, it shakes {where}"
+
+
+def _checked(done: Stability, check: LimitCheck) -> str:
+    where, predicted = point_name(check.point), check.predicted
+    if check.holds and predicted is None:
+        return f"nothing limits its gains up to {LARGEST_GAIN:g} times what is set, nor in the co-simulation, {where}"
+    if predicted is None:
+        linear = f"no limit up to {LARGEST_GAIN:g} times what is set"
+    else:
+        linear = f"{_gains(done, check.law, predicted)}, {predicted:.3g} times what is set"
+    if check.holds:
+        within = f"the co-simulation agrees within {100 * HOLDS:.0f} %"
+        return f"stable up to {linear}; beyond, it shakes {where}; {within}"
+    if check.high is None:
+        tried = check.low or 0.0
+        found = f"no nudge lasts up to {_gains(done, check.law, tried)}, {tried:.3g} times what is set"
+    elif check.simulated is None:
+        found = f"a nudge lasts down to a {FARTHEST:g}th of that"
+    else:
+        factor = check.simulated
+        found = f"a nudge lasts from {_gains(done, check.law, factor)} on, {factor:.3g} times what is set"
+    return (
+        f"not predicted for this drive {where}: in the co-simulation {found}; the linear model says {linear}. "
+        f"Why: {check.reason}"
+    )
+
+
+def _gains(done: Stability, law: str, factor: float) -> str:
+    c = done.experiment.controller
+    if law == "position":
+        return f"kp = {_digits(factor * c.position.kp)} 1/s"
+    told = [f"kp = {_digits(1e3 * factor * c.force.kp)} mm/N"] if c.force.kp else []
+    return ", ".join([*told, f"ki = {_digits(1e3 * factor * c.force.ki)} mm/(N s)"] if c.force.ki else told)
+
+
+def _damping(judged: PointStability) -> str:
+    pole = judged.least_damped
+    if not judged.stable:
+        return f": UNSTABLE, {_growth(judged.poles[0])}"
+    if pole.zeta > 0.999:
+        return "; nothing swings"
+    return f"; swings most at {_hertz(pole.omega)} Hz, zeta {pole.zeta:.2g}"
+
+
+def _growth(pole: Pole) -> str:
+    rate = -pole.zeta * pole.omega
+    if pole.zeta < -0.999:
+        return f"it runs away, e-fold in {1.0 / rate:.2g} s"
+    if rate <= 0.0:
+        return "it never comes to rest"
+    return f"a swing of {_hertz(pole.omega)} Hz grows e-fold in {1.0 / rate:.2g} s"
+
+
+def _table(judged: PointStability) -> Iterator[str]:
+    if not judged.stable:
+        return
+    yield f"  {'loop':11} {'gain margin':>18} {'phase margin':>19} {'M_s':>6} {'M_t':>6} {'-3 dB':>10}"
+    for name, m in judged.margins.items():
+        yield f"  {loop_name(name):11} {_row(m)}"
+
+
+def _row(m: Margins) -> str:
+    gain = f"> {LARGEST_GAIN:g}" if not m.remark else "?"
+    if m.gain is not None:
+        gain = f"{m.gain:.3g} at {_hertz(m.gain_frequency)} Hz"
+    phase = "-" if m.phase is None else f"{math.degrees(m.phase):.0f} deg at {_hertz(m.crossover)} Hz"
+    bandwidth = "-" if m.bandwidth is None else f"{_hertz(m.bandwidth)} Hz"
+    return f"{gain:>18} {phase:>19} {m.sensitivity:6.2f} {m.complementary:6.2f} {bandwidth:>10}"
+
+
+def _drives(done: Stability) -> Iterator[str]:
+    fits = dict(zip(done.shared.labels, done.shared.drives, strict=True))
+    for label, model in fits.items():
+        doubt = "; take the numbers with that doubt" if model.residual > DOUBT else ""
+        states = f"{len(model.A)} state{'s'[: len(model.A) != 1]}"
+        off = "less than 0.1" if model.residual < 0.001 else f"{100 * model.residual:.2g}"
+        yield from _wrapped("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
+        if model.turning:
+            yield from _wrapped("       ", TURNING)
+
+
+def _digits(value: float) -> str:
+    return f"{value:.0f}" if value >= 1000.0 else f"{value:.3g}"
+
+
+def _hertz(omega: float | None) -> str:
+    return f"{(omega or 0.0) / (2.0 * math.pi):.3g}"
+
+
+def _wrapped(head: str, text: str) -> list[str]:
+    """`text` after `head` in lines of `WIDTH`; numbers stay with their units, and what stands in brackets together."""
+    kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
+    lines = textwrap.wrap(
+        kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)), break_on_hyphens=False
+    )
+    return [line.replace(TIE, " ") for line in lines]

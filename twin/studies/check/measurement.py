@@ -1,0 +1,229 @@
+"""What a run comes to in numbers, one group of them for each [[measure]]."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.errors import InputRefused
+from twin.experiment import measure as measures
+from twin.experiment.experiment import Experiment
+from twin.studies.check.metric import SHARE, Metric, floor_of
+from twin.studies.check.signals import Signals
+from twin.studies.metrics.effort import travel, work
+from twin.studies.metrics.response import within
+from twin.studies.metrics.step import step_info
+from twin.studies.metrics.tracking import lag, path_error, rms
+
+SETTLING_FLOOR = 0.02
+"""Of settling times (s): a response leaves its band so flat that a count moves the instant by far more than a tick."""
+LAG_FLOOR = 5e-4
+"""Of lags (s), which lie between ticks: so that a drive that is late by one tick of 1 ms is noticed."""
+POINTS = 40
+"""Of a tube: more would make its file unreadable, and between them a curve is still told by its metrics."""
+TUBE_TIME = 0.004
+"""Half width of a tube in time (s): two periods of the robot's controller."""
+TUBE_FLOORS = {"m": 2.5e-5, "rad": 4e-4, "N": 0.05, "N m": 3e-3}
+"""Least half width of a tube, by unit: one count of the joint encoder (2 pi / 16384, at a link of 60 mm), and the force
+that one count of the motor encoder means (2 pi / 4096 times k_s N at 60 mm)."""
+
+STEPPED = 0.02
+"""A reference has made its step by then (s): way points take a period of the controller, that of a joint another."""
+
+Metrics = dict[str, Metric]
+Curve = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Sampled:
+    """A curve as a baseline keeps it.
+
+    Attributes:
+        signal, unit: what it is. t, values: (m,), s and SI. tolerance: half width of the tube in `unit`, dt: in s.
+    """
+
+    signal: str
+    unit: str
+    t: Curve
+    values: Curve
+    tolerance: float
+    dt: float
+
+
+@dataclass(frozen=True)
+class Measured:
+    """What an experiment comes to with one drive.
+
+    Attributes:
+        metrics: by "measure.metric". curves: by the measure's name, every tick of its window.
+        fmus: SHA-256 of the FMUs, by file name.
+    """
+
+    metrics: Metrics
+    curves: dict[str, Sampled]
+    fmus: dict[str, str]
+
+
+def measured(experiment: Experiment, signals: Signals) -> Measured:
+    """Measure `signals`, those of a run of `experiment`.
+
+    Raises:
+        InputRefused: nothing to measure, or a measure that this run gives no meaning; all of those at once.
+    """
+    if not experiment.measures:
+        raise InputRefused(
+            f"{experiment.name}: has no [[measure]] tables, so there is nothing to check; docs/regression.md has them"
+        )
+    metrics: Metrics = {}
+    curves, mistakes = {}, []
+    for measure in experiment.measures:
+        try:
+            metrics |= metrics_of_measure(measure, signals)
+        except InputRefused as problem:
+            mistakes.append(f'{experiment.name}: [[measure]] "{measure.name}": {problem}')
+            continue
+        if isinstance(measure, measures.Step | measures.Tracking):
+            curves[measure.name] = _curve(measure.signal, signals, _inside(measure, signals))
+    if mistakes:
+        raise InputRefused("\n".join(mistakes))
+    return Measured(metrics, curves, signals.fmus)
+
+
+def metrics_of_measure(measure: measures.Measure, signals: Signals) -> Metrics:
+    """The numbers of one measure of a run, by "measure.metric".
+
+    Raises:
+        InputRefused: this run gives it no meaning.
+    """
+    inside = _inside(measure, signals)
+    if np.count_nonzero(inside) < 2:
+        raise InputRefused("fewer than two ticks from begin_s to until_s; measure for longer")
+    found = KINDS[type(measure)](measure, signals, inside)
+    # a response that hunts for ever settles within 5 % but never within 2: then there is no such number
+    return {f"{measure.name}.{name}": metric for name, metric in found.items() if np.isfinite(metric.value)}
+
+
+def _inside(measure: measures.Window, signals: Signals) -> NDArray[np.bool_]:
+    return within(signals.t, measure.begin, np.inf if measure.until is None else measure.until)
+
+
+def _curve(signal: str, signals: Signals, inside: NDArray[np.bool_]) -> Sampled:
+    values, unit = signals[signal][inside], signals.unit(signal)
+    tolerance = max(SHARE * float(np.ptp(values)), TUBE_FLOORS.get(unit, 0.0))
+    return Sampled(signal, unit, signals.t[inside], values, tolerance, TUBE_TIME)
+
+
+def _step(measure: measures.Step, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit = _common_unit(measure, signals)
+    reference, y = signals[measure.reference], signals[measure.signal][inside]
+    first = int(np.argmax(inside))
+    settled = reference[inside & (signals.t >= signals.t[first] + STEPPED)]
+    if len(settled) == 0:
+        raise InputRefused(f"measures for less than {STEPPED:g} s; expected the whole response")
+    if np.ptp(settled) > _still(settled):
+        raise InputRefused(f"{measure.reference} still moves after the step at {measure.begin:g} s; expected one step")
+    if abs(settled[-1] - reference[max(0, first - 1)]) <= _still(settled):
+        raise InputRefused(f"{measure.reference} makes no step at {measure.begin:g} s; set begin_s to when it does")
+    before = signals[measure.signal][max(0, first - 1)]
+    info = step_info(signals.t[inside] - signals.t[first], y, float(before), float(settled[-1]))
+    step = abs(info.final - float(before))
+    floor, length = floor_of(unit), float(signals.t[inside][-1] - signals.t[first])
+    return {
+        "delay_time": Metric(info.delay_time, "s", floor_of("s")),
+        "rise_time": Metric(info.rise_time, "s", floor_of("s")),
+        "settling_time_2": Metric(info.settling_time_2, "s", SETTLING_FLOOR),
+        "settling_time_5": Metric(info.settling_time_5, "s", SETTLING_FLOOR),
+        "overshoot": Metric(info.overshoot, "1", floor_of("1")),
+        "peak": Metric(info.peak, unit, floor, "none", scale=step),
+        # the tenth of what a share of the step would be: an error that small is as good as none
+        "steady_state_error": Metric(info.steady_state_error, unit, max(floor, 0.1 * SHARE * step), "nearer zero"),
+        "IAE": Metric(info.IAE, f"{unit} s", floor * length),
+        "ISE": Metric(info.ISE, f"{unit}2 s", 2.0 * floor * info.IAE),
+        "ITAE": Metric(info.ITAE, f"{unit} s2", 0.5 * floor * length**2),
+    }
+
+
+def _tracking(measure: measures.Tracking, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit = _common_unit(measure, signals)
+    error = (signals[measure.reference] - signals[measure.signal])[inside]
+    return {
+        "rms_error": Metric(rms(error), unit, floor_of(unit)),
+        "max_error": Metric(float(np.max(np.abs(error))), unit, floor_of(unit)),
+    }
+
+
+def _lag(measure: measures.Lag, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    _common_unit(measure, signals)
+    reference, y = signals[measure.reference][inside], signals[measure.signal][inside]
+    for name, values in ((measure.reference, reference), (measure.signal, y)):
+        if np.ptp(values) <= _still(values):
+            raise InputRefused(f"{name} does not move, so no lag can be told; measure while it does")
+    t = signals.t[inside]
+    found = lag(t, y, reference, measure.longest)
+    if found >= measure.longest - (t[1] - t[0]):
+        raise InputRefused(f"lags by longest_s = {measure.longest:g} or more; raise it, or it does not follow at all")
+    late = t >= t[0] + found
+    missed = rms(y[late] - np.interp(t[late] - found, t, reference))
+    # steps of a stepper drown the speed that they come to: then there is no such number
+    return {"lag": Metric(found, "s", LAG_FLOOR, "nearer zero")} if missed < np.std(reference) else {}
+
+
+def _spread(measure: measures.Spread, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit, values = signals.unit(measure.signal), signals[measure.signal][inside]
+    return {
+        "mean": Metric(float(np.mean(values)), unit, floor_of(unit), "none"),
+        "std": Metric(float(np.std(values)), unit, floor_of(unit)),
+    }
+
+
+def _onset(measure: measures.Onset, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    true = np.flatnonzero(signals[measure.signal][inside] > 0.0)
+    if len(true) == 0:
+        raise InputRefused(f"{measure.signal} is never true")
+    return {"time": Metric(float(signals.t[inside][true[0]]), "s", floor_of("s"), "none")}
+
+
+def _path(measure: measures.Path, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    path = signals["controller.p_ref_B"][inside]
+    if np.all(np.ptp(path, axis=0) == 0.0):
+        raise InputRefused("the reference does not move, so it has no path; measure while it does")
+    error = path_error(signals["plant.p_B"][inside], path)
+    return {
+        "rms_error": Metric(rms(error), "m", floor_of("m")),
+        "max_error": Metric(float(np.max(error)), "m", floor_of("m")),
+    }
+
+
+def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    t = signals.t[inside]
+    omega_m = np.gradient(signals.run.of_drives("theta_m")[inside], t, axis=0)
+    delivered, returned = work(t, signals["plant.tau_load"][inside], omega_m)
+    return {
+        "commanded_travel": Metric(travel(t, signals["controller.omega_ref"][inside]), "rad", floor_of("rad")),
+        "work_delivered": Metric(delivered, "J", floor_of("J")),
+        "work_returned": Metric(returned, "J", floor_of("J"), "none"),
+    }
+
+
+def _still(values: Curve) -> float:
+    """What is rounding: a range of `values` that is no larger is none."""
+    return 1e-9 * float(np.max(np.abs(values)))
+
+
+def _common_unit(measure: measures.Led, signals: Signals) -> str:
+    unit, other = signals.unit(measure.signal), signals.unit(measure.reference)
+    if unit != other:
+        raise InputRefused(f"{measure.signal} is in {unit}, but its reference {measure.reference} in {other}")
+    return unit
+
+
+KINDS: dict[type[measures.Window], Callable[..., Metrics]] = {
+    measures.Step: _step,
+    measures.Tracking: _tracking,
+    measures.Lag: _lag,
+    measures.Spread: _spread,
+    measures.Onset: _onset,
+    measures.Path: _path,
+    measures.Effort: _effort,
+}

@@ -1,0 +1,117 @@
+"""A run as an experiment's measures look at it: signals by the names that they use, at every tick."""
+
+import difflib
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.cosim.system import System
+from twin.errors import InputRefused, SafetyTrip
+from twin.experiment.experiment import Experiment
+from twin.experiment.measure import Led, Measure, Watched
+from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
+from twin.runs.assembly.assemble import Assembly, assemble
+from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.loop import simulate
+from twin.runs.streams import streams_of
+from twin.runs.trace import Trace
+
+REFERENCE_THETA_L = "reference.theta_l"
+"""Load angles (rad) at which the platform, as the controller believes it to be made, is at controller.p_ref_B."""
+
+
+@dataclass(frozen=True)
+class Signals:
+    """Of a run that went to its end.
+
+    Attributes:
+        run: every signal of it at every tick. believed: what the controller believes the robot to be.
+        fmus: SHA-256 of every FMU that took part, by file name.
+    """
+
+    run: Trace
+    believed: Geometry
+    fmus: dict[str, str] = field(default_factory=dict)
+
+    @property
+    def t(self) -> NDArray[np.float64]:
+        """Times of the ticks (s), (n,)."""
+        return self.run.t
+
+    def __getitem__(self, signal: str) -> NDArray[np.float64]:
+        """Values (n,) of a signal as [[measure]] writes it, (n, k) without an index where it has k components."""
+        vector, index = split(signal.removeprefix("-"))
+        values = self._theta_l if vector == REFERENCE_THETA_L else self.run.held(vector).astype(float, copy=False)
+        values = values if index is None else values[:, index]
+        return -values if signal.startswith("-") else values
+
+    def unit(self, signal: str) -> str:
+        """SI unit of a signal."""
+        vector, _ = split(signal.removeprefix("-"))
+        return "rad" if vector == REFERENCE_THETA_L else self.run.fields()[vector].unit
+
+    @cached_property
+    def _theta_l(self) -> NDArray[np.float64]:
+        return joint_angles(self.believed, self["controller.p_ref_B"])
+
+
+def split(signal: str) -> tuple[str, int | None]:
+    """`plant.p_B[2]` as vector and index; None where it has none."""
+    vector, bracket, index = signal.partition("[")
+    return vector, int(index.removesuffix("]")) if bracket else None
+
+
+def run_for_measures(experiment: Experiment) -> Signals:
+    """Run `experiment` in this process.
+
+    Raises:
+        InputRefused: a drive FMU does not fit, or a measure names signals that there are not; all of those at once.
+        ComponentFailed: a component failed.
+        SafetyTrip: the safety monitor tripped.
+    """
+    run = Trace()
+    with assemble(experiment) as assembly:
+        refuse_unknown(experiment, assembly.system)
+        done = simulate(assembly, experiment.duration_ticks, [run])
+        if done.failure:
+            raise done.failure
+        if done.trip:
+            raise SafetyTrip(f"{experiment.name}: {done.trip}")
+        return Signals(run, geometry_of(experiment.controller.model), _fmus(assembly))
+
+
+def refuse_unknown(experiment: Experiment, system: System) -> None:
+    """Check that `system` has every signal which a measure of `experiment` looks at.
+
+    Raises:
+        InputRefused: it has not; all of those at once.
+    """
+    sizes = {f"{s.topic.name}.{field.name}": field.size for s in streams_of(system) for field in s.topic.fields}
+    sizes[REFERENCE_THETA_L] = 3
+    mistakes = []
+    for number, measure in enumerate(experiment.measures, start=1):
+        for key, signal in _signals(measure):
+            vector, index = split(signal.removeprefix("-"))
+            said = f'[measure {number}] {key} = "{signal}"'
+            if vector not in sizes:
+                close = difflib.get_close_matches(vector, sizes, 1)
+                hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sizes)}"
+                mistakes.append(f"{said}: no such signal; {hint}")
+            elif (index is None) != (sizes[vector] == 1) or (index or 0) >= sizes[vector]:
+                wanted = f"[0] to [{sizes[vector] - 1}]" if sizes[vector] > 1 else "no index"
+                mistakes.append(f"{said}: it has {sizes[vector]} components; expected {wanted}")
+    if mistakes:
+        raise InputRefused("\n".join(f"{experiment.name}: {mistake}" for mistake in mistakes))
+
+
+def _signals(measure: Measure) -> list[tuple[str, str]]:
+    """(key, signal) of everything that `measure` looks at by name."""
+    named = [("signal", measure.signal)] if isinstance(measure, Watched) else []
+    return [*named, ("reference", measure.reference)] if isinstance(measure, Led) else named
+
+
+def _fmus(assembly: Assembly) -> dict[str, str]:
+    return {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}

@@ -1,0 +1,107 @@
+"""What `twin check` found, as text of at most 80 columns: the answer, what deviates, what else has changed."""
+
+import textwrap
+from collections import Counter
+from collections.abc import Iterable, Sequence
+
+from twin.studies.check.verdict import Row, Verdict
+from twin.studies.compare.text import shown
+
+WIDTH = 80
+LONGEST = 33
+"""Of names beside their numbers; longer ones have a line of their own."""
+MOST = 5
+"""Checks that deviate and are told in full; of the others what they come to. All are in the JSON."""
+
+
+def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
+    """The answer first; of a single check every number, of many only those that deviate.
+
+    Args:
+        verdicts: of the checks that could be done. failures: sentences on those that could not.
+    """
+    lines = [_answer(verdicts, failures)]
+    told = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
+    told = [verdict for verdict in told if len(verdicts) == 1 or not _first(verdict)]
+    for verdict in told[:MOST]:
+        rows = verdict.rows if len(verdicts) == 1 else verdict.deviations
+        lines += ["", f"{verdict.experiment}, {verdict.drive}", *_table(rows)]
+        as_it_was = len(verdict.rows) - len(rows)
+        lines += [f"  and {as_it_was} as they were"] if as_it_was else []
+        lines += [line for note in verdict.notes for line in _wrapped("note", note)]
+    lines += [""] * (len(told) > MOST)
+    lines += [f"{verdict.experiment}, {verdict.drive}: {_words([verdict])}" for verdict in told[MOST:]]
+    # a note that a hundred checks share is told once
+    others = Counter(note for verdict in verdicts if verdict not in told[:MOST] for note in verdict.notes)
+    lines += [""] * bool(others)
+    for note, count in others.items():
+        lines += _wrapped("note", f"{note} ({count} checks)" if count > 1 else note)
+    lines += [""] * bool(failures)
+    for failure in dict.fromkeys(failures):
+        lines += _wrapped("not done", failure)
+    return "\n".join(lines)
+
+
+def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
+    missed = f"{_count(len(failures), 'check')} could not be done" if failures else ""
+    if not verdicts:
+        return missed
+    experiments, drives = {v.experiment for v in verdicts}, {v.drive for v in verdicts}
+    rows = sum(len(verdict.rows) for verdict in verdicts)
+    of = f"{_count(len(experiments), 'experiment')}, {_count(len(drives), 'drive')}, {rows} numbers and curves"
+    first = [verdict for verdict in verdicts if _first(verdict)]
+    wrong = [verdict for verdict in verdicts if verdict.deviations and verdict not in first]
+    added = f"{_count(len(first), 'check')} without a baseline until now" if first else ""
+    if len(first) == len(verdicts):
+        return "; ".join(filter(None, (f"New: {of}", missed)))
+    if not wrong:
+        return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
+    share = f"{len(wrong)} of {_count(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
+    told = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
+    return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
+
+
+def _words(verdicts: Sequence[Verdict]) -> str:
+    """`3 worse, 1 outside`."""
+    words = Counter(row.word for verdict in verdicts for row in verdict.deviations)
+    return ", ".join(f"{count} {word}" for word, count in words.most_common())
+
+
+def _first(verdict: Verdict) -> bool:
+    """Whether there was no baseline."""
+    return all(row.word == "new" for row in verdict.rows)
+
+
+def _table(rows: Sequence[Row]) -> Iterable[str]:
+    width = min(LONGEST, max(6, *(len(_name(row)) for row in rows)))
+    yield f"  {'':7} {'metric':{width}} {'unit':6}{'baseline':>10}{'now':>10}{'bound':>10}"
+    for row in rows:
+        unit, factor = shown(row.unit)
+        numbers = "".join(
+            f"{'-' if value is None or value != value else format(factor * value, '.4g'):>10}"
+            for value in (row.before, row.now, row.bound)
+        )
+        head = f"  {row.word:7} {_name(row):{width}}"
+        if len(_name(row)) > width:
+            yield head
+            head = " " * (width + 10)
+        yield f"{head} {unit:6}{numbers}"
+
+
+def _name(row: Row) -> str:
+    return row.name if row.at is None or row.word == "ok" else f"{row.name} at {row.at:.4g} s"
+
+
+def _wrapped(head: str, text: str) -> list[str]:
+    lines = []
+    for part in text.splitlines():
+        lines += textwrap.wrap(
+            part, WIDTH, initial_indent=f"  {head:9}", subsequent_indent=11 * " ", break_on_hyphens=False,
+            break_long_words=False,
+        )  # fmt: skip
+        head = ""
+    return lines
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'s' * (number != 1)}"

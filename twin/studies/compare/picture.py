@@ -1,0 +1,77 @@
+"""Two logs over each other: the tube around the first, the second in it, the error below."""
+
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+from twin.recording.logs.sampling import sampling
+from twin.studies.compare.comparison import Comparison
+from twin.studies.compare.row import Curves, Row
+from twin.studies.compare.text import shown
+from twin.studies.figure import save
+
+MOST = 6
+A_COLOUR, B_COLOUR, OUT_COLOUR = "#2f6db5", "#e2661a", "#b3261e"
+
+
+def draw_comparison(comparison: Comparison, path: Path) -> None:
+    """Write the picture of the worst signals, at most MOST of them, to `path` (PNG)."""
+    rows = comparison.rows[:MOST]
+    columns = 1 if len(rows) == 1 else 2
+    deep = -(-len(rows) // columns)
+    figure = Figure(figsize=(6.6 * columns, 3.2 * deep + 0.4), dpi=110, layout="constrained")
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(2 * deep, columns, height_ratios=[3, 1] * deep)
+    for place, row in enumerate(rows):
+        line, column = divmod(place, columns)
+        above = figure.add_subplot(grid[2 * line, column])
+        below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
+        _draw(above, below, row, comparison.curves[row.signal])
+    handles, names = figure.axes[0].get_legend_handles_labels()
+    files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
+    names = [files.get(name, name) for name in names]
+    figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False, fontsize=9)
+    save(figure, path)
+
+
+def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:
+    unit, factor = shown(row.unit)
+    t, apart = _with_breaks(curves.t)
+    a, b, lower, upper = (factor * np.insert(values, apart, np.nan) for values in (curves.a, curves.b, *curves.tube))
+    excess = np.insert(curves.tube.excess(curves.b), apart, 0.0)
+    marker = "." if len(t) < 200 else ""
+    above.fill_between(t, lower, upper, color=A_COLOUR, alpha=0.25, lw=0, label="tolerance tube")
+    above.plot(t, a, color=A_COLOUR, lw=1.6, label="A")
+    above.plot(t, b, color=B_COLOUR, lw=1.0, marker=marker, label="B")
+    verdict = "inside"
+    if row.first_exit:
+        out = row.first_exit
+        above.plot(out.t, factor * out.value, "o", mfc="none", color=OUT_COLOUR, ms=9, label="first out of the tube")
+        verdict = f"out from {out.t:.6g} s"
+    above.set_title(f"{row.signal}: {verdict}", loc="left", fontsize=10)
+    above.set_ylabel(unit or "1")
+    below.axhline(0.0, color=A_COLOUR, lw=1.0)
+    below.plot(t, b - a, color=B_COLOUR, lw=0.9)
+    below.plot(t, np.where(excess != 0.0, b - a, np.nan), color=OUT_COLOUR, lw=1.6)
+    below.set_ylabel("B - A")
+    below.set_xlabel("time (s)")
+    above.tick_params(labelbottom=False)
+    for axes in (above, below):
+        axes.grid(alpha=0.25)
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+
+
+def _tail(path: Path) -> str:
+    """The end of `path` that tells files apart: its last three parts."""
+    return "/".join(path.parts[-3:])
+
+
+def _with_breaks(t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Times with one more in the middle of each gap, where lines are to break, and the indices at which they stand."""
+    gaps = sampling(t).gaps if len(t) > 1 else np.empty((0, 2))
+    apart = np.searchsorted(t, gaps[:, 1])
+    return np.insert(t, apart, gaps.mean(axis=1)), apart

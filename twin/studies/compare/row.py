@@ -1,0 +1,111 @@
+"""One signal of two logs: its errors, and where it leaves the tube."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.recording.logs.log import Series
+from twin.recording.logs.sampling import in_gap
+from twin.studies.compare.coverage import coverage
+from twin.studies.compare.tolerance import Allowance
+from twin.studies.compare.tube import Curve, Tube, reach
+
+
+@dataclass(frozen=True)
+class Exit:
+    """A value outside of the tube: time (s), value and the bounds there."""
+
+    t: float
+    value: float
+    lower: float
+    upper: float
+
+
+@dataclass(frozen=True)
+class Row:
+    """One signal; SI units. Errors are the second log's value less the first's, at the same time.
+
+    Attributes:
+        signal, unit: of both logs.
+        n: how many instants were compared.
+        covered: share of the reference's time on which the second has values; see `coverage`.
+        max_error, max_error_at: largest absolute error and its time, s.
+        rms_error, mean_error: over the instants.
+        span: range of the reference, which shares of it refer to.
+        allowance: half widths of the tube.
+        used: share of the tolerance that the worst value takes after the tolerance in time; inside is up to 1.
+        outside: how many instants are outside of the tube.
+        first_exit: the first of them.
+    """
+
+    signal: str
+    unit: str
+    n: int
+    covered: float
+    max_error: float
+    max_error_at: float
+    rms_error: float
+    mean_error: float
+    span: float
+    allowance: Allowance
+    used: float
+    outside: int
+    first_exit: Exit | None
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What a row was computed from: instants t (s), the two values there, the reach and the tube, all (n,)."""
+
+    t: Curve
+    a: Curve
+    b: Curve
+    reach: Tube
+    tube: Tube
+
+
+def curves(ours: Series, theirs: Series, allowed: Allowance) -> Curves:
+    """Both signals and the tube at the instants of whichever is sampled more sparsely, without gaps; n may be 0."""
+    start, end = max(ours.t[0], theirs.t[0]), min(ours.t[-1], theirs.t[-1])
+    count = [np.sum((series.t >= start) & (series.t <= end)) for series in (ours, theirs)]
+    t = ours.t if count[0] <= count[1] else theirs.t
+    t = t[(t >= start) & (t <= end) & ~in_gap(t, ours.sampling.gaps) & ~in_gap(t, theirs.sampling.gaps)]
+    bounds = reach(ours.t, ours.values, t, allowed.dt)
+    return Curves(
+        t,
+        np.interp(t, ours.t, ours.values),
+        np.interp(t, theirs.t, theirs.values),
+        bounds,
+        bounds.widened(allowed.value),
+    )
+
+
+def row(signal: str, ours: Series, theirs: Series, allowed: Allowance, found: Curves, span: float) -> Row:
+    """What `found`, of at least one instant, comes to."""
+    error = found.b - found.a
+    # a value that is none is as wrong as can be
+    size = np.where(np.isfinite(error), np.abs(error), np.inf)
+    worst = int(np.argmax(size))
+    excess = np.abs(found.tube.excess(found.b))
+    out = np.flatnonzero(excess > 0.0)
+    first = None
+    if len(out):
+        k = out[0]
+        first = Exit(*(float(x[k]) for x in (found.t, found.b, found.tube.lower, found.tube.upper)))
+    off = float(np.max(np.abs(found.reach.excess(found.b))))
+    used = off / allowed.value if allowed.value else (np.inf if len(out) else 0.0)
+    return Row(
+        signal=signal,
+        unit=ours.unit,
+        n=len(found.t),
+        covered=coverage(ours, theirs),
+        max_error=float(size[worst]),
+        max_error_at=float(found.t[worst]),
+        rms_error=float(np.sqrt(np.mean(error**2))),
+        mean_error=float(np.mean(error)),
+        span=span,
+        allowance=allowed,
+        used=float(used),
+        outside=len(out),
+        first_exit=first,
+    )

@@ -1,0 +1,118 @@
+"""Power out of nothing: what the coupling of a motor's shaft and its spring adds to, or takes from, the robot.
+
+Both sides of a coupling compute the power that flows through it, each from what it was given; in the real shaft the two
+are one. The difference is energy that the coupling makes: what Benedikt, Watzenig, Zehetner and Hofer ("NEPCE, a nearly
+energy-preserving coupling element for weak-coupled problems and co-simulation", Coupled Problems 2013) correct for, and
+the residual power of Sadjina, Kyllingstad, Skjong and Pedersen ("Energy conservation and power bonds in
+co-simulations", Engineering with Computers 33, 2017). It needs no reference.
+
+Over one step the drive turns by d theta_m against the load that it was given, u:
+
+    W_drive = u d theta_m
+
+The spring takes what moves its motor end. Where it is given a ramp, theta_m goes along it while the torque goes from
+tau_load(t_k) to tau_load(t_k+1), by the trapezoid, which is off by the third power of the step:
+
+    W_spring = 1/2 (tau_load(t_k) + tau_load(t_k+1)) (theta_m,end - theta_m,start)
+
+Where it is given one angle for the step, its motor end jumps there at once and then stands still, so that its stored
+energy 1/2 k_s d^2 = tau_load^2/(2 k_s) jumps at the link's angle of t_k:
+
+    W_spring = (tau^2 - tau_load(t_k)^2)/(2 k_s),   tau = k_s dead(theta_m - N theta_l(t_k))
+
+The residual is W_spring - W_drive: positive where the coupling creates energy.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.cosim.component import Component
+from twin.cosim.port import width
+from twin.cosim.simulation import Simulation
+from twin.experiment.experiment import Experiment
+from twin.robot.sea import dead_zone, deflection, motor_load_torque
+from twin.runs.assembly.assemble import Assembly, assemble
+from twin.runs.loop import simulate
+from twin.runs.observer import Event, Observer
+from twin.runs.trace import Trace
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Of one joint over a run.
+
+    Attributes:
+        mean: of the residual power (W), signed. peak: its largest value of any step (W).
+        energy: created (J), signed. throughput: of |W_drive| (J).
+    """
+
+    mean: float
+    peak: float
+    energy: float
+    throughput: float
+
+
+def power_residuals(experiment: Experiment) -> tuple[Residual, Residual, Residual]:
+    """Run `experiment` in this process and balance what drives and springs make of it, joint by joint.
+
+    Raises:
+        InputRefused: a drive does not fit. ComponentFailed: a component failed.
+    """
+    with assemble(experiment) as assembly:
+        W_drive, W_spring = _work(experiment, assembly)
+    created, h = W_spring - W_drive, experiment.cosim.tick
+    one, two, three = (
+        Residual(
+            mean=float(created[:, i].mean() / h),
+            peak=float(np.abs(created[:, i]).max() / h),
+            energy=float(created[:, i].sum()),
+            throughput=float(np.abs(W_drive[:, i]).sum()),
+        )
+        for i in range(3)
+    )
+    return one, two, three
+
+
+class _Inputs(Observer):
+    """What drives and plant were given in each step: sees the inputs of a slice's last step, so slices are one tick.
+
+    Attributes:
+        load: of the drives, (ticks, 3) N m. end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where
+            it is given only one.
+    """
+
+    def begin(self, simulation: Simulation) -> None:
+        components = simulation.system.components
+        self._simulation = simulation
+        self._plant = simulation.system.component("plant")
+        self._drives = [component for component in components if component.name.startswith("drive")]
+        self.ramp = any(port.name == "theta_m_start" for port in self._plant.inputs)
+        self.load, self.end, self.start = (np.empty((simulation.last_tick, 3)) for _ in range(3))
+
+    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        # in the last tick no step is made
+        if first < len(self.load):
+            self.load[first] = np.concatenate([self._input(drive, "tau_load") for drive in self._drives])
+            self.end[first] = self._input(self._plant, "theta_m")
+            self.start[first] = self._input(self._plant, "theta_m_start") if self.ramp else self.end[first]
+
+    def _input(self, component: Component, name: str) -> NDArray[np.float64]:
+        names = [port.name for port in component.inputs]
+        first = width(component.inputs[: names.index(name)])
+        return self._simulation.inputs(component)[first : first + component.inputs[names.index(name)].size]
+
+
+def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
+    run, inputs, p = Trace(), _Inputs(), experiment.plant
+    done = simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1)
+    if done.failure:
+        raise done.failure
+    tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]
+    W_drive = inputs.load * np.diff(run.of_drives("theta_m"), axis=0)
+    if inputs.ramp:
+        return W_drive, 0.5 * (tau_load[:-1] + tau_load[1:]) * (inputs.end - inputs.start)
+    tau = motor_load_torque(p.k_s, np.vectorize(dead_zone)(deflection(inputs.end, theta_l, p.N), p.backlash))
+    return W_drive, (tau**2 - tau_load[:-1] ** 2) / (2.0 * p.k_s)

@@ -1,0 +1,60 @@
+"""An experiment without what snaps to a tick or a count, so that what is left to differ is the coupling.
+
+An error in the time of an event is of order one in the tick whatever the coupling; an encoder's count is as large as
+many a coupling error; and a trigger that a count decides comes whole periods earlier or later.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.experiment.variation import exactly_measured, with_plant
+from twin.runs.trace import run_in_memory
+
+OUT_OF_REACH = 1e9
+"""A trigger force (N) that nothing reaches."""
+
+
+@dataclass(frozen=True)
+class Smooth:
+    """An experiment and what was taken out of it, one phrase each."""
+
+    experiment: Experiment
+    changes: tuple[str, ...]
+
+
+def comparable(experiment: Experiment) -> Smooth:
+    """With exact encoders and a force loop that starts when it did, not when a count says so.
+
+    Raises:
+        InputRefused: something in it breaks, or is led by what it feels: then no two runs do the same.
+    """
+    if experiment.faults:
+        raise InputRefused(f"{experiment.name}: has faults, whose effect is no coupling error; remove [[fault]]")
+    if experiment.tasks:
+        raise InputRefused(
+            f"{experiment.name}: its tasks change phase at what the robot feels, so two runs do not do the same at "
+            "the same time; take an experiment with a [reference]"
+        )
+    changes = ["encoders exact"]
+    smooth = exactly_measured(experiment)
+    if experiment.monitor is not None:
+        # it believes in the encoders of the robot
+        smooth = replace(smooth, monitor=None)
+        changes.append("no safety monitor")
+    triggered = np.flatnonzero(run_in_memory(experiment, only=["controller.triggered"]).held("controller.triggered"))
+    if len(triggered) and experiment.controller.force.trigger is not None:
+        when = float(triggered[0] * experiment.cosim.tick)
+        force = experiment.controller.force.model_copy(update={"trigger": OUT_OF_REACH, "trigger_time": when})
+        smooth = replace(smooth, controller=smooth.controller.model_copy(update={"force": force}))
+        changes.append(f"force loop on at {when:g} s, not by force")
+    return Smooth(smooth, tuple(changes))
+
+
+def smoothed(smooth: Smooth) -> Smooth:
+    """Without backlash and friction, too: spring and contact then change direction without an event."""
+    experiment = with_plant(smooth.experiment, backlash=0.0)
+    contact = experiment.contact.model_copy(update={"friction": 0.0})
+    return Smooth(replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head"))

@@ -1,0 +1,133 @@
+"""A study of the coupling as text of at most 80 columns: what to use first, then why, then where the files are."""
+
+import textwrap
+from collections.abc import Mapping
+from math import isfinite
+
+from twin.studies.converge.order import Finding, Order
+from twin.studies.converge.signals import FORCE, SIGNALS
+from twin.studies.converge.study import Point, Series, Study
+
+WIDTH = 80
+NAME = 31
+COLUMN = 9
+REMARKS = {
+    Finding.NOT_SMOOTH: ("~", "slopes of neighbouring ticks differ by more than 0.3: an event moves with the tick"),
+    Finding.NOT_FALLING: ("x", "does not fall with the tick: not the coupling's error, but the drive's or an event's"),
+    Finding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
+    Finding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
+}
+"""How orders are marked, and why."""
+
+
+def convergence_text(study: Study, files: Mapping[str, str]) -> str:
+    """The whole report. files: kind -> path."""
+    lines = [*_headline(study), ""]
+    lines += [*_errors_by_tick(study), "", *_errors_by_signal(study), "", *_orders(study), "", *_power(study), ""]
+    lines += _row("reference", study.reference.meaning)
+    lines += _row("changed", "; ".join(study.changes))
+    for name, why in study.left_out:
+        lines += _row("left out", f"{name}: {why}")
+    lines += [f"  {kind:<10} {path}" for kind, path in files.items()]
+    return "\n".join(lines)
+
+
+def _headline(study: Study) -> list[str]:
+    if not study.reference.pressed:
+        why = "  so no tolerance of the force says which tick and coupling to use"
+        return [f"{study.name}: presses on nothing", why]
+    limit = f"{1e3 * study.tolerance:g} mN"
+    if study.choice is None:
+        return [f"{study.name}: no coupling at any of these ticks keeps F_z within {limit}"]
+    coupling, point = study.choice.coupling, study.choice.point
+    told = [
+        f"{study.name}: use {coupling.name} at {1e3 * point.tick:g} ms",
+        f"  the longest tick, and the simplest coupling there, that keeps F_z within {limit}:",
+        f"  {_number(1e3 * point.errors[FORCE.name])} mN, for {1e3 * point.cost:.1f} ms of computing per second",
+    ]
+    if (own := _own(study)) is not None:
+        error, cost = _number(1e3 * own.errors[FORCE.name]), 1e3 * own.cost
+        told.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
+    return told
+
+
+def _own(study: Study) -> Point | None:
+    """The run of the experiment's own coupling and tick, if it is among the others."""
+    points = [point for one in study.series if one.coupling == study.coupling for point in one.points]
+    return next((point for point in points if point.tick == study.tick), None)
+
+
+def _errors_by_tick(study: Study) -> list[str]:
+    ticks = sorted({point.tick for one in study.series for point in one.points}, reverse=True)
+    signal = study.judged
+    told = [_columns(f"largest error of {signal.name} in {signal.unit} at", [f"{1e3 * tick:g} ms" for tick in ticks])]
+    for one in study.series:
+        by_tick = {point.tick: point.errors[signal.name] for point in one.points}
+        told.append(_columns(one.coupling.name, [_error(by_tick.get(tick), signal.scale) for tick in ticks]))
+    return told
+
+
+def _errors_by_signal(study: Study) -> list[str]:
+    head = f"largest error at {1e3 * study.tick:g} ms"
+    told = [_columns(head, [signal.name for signal in SIGNALS]), _columns("", [signal.unit for signal in SIGNALS])]
+    for one in study.series:
+        point = next((point for point in one.points if point.tick == study.tick), None)
+        if point is not None:
+            told.append(_columns(one.coupling.name, [_error(point.errors[s.name], s.scale) for s in SIGNALS]))
+    return told
+
+
+def _orders(study: Study) -> list[str]:
+    told = [_columns("observed order", [signal.name for signal in SIGNALS] + ["expected"])]
+    for one in study.series:
+        orders = [_order(one.orders[signal.name]) for signal in SIGNALS]
+        told.append(_columns(one.coupling.name, [*orders, str(one.coupling.expected_order)]))
+    found = {order.finding for one in study.series for order in one.orders.values()}
+    for finding, (mark, meaning) in REMARKS.items():
+        if finding in found:
+            told += _row(mark, meaning)
+    return told
+
+
+def _power(study: Study) -> list[str]:
+    told = [
+        _columns(f"power out of nothing at {1e3 * study.tick:g} ms", ["mean", "peak", "energy", "share"]),
+        _columns("", ["uW", "uW", "uJ", "ppm"]),
+    ]
+    for one in study.series:
+        if one.residuals:
+            told.append(_columns(one.coupling.name, _balance(one)))
+    return [*told, *_row("", "mean, energy: of all joints, + created; peak: of one; share: of the energy through")]
+
+
+def _balance(one: Series) -> list[str]:
+    energy = sum(joint.energy for joint in one.residuals)
+    mean, peak = sum(joint.mean for joint in one.residuals), max(joint.peak for joint in one.residuals)
+    share = energy / max(sum(joint.throughput for joint in one.residuals), 1e-300)
+    return [_number(1e6 * value) for value in (mean, peak, energy, share)]
+
+
+def _columns(name: str, values: list[str]) -> str:
+    return f"  {name:<{NAME}}" + "".join(f"{value:>{COLUMN}}" for value in values)
+
+
+def _error(value: float | None, scale: float) -> str:
+    if value is None:
+        return ""
+    return _number(scale * value) if isfinite(value) else "failed"
+
+
+def _number(value: float) -> str:
+    """Three digits, in at most eight columns."""
+    if value == 0.0 or 1e-3 <= abs(value) < 1e3:
+        return f"{float(f'{value:.3g}'):g}"
+    return f"{value:.0f}" if 1e3 <= abs(value) < 1e7 else f"{value:.1e}"
+
+
+def _order(order: Order) -> str:
+    mark = REMARKS[order.finding][0] if order.finding in REMARKS else ""
+    return mark if order.slope is None else f"{mark}{order.slope:.2f}"
+
+
+def _row(name: str, text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, initial_indent=f"  {name:<10} ", subsequent_indent=" " * 13)

@@ -1,0 +1,129 @@
+"""The matrix of faults as text of at most 80 columns, and as a Markdown table."""
+
+import textwrap
+from collections.abc import Iterator, Sequence
+from itertools import groupby
+
+from twin.experiment.fault_catalogue import CATALOGUE
+from twin.studies.faults.row import ALLOWANCE, Row
+
+WIDTH = 80
+UNITS = {
+    None: "",
+    "share": "",
+    "factor": "x",
+    "deg_per_s": "deg/s",
+    "rad_per_s": "rad/s",
+    "Nm_s_per_rad": "Nms/rad",
+}
+"""Units of the catalogue as people write them, where that differs."""
+SINGULAR = 100.0
+"""Force (N) that springs and body of this robot do not make: a mechanism near its singular pose does, before the run
+ends. How far beyond is no forecast."""
+HEAD = ("worst of each kind", "", "onset", "peak", "without", "seen", "by", "after")
+UNDER_HEAD = ("", "", "s", "N", "N", "", "", "s")
+MARKDOWN = ("Kind", "Worst at", "Onset (s)", "Peak (N)", "Without monitor (N)", "Seen", "By", "After (s)", "Ends")
+
+
+def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
+    """The verdict, then the worst case of each kind, then what the verdict does not cover.
+
+    Args:
+        experiment: its name. rows: of one matrix, kind by kind, at least one.
+    """
+    first = rows[0]
+    safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)
+    failing = [r for r in rows if r.fails]
+    verdict = "FAILED" if failing else "PASSED"
+    lines = _wrapped(
+        f"{experiment}  {verdict}: {safe} of {len(rows)} cases stay below {first.bound:g} N, the limit of "
+        f"{first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
+        f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
+    )
+    claimed, allowed = [r for r in rows if r.said_to_be_seen], [r for r in rows if r.said_to_go_beyond]
+    lines += _wrapped(
+        f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
+        f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "
+        f"and in {sum(r.loose for r in rows)} others."
+    )
+    ended = sum(r.unwatched.end == "run ended" and r.watched.end != "run ended" for r in rows)
+    if ended:
+        lines += _wrapped(
+            f"Without the monitor {ended} more runs end early because a component fails; "
+            "their peak is the one until then."
+        )
+    lines += ["", _line(HEAD), _line(UNDER_HEAD)]
+    for row, of_kind in _worst(rows):
+        lines.append(_line((row.kind, *_cells(row, of_kind))))
+    return "\n".join(line.rstrip() for line in [*lines, *_exceptions(rows)])
+
+
+def fault_matrix_table(rows: Sequence[Row]) -> str:
+    """A Markdown table: the worst case of each kind."""
+    lines = ["| " + " | ".join(MARKDOWN) + " |", "|" + "---|" * len(MARKDOWN)]
+    for row, of_kind in _worst(rows):
+        cells = (f"`{row.kind}`", *_cells(row, of_kind), row.watched.end)
+        lines.append("| " + " | ".join(cell or "-" for cell in cells) + " |")
+    return "\n".join(lines)
+
+
+def magnitude_text(kind: str, magnitude: float | None) -> str:
+    """`0.5 deg`, `3 x`; empty where the kind has no magnitude."""
+    unit = CATALOGUE[kind].unit
+    return "" if magnitude is None else f"{magnitude:g} {UNITS.get(unit, unit or '')}".rstrip()
+
+
+def _worst(rows: Sequence[Row]) -> Iterator[tuple[Row, list[Row]]]:
+    """Of each kind the row with the largest force as printed (of equals the largest fault), and all its rows."""
+    for _, group in groupby(rows, lambda row: row.kind):
+        of_kind = list(group)
+        yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
+
+
+def _cells(row: Row, of_kind: Sequence[Row]) -> tuple[str, ...]:
+    return (
+        magnitude_text(row.kind, row.magnitude),
+        f"{row.onset:.2f}",
+        f"{row.watched.peak:.1f}{'' if row.safe else '!'}",
+        _force(max(r.unwatched.peak for r in of_kind)),
+        f"{sum(r.detected for r in of_kind)}/{len(of_kind)}",
+        row.watched.reason,
+        "" if row.watched.delay is None else f"{row.watched.delay:.3f}",
+    )
+
+
+def _force(peak: float) -> str:
+    return f">{SINGULAR:g}" if peak > SINGULAR else f"{peak:.1f}"
+
+
+def _line(cells: Sequence[str]) -> str:
+    kind, worst, onset, peak, without, seen, by, after = cells
+    return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4} {by:14.14} {after:>6}"
+
+
+def _exceptions(rows: Sequence[Row]) -> Iterator[str]:
+    kinds = list(dict.fromkeys(row.kind for row in rows))
+    yield from _block("! said to be seen, and not seen:", [_named(row) for row in rows if row.missed])
+    yield from _block("! beyond the bound, and not said to go there:", [_named(row) for row in rows if row.loose])
+    beyond = [row for row in rows if not row.safe and not row.loose]
+    yield from _block("! beyond the bound, as was said:", [_named(row) for row in beyond])
+    unseen = [kind for kind in kinds if CATALOGUE[kind].detection == "no"]
+    yield from _block("cannot be seen:", [f"{kind}: {CATALOGUE[kind].reason}" for kind in unseen])
+    otherwise = [row for row in rows if not row.as_stated and not row.fails]
+    yield from _block("seen in time, and not said to be:", [_named(row) for row in otherwise])
+    last = [row for row in rows if CATALOGUE[row.kind].detection == "if large" and row.largest and not row.detected]
+    yield from _block("unseen at their largest magnitude, as was said:", [_named(r) for r in last if not r.missed])
+
+
+def _named(row: Row) -> str:
+    told = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
+    seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not seen"
+    return f"{told} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"
+
+
+def _block(title: str, texts: Sequence[str]) -> list[str]:
+    return ["", title, *(line for text in texts for line in _wrapped(f"  {text}"))] if texts else []
+
+
+def _wrapped(text: str) -> list[str]:
+    return textwrap.wrap(text, WIDTH, subsequent_indent="    ")

@@ -1,0 +1,223 @@
+"""A log identified: every quantity with its interval, or the plain statement that it cannot be had from this log."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse.csgraph import connected_components
+
+from twin.controller.belief import Belief
+from twin.errors import Unreachable
+from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import Log
+from twin.studies.identify.balance import CONTACT, in_air, on_scale
+from twin.studies.identify.errors import NotIdentifiable
+from twin.studies.identify.estimate import Estimate
+from twin.studies.identify.fit import TOLD, Fit, fit
+from twin.studies.identify.friction import friction
+from twin.studies.identify.motor_torque import spring_stiffness
+from twin.studies.identify.one_pose import OnePose, one_pose
+from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
+from twin.studies.identify.windows import COUNTS, Windows, windows
+from twin.studies.replay.model import Model
+from twin.studies.replay.robot_log import robot_log
+
+PLAUSIBLE = 5.0
+"""k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
+LEVEL = (HEIGHT, SLOPE, SLOPE + 1)
+"""What is known of a level scale whose height was measured."""
+NO_SPRING = 2.0
+"""Depths under load this many times farther from the scale's law than all else, or than rounding explains (it leaves 4
+micrometres), say less than they spoil: what was pressed is skin, or no plane."""
+LOSS_SEEN = 0.02
+"""A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """One quantity. meaning: for people; believed: what the experiment says, None if nothing; found: None if the log
+    does not say it. SI, but for what `estimate.unit` says."""
+
+    meaning: str
+    believed: float | None
+    found: Estimate | None
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What a log says.
+
+    Attributes:
+        model: what the robot is taken for. fit: of the springs and the scale. seen: all windows of slow motion.
+        quantities: by name.
+        one_pose: the paper's procedure on the same log; None: no gradual press.
+        alike: unknowns that this log cannot tell apart, names of each such group.
+        notes: sentences on the log.
+    """
+
+    model: Model
+    fit: Fit
+    seen: Windows
+    quantities: Mapping[str, Quantity]
+    one_pose: OnePose | None
+    alike: tuple[tuple[str, ...], ...]
+    notes: tuple[str, ...]
+
+    @property
+    def loss(self) -> Estimate | None:
+        """ln(eta) of losses that depend on direction; None: loading and unloading cannot be compared."""
+        axis, one = self.fit.one(LOSS), self.fit.unknowns[LOSS]
+        if not self.fit.told(axis, one.size):
+            return None
+        return Estimate(float(self.fit.x[LOSS]), self.fit.half_width(axis), one.unit)
+
+    @property
+    def apart(self) -> bool:
+        """Whether k_s and eta are known one by one."""
+        return self.quantities["k_s"].found is not None
+
+    def estimate(self, name: str) -> Estimate:
+        """Of a quantity that was found.
+
+        Raises:
+            KeyError: it was not.
+        """
+        found = self.quantities[name].found
+        if found is None:
+            raise KeyError(name)
+        return found
+
+
+def identified(log: Log, model: Model, height: float | None = None, motor_torque: bool = False) -> Identification:
+    """Estimates from the encoders and the scale of `log`.
+
+    Args:
+        log: as `read_log` gives it. model: geometry, masses, N and counts that are believed.
+        height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
+        motor_torque: whether drive/n.tau_motor is a measured torque.
+
+    Raises:
+        LogRefused: signals are missing, in wrong units or of the wrong sign.
+        NotIdentifiable: the log is in order, but k_s eta cannot be had from it.
+    """
+    belief = model.belief
+    taken = robot_log(log, belief)
+    seen = windows(taken, belief)
+    path = log.path
+    if len(seen.t) and np.min(seen.lowest) < -CONTACT:
+        raise LogRefused(
+            f"{path}: scale.F_z goes down to {np.min(seen.lowest):.2f} N, but a press is positive and no scale is "
+            "pulled; turn its sign with --map scale.F_z=-COLUMN[N], or tare it"
+        )
+    if not len(seen.t):
+        raise NotIdentifiable(
+            f"{path}: the robot never moves slowly and evenly: no {seen.length:g} s in which the motors cross "
+            f"{COUNTS:g} counts without a jerk; move on the scale and in free air, as experiments/calibration.toml does"
+        )
+    if not np.any(in_air(seen)):
+        raise LogRefused(
+            f"{path}: scale.F_z never shows free air, its least is {np.min(seen.lowest):.2f} N; tare the scale, and "
+            "record motion off it as well"
+        )
+    unknowns = parameters(belief, model.plant.z_s if height is None else height)
+    fixed = () if height is None else LEVEL
+    notes = taken.notes
+    try:
+        found = fit(seen, belief, unknowns, model.resolution, fixed)
+        springs, depth = found.misfit(0, 1), found.misfit(2)
+        if depth > NO_SPRING * max(springs, 1.0):
+            notes += (
+                f"the depths under load are {depth:.0f} times farther from those of a spring on a plane, "
+                "F = K d (1 + c d'), than rounding explains: that law was left out, and with it what it says of "
+                "height, stiffness and the joints' zeros",
+            )
+            found = fit(seen, belief, unknowns, model.resolution, fixed, surface=False)
+    except Unreachable as problem:
+        raise LogRefused(
+            f"{path}: {problem}; are units, signs and zeros of the joint encoders those of the experiment?"
+        ) from None
+    _refuse_nonsense(found, belief, log)
+    split = _split(found, belief, log, motor_torque)
+    quantities = {**split, **_quantities(found, height)}
+    quantities["friction"] = Quantity("friction under the head", None, friction(found, seen, belief))
+    press = one_pose(seen, belief, found.x)
+    return Identification(model, found, seen, quantities, press, _alike(found), notes)
+
+
+def _refuse_nonsense(found: Fit, belief: Belief, log: Log) -> None:
+    """Raise if there is no k_s eta in the log that could be believed."""
+    k, believed, axis = found.x[KAPPA], belief.k_s * belief.eta, found.one(KAPPA)
+    pressing, air = int(np.sum(on_scale(found.seen))), int(np.sum(in_air(found.seen)))
+    plausible = 1.0 / PLAUSIBLE < k / believed < PLAUSIBLE
+    told = found.told(axis, found.unknowns[KAPPA].size)
+    if told and plausible and found.converged:
+        return
+    doubt = (
+        "is the scale in N, are N and counts per turn those of this robot, and do motors and joints count in the same "
+        "sense?"
+    )
+    if not plausible and (found.told(axis, k) or pressing > 10):
+        raise LogRefused(
+            f"{log.path}: k_s eta comes out more than {PLAUSIBLE:g} times away from the believed {believed:g} N m/rad; "
+            f"{doubt}"
+        )
+    if not found.converged or not len(found.seen.t):
+        raise LogRefused(f"{log.path}: no k_s eta, zeros and backlash at all meet statics in its slow motion; {doubt}")
+    share = found.half_width(axis) / believed
+    left = f"{100.0 * share:.0f} % of it" if share < 1.0 else "it"
+    raise NotIdentifiable(
+        f"{log.path}: cannot tell k_s eta: {air} usable windows in free air and {pressing} on the scale leave {left} "
+        "open; press gradually, in several places, up and down, as experiments/calibration.toml does"
+    )
+
+
+def _split(found: Fit, belief: Belief, log: Log, motor_torque: bool) -> dict[str, Quantity]:
+    """k_s eta, and both apart if motor torque or the direction of the losses says so."""
+    product = Estimate(float(found.x[KAPPA]), found.half_width(found.one(KAPPA)), "N m/rad")
+    k_s, eta, meaning = None, None, "k_s eta"
+    loss, width = float(found.x[LOSS]), found.half_width(found.one(LOSS))
+    if motor_torque:
+        k_s = spring_stiffness(found, belief, log)
+        if k_s is not None:
+            ratio = product.value / k_s.value
+            eta = Estimate(
+                ratio, ratio * float(np.hypot(product.half_width / product.value, k_s.half_width / k_s.value)), "1"
+            )
+    elif found.told(found.one(LOSS), found.unknowns[LOSS].size) and loss + width < -LOSS_SEEN:
+        # with losses by direction (P1) the geometric mean of both, e^(+loss) and e^(-loss), has no eta in it
+        meaning = "k_s eta, mean of directions"
+        k_s, eta = product, Estimate(float(np.exp(loss)), float(np.exp(loss)) * width, "1")
+    return {
+        "k_s_eta": Quantity(meaning, belief.k_s * belief.eta, product),
+        "k_s": Quantity("k_s alone", belief.k_s, k_s),
+        "eta": Quantity("eta alone", belief.eta, eta),
+    }
+
+
+def _quantities(found: Fit, height: float | None) -> dict[str, Quantity]:
+    """The other unknowns of the fit, with the scale's stiffness for its compliance."""
+    told: dict[str, Quantity] = {}
+    for index, one in enumerate(found.unknowns):
+        if index in (KAPPA, LOSS, RATE) or (index in LEVEL and height is not None):
+            continue
+        axis, x = found.one(index), float(found.x[index])
+        estimate = Estimate(x, found.half_width(axis), one.unit) if found.told(axis, one.size) else None
+        if index == COMPLIANCE:
+            if estimate is not None:
+                estimate = Estimate(1.0 / x, estimate.half_width / x**2, "N/m")
+            told["stiffness"] = Quantity("stiffness of the scale", None, estimate)
+            continue
+        believed = one.start if index == HEIGHT or (one.unit == "rad" and index not in LEVEL) else None
+        told[one.name] = Quantity(one.meaning, believed, estimate)
+    return told
+
+
+def _alike(found: Fit) -> tuple[tuple[str, ...], ...]:
+    """The unknowns that stand in unseen directions, in groups that share one."""
+    hidden = np.abs(found.unseen @ found.unseen.T)
+    # how fast a loss turns over means nothing where there is none
+    members = np.setdiff1d(np.flatnonzero(np.sqrt(np.diag(hidden)) > TOLD), RATE)
+    _, group = connected_components(hidden[np.ix_(members, members)] > TOLD**2, directed=False)
+    return tuple(
+        tuple(found.unknowns[i].meaning for i in members[group == number]) for number in dict.fromkeys(group.tolist())
+    )

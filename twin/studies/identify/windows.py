@@ -1,0 +1,140 @@
+"""A log as windows of slow motion: the only samples that say anything about statics.
+
+An encoder is read in steps. While the robot stands, every sample has the same rounding error and a mean of thousands is
+no better than one; while it moves across several counts the errors run through their range and their mean vanishes. So
+a window is kept if every motor crosses some counts in it, and if it neither starts, stops nor turns.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.controller.belief import Belief
+from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.sampling import in_gap
+from twin.studies.replay.robot_log import RobotLog
+
+LENGTH = 0.1
+"""s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (72 rad/s)."""
+COUNTS = 4.0
+"""Motor counts that have to be crossed in a window, on average over the joints."""
+ACCELERATION = 0.05
+"""m/s2: with 0.3 kg, 0.015 N of inertia, a third of a step of the paper's scale; the balance knows of nine tenths."""
+JOINTS_PER_METRE = 17.0
+"""rad/m: d theta_l / d p_z at home."""
+GUARD = 0.1
+"""s: a scale may show what it carries this late; until then nobody knows whether the robot still touches it."""
+CLUSTER = 2.0
+"""s: windows this close share errors (a place, a press, a turn of an encoder) and are no independent witnesses."""
+
+
+class Windows(NamedTuple):
+    """Means over windows, SI.
+
+    Attributes:
+        t: middle of each (n,), s.
+        motor, joint: what the encoders read, zeros included (n, 3), rad.
+        speed: of the joints (n, 3), rad/s. acceleration: of the joints (n, 3), rad/s2.
+        spread: half of the range that the wind-up motor - N joint runs through (n, 3), rad.
+        force: of the scale, pressing positive (n,), N.
+        force_rate: its slope (n,), N/s.
+        lowest, highest: force in the window and for `GUARD` after it (n,), N.
+        cluster: number of the group of windows each belongs to (n,), for the covariance.
+        length: of each, s.
+    """
+
+    t: NDArray[np.float64]
+    motor: NDArray[np.float64]
+    joint: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    acceleration: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    force: NDArray[np.float64]
+    force_rate: NDArray[np.float64]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    cluster: NDArray[np.int64]
+    length: float
+
+    def where(self, chosen: NDArray[np.bool_]) -> "Windows":
+        """The `chosen` (n,) ones."""
+        columns: dict[str, Any] = {name: getattr(self, name)[chosen] for name in self._fields if name != "length"}
+        return self._replace(**columns)
+
+    def runs(self, chosen: NDArray[np.intp], joined: NDArray[np.bool_]) -> list[NDArray[np.intp]]:
+        """The windows `chosen` (m,) in runs without a pause, broken also where `joined` (m - 1,) is False.
+
+        Two windows lost in a row are no pause: a motor that takes up its backlash for a moment costs as many.
+        """
+        pause = np.diff(self.t[chosen]) > 3.5 * self.length
+        return np.split(chosen, np.flatnonzero(pause | ~joined) + 1)
+
+
+def windows(log: RobotLog, belief: Belief) -> Windows:
+    """The windows of `log` that are fit for statics; none is an answer, too.
+
+    Args:
+        log: with a measured force. belief: of counts per turn and N.
+
+    Raises:
+        LogRefused: no force was measured, or never together with the encoders.
+    """
+    if log.force is None:
+        raise LogRefused(
+            f"{log.path}: no measured force: without it nothing ties the springs to a newton; name the scale's "
+            "column with --map scale.F_z=COLUMN[N], pressing positive"
+        )
+    force = log.force
+    length = max(LENGTH, 10.0 * log.period, 2.0 * float(np.median(np.diff(force.t))))
+    bins = np.floor((log.t - log.t[0]) / length).astype(np.int64)
+    known = (log.t >= force.t[0]) & (log.t <= force.t[-1]) & ~in_gap(log.t, force.sampling.gaps)
+    F = np.interp(log.t, force.t, force.values)
+    known &= np.isfinite(F) & np.all(np.isfinite(log.count_m + log.count_l), axis=1)
+    if not np.any(known):
+        raise LogRefused(f"{log.path}: encoders and scale were never recorded at the same time")
+    motor = log.count_m * (2.0 * np.pi / belief.motor_counts)
+    joint = log.count_l * (2.0 * np.pi / belief.joint_counts)
+    full, late = 0.8 * length / log.period, round(GUARD / log.period)
+    rows = [
+        _window(log.t[a:b], motor[a:b], joint[a:b], F[a:b], F[a : b + late], belief.N)
+        for a, b in zip(*_edges(bins), strict=True)
+        if b - a >= full and np.all(known[a:b])
+    ]
+    columns = [np.array(column) for column in zip(*rows, strict=True)] or [
+        np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 1)
+    ]
+    *means, travel = columns
+    t, motor, joint, speed, acceleration, spread, force_mean, force_rate, lowest, highest = means
+    counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
+    calm = np.all(np.abs(acceleration) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
+    cluster = np.floor(t / CLUSTER).astype(np.int64)
+    every = Windows(
+        t, motor, joint, speed, acceleration, spread, force_mean, force_rate, lowest, highest, cluster, length
+    )
+    return every.where((counts >= COUNTS) & calm)
+
+
+def _edges(bins: NDArray[np.int64]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+    """First and past-the-last index of each run of equal `bins` (n,)."""
+    turns = np.flatnonzero(np.diff(bins)) + 1
+    return np.concatenate([[0], turns]), np.concatenate([turns, [len(bins)]])
+
+
+def _window(t, motor, joint, F, F_and_later, N) -> tuple[object, ...]:
+    """One row of the columns of `Windows`, then range of the motors (3,)."""
+    half = len(t) // 2
+    # slopes of both halves by regression: an encoder's step costs them least
+    first, last = (_slope(t[part], joint[part]) for part in (slice(None, half), slice(half, None)))
+    acceleration = (last - first) / (t[half:].mean() - t[:half].mean())
+    return (
+        float(np.mean(t)), motor.mean(axis=0), joint.mean(axis=0), _slope(t, joint), acceleration,
+        0.5 * np.ptp(motor - N * joint, axis=0), float(np.mean(F)), float(_slope(t, F)), float(np.min(F_and_later)),
+        float(np.max(F_and_later)), np.ptp(motor, axis=0),
+    )  # fmt: skip
+
+
+def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Of the straight lines through y (n, ...) over t (n,)."""
+    centred = t - t.mean()
+    return centred @ y / (centred @ centred)

@@ -1,0 +1,132 @@
+"""Where a digitised curve comes from and how far it can be trusted: the head of its file, checked."""
+
+import datetime
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
+
+from pydantic import ValidationError
+
+from twin.errors import InputRefused
+from twin.experiment.mistakes import sentences
+from twin.experiment.quantity import Section
+from twin.files import toml_of
+from twin.recording.logs.column_map import TIME_NAMES, split_unit
+from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import Log
+from twin.recording.logs.units import unit
+
+Points = tuple[tuple[float, float], tuple[float, float]]
+
+
+class Figure(Section):
+    """What was digitised."""
+
+    number: str
+    panel: str
+    curve: str
+    image: str
+
+
+class Digitised(Section):
+    """Who did it, when and with what."""
+
+    by: str
+    on: datetime.date
+    tool: str
+
+
+class Head(Section):
+    """The head of a file, by column: two points (pixel, value) of its axis, and the uncertainty."""
+
+    figure: Figure
+    digitised: Digitised
+    calibration: dict[str, Points]
+    uncertainty: dict[str, float]
+
+
+@dataclass(frozen=True)
+class Provenance:
+    """Of one curve.
+
+    Attributes:
+        head: as it stands in the file.
+        signal: name of the curve in the log.
+        value: uncertainty of the signal, SI.
+        time: uncertainty of the time, s.
+    """
+
+    head: Head
+    signal: str
+    value: float
+    time: float
+
+    @property
+    def text(self) -> str:
+        """One line for whoever reads a comparison."""
+        figure, done = self.head.figure, self.head.digitised
+        return f"Fig. {figure.number} {figure.panel}, {figure.curve}: digitised by {done.by} on {done.on}, {done.tool}"
+
+
+def provenance(log: Log) -> Provenance | None:
+    """What the head of `log` says; None if it is no digitised curve: it has no table [figure].
+
+    Raises:
+        LogRefused: the head is not as README.md beside this file says, or claims what no image can give.
+    """
+    if "[figure]" not in log.comments:
+        return None
+    try:
+        head = Head.model_validate(_by_column(toml_of("\n".join(log.comments), str(log.path))))
+    except InputRefused as problem:
+        raise LogRefused(f"{problem}; its head is not TOML behind #") from None
+    except ValidationError as error:
+        raise LogRefused("\n".join(f"{log.path}: {text}" for text in sentences(error, Head, "head"))) from None
+    if len(log.series) != 1:
+        raise LogRefused(f"{log.path}: {len(log.series)} curves, expected one in a file of a digitised figure")
+    signal = next(iter(log.series))
+    found = {}
+    for column, width in head.uncertainty.items():
+        name, spelled = split_unit(column)
+        _check(log, column, width, head.calibration)
+        found[name] = unit(spelled or "1", f"{log.path}: [uncertainty] {column}").in_si(width)
+    time = next((found[name] for name in TIME_NAMES if name in found), None)
+    if time is None or signal not in found:
+        missing = "the time" if time is None else signal
+        raise LogRefused(
+            f"{log.path}: [uncertainty] says nothing about {missing}; it has {', '.join(head.uncertainty)}"
+        )
+    return Provenance(head, signal, found[signal], time)
+
+
+def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) -> None:
+    if column not in calibration:
+        raise LogRefused(f"{log.path}: [calibration] {column} is missing; expected two points [pixel, value]")
+    (first, low), (second, high) = calibration[column]
+    if first == second or low == high:
+        raise LogRefused(f"{log.path}: [calibration] {column}: two points of one pixel or value make no axis")
+    half = 0.5 * abs((high - low) / (second - first))
+    if not half <= width:
+        raise LogRefused(f"{log.path}: [uncertainty] {column} = {width:g} is less than half a pixel, {half:.3g}")
+
+
+def _by_column(content: dict[str, Any]) -> dict[str, Any]:
+    """`content` with flat tables of columns: TOML takes the dot in `controller.F_z_N` for a table of its own."""
+    flat = dict(content)
+    for key in ("calibration", "uncertainty"):
+        if isinstance(content.get(key), dict):
+            flat[key] = dict(_columns("", content[key]))
+    return flat
+
+
+def _columns(prefix: str, table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
+    for key, value in table.items():
+        if isinstance(value, dict):
+            yield from _columns(f"{prefix}{key}.", value)
+        else:
+            # a strict model asks for tuples
+            yield f"{prefix}{key}", tuple(map(tuple, value)) if _is_points(value) else value
+
+
+def _is_points(value: Any) -> bool:
+    return isinstance(value, list) and all(isinstance(point, list) for point in value)

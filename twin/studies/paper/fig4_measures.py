@@ -1,0 +1,255 @@
+"""Measures of Fig. 4: its runs in, a number in SI out; nan where what is measured never happened, which fails.
+
+Everything "while sweeping" is nan without a sweep.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.studies.metrics.response import Curve, first_time, within
+from twin.studies.metrics.tracking import level_changes, mean_error, rms
+from twin.studies.paper.fig4_runs import BEFORE, FINAL, SWEEP, Fig4Run, Fig4Runs
+
+START, END, HEIGHT = 0.020, -0.020, -0.105
+"""The sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
+GLIMPSE = 0.2
+"""Time over which a sudden change is looked for (s)."""
+JUMP = 0.1
+"""Time after the trigger within which the reference has jumped (s)."""
+FLUCTUATION = (13.2, 14.7)
+"""When the force has to be held although it fluctuates (s)."""
+SEEN = 0.02
+"""Change of the force (N) that is seen at all: half of what one count of a motor encoder is worth (0.04 N)."""
+DISTINCT = 10.0
+"""A fluctuation changes the force by so many times the median change: the largest of noise has less than six."""
+CONSTANT = 0.2e-3
+"""Range (m) within which a height is a constant: a twentieth of the 4 mm that the head presses in."""
+
+Measure = Callable[[Fig4Runs], float]
+
+
+def while_sweeping(measure: Measure) -> Measure:
+    """`measure`, of runs that both sweep."""
+
+    def measured(runs: Fig4Runs) -> float:
+        return measure(runs) if runs.force_position.sweeps and runs.position.sweeps else math.nan
+
+    return measured
+
+
+def in_x(measure: Measure) -> Measure:
+    """`measure`, of the imperfect runs, which alone have a force in x."""
+
+    def measured(runs: Fig4Runs) -> float:
+        return while_sweeping(measure)(Fig4Runs(*runs.imperfect)) if runs.imperfect is not None else math.nan
+
+    return measured
+
+
+def _over(a: float, b: float) -> float:
+    """The ratio of two sizes; infinity over nothing, nan if there is neither."""
+    if b == 0.0:
+        return math.inf if a > 0.0 else math.nan
+    return a / b
+
+
+# the way over the scale
+
+
+def ends_missed(runs: Fig4Runs) -> float:
+    """How far the platform is from the ends of the sweep before and after it, the worst of both runs (m)."""
+    missed = [
+        abs(float(np.mean(run.p_B[run.at(*window), 1])) - end)
+        for run in (runs.force_position, runs.position)
+        for window, end in ((BEFORE, START), (FINAL, END))
+    ]
+    return max(missed)
+
+
+def unsteadiness(runs: Fig4Runs) -> float:
+    """Largest deviation of the speed along y, taken over 1 s, from its mean, as a share of it; of both runs."""
+    worst = 0.0
+    for run in (runs.force_position, runs.position):
+        on = run.at(*SWEEP)
+        t, y = run.t[on], run.p_B[on, 1]
+        steps = round(1.0 / (t[1] - t[0]))
+        speed = (y[steps:] - y[:-steps]) / (t[steps:] - t[:-steps])
+        worst = max(worst, float(np.max(np.abs(speed / np.mean(speed) - 1.0))))
+    return worst
+
+
+def off_line(runs: Fig4Runs) -> float:
+    """Largest distance from the line p_x = 0, p_z = -105 mm: of the platform in x, of the pre-defined way in z (m)."""
+    return max(
+        float(np.max(np.hypot(run.p_B[on, 0], run.z_ref[on] - HEIGHT)))
+        for run in (runs.force_position, runs.position)
+        for on in (run.at(*SWEEP),)
+    )
+
+
+# the trigger
+
+
+def force_at_trigger(runs: Fig4Runs) -> float:
+    """Estimated force in the sample of the trigger (N)."""
+    run = runs.force_position
+    return float(run.F_z[np.searchsorted(run.t, run.trigger_time)]) if np.isfinite(run.trigger_time) else math.nan
+
+
+def reference_apart(runs: Fig4Runs) -> float:
+    """Largest distance of the z reference from the pre-defined one before the trigger (m)."""
+    run = runs.force_position
+    before = run.t < run.trigger_time
+    return float(np.max(np.abs(run.z_cmd - run.z_ref)[before])) if np.any(before) else math.nan
+
+
+def reference_jump(runs: Fig4Runs) -> float:
+    """How far the z reference is below the pre-defined one right after the trigger (m)."""
+    run = runs.force_position
+    if np.isinf(run.trigger_time):
+        return math.nan
+    return float(np.max((run.z_ref - run.z_cmd)[run.at(run.trigger_time, run.trigger_time + JUMP)]))
+
+
+def position_jump(runs: Fig4Runs) -> float:
+    """How many times faster the platform goes down after the trigger than before."""
+    run = runs.force_position
+    if not GLIMPSE <= run.trigger_time <= run.t[-1] - GLIMPSE:
+        return math.nan
+    before, at, after = np.interp(run.trigger_time + GLIMPSE * np.array([-1.0, 0.0, 1.0]), run.t, run.z)
+    return float((at - after) / (before - at)) if at < before else math.nan
+
+
+def reference_left(runs: Fig4Runs) -> float:
+    """Mean distance of the z reference from the pre-defined one at the end (m)."""
+    run = runs.force_position
+    return mean_error(run.z_cmd[run.at(*FINAL)], run.z_ref[run.at(*FINAL)])
+
+
+# position and force while sweeping
+
+
+def z_error(run: Fig4Run) -> float:
+    """Mean distance of the height from the pre-defined one (m)."""
+    return mean_error(run.z[run.at(*SWEEP)], run.z_ref[run.at(*SWEEP)])
+
+
+def z_gap(runs: Fig4Runs) -> float:
+    """Mean distance of both runs' heights (m)."""
+    fp, p = runs.force_position, runs.position
+    return mean_error(fp.z[fp.at(*SWEEP)], p.z[p.at(*SWEEP)])
+
+
+def force_error(run: Fig4Run) -> float:
+    """Mean distance of the force from its reference (N)."""
+    return mean_error(run.F_z[run.at(*SWEEP)], run.F_z_ref)
+
+
+def force_error_ratio(runs: Fig4Runs) -> float:
+    """How many times farther from its reference the force is under position control alone."""
+    return _over(force_error(runs.position), force_error(runs.force_position))
+
+
+def force_gap(runs: Fig4Runs) -> float:
+    """By how much position control presses less (N)."""
+    fp, p = runs.force_position, runs.position
+    return float(np.mean(fp.F_z[fp.at(*SWEEP)]) - np.mean(p.F_z[p.at(*SWEEP)]))
+
+
+def delay(runs: Fig4Runs) -> float:
+    """How much later position control alone reaches 80 % of the reference force (s)."""
+    fp, p = (first_time(run.t, run.F_z >= 0.8 * run.F_z_ref) for run in (runs.force_position, runs.position))
+    return p - fp if np.isfinite(fp) else -math.inf
+
+
+def bias(runs: Fig4Runs) -> float:
+    """Mean of the estimated force less the scale's reading (N)."""
+    run = runs.force_position
+    on = within(run.t_scale, *SWEEP)
+    return float(np.mean(np.interp(run.t_scale[on], run.t, run.F_z) - run.scale_F_z[on]))
+
+
+def friction(run: Fig4Run, axis: int) -> float:
+    """Root mean square of the force along x or y (N)."""
+    return rms(run.F_ee_B[run.at(*SWEEP), axis])
+
+
+def friction_share(axis: int) -> Measure:
+    """Friction of position control alone over that with force control."""
+    return lambda runs: _over(friction(runs.position, axis), friction(runs.force_position, axis))
+
+
+def x_share(runs: Fig4Runs) -> float:
+    """Force along x over that along y, in the run where that is more."""
+    return max(_over(friction(run, 0), friction(run, 1)) for run in (runs.force_position, runs.position))
+
+
+# the scale
+
+
+def disproportion(runs: Fig4Runs) -> float:
+    """Largest distance of the scale's reading from a straight line over the way pressed in, as a share of its end.
+
+    The line goes from where the scale begins to read to where position control alone has come before it sweeps.
+    """
+    run = runs.position
+    before = run.t_scale < SWEEP[0]
+    reading, z = run.scale_F_z[before], np.interp(run.t_scale[before], run.t, run.z)
+    pressing = np.flatnonzero(reading > 0.0)
+    if len(pressing) == 0 or pressing[0] == 0:
+        return math.nan
+    reading, depth = reading[pressing[0] :], z[pressing[0] - 1] - z[pressing[0] :]
+    if min(reading[-1], depth[-1]) <= 0.0:
+        return math.nan
+    return float(np.max(np.abs(reading / reading[-1] - depth / depth[-1])))
+
+
+def force_range(runs: Fig4Runs) -> float:
+    """Range of the scale's reading while position control alone keeps the height constant (N)."""
+    run = runs.position
+    if np.ptp(run.z[run.at(*SWEEP)]) > CONSTANT:
+        return math.nan
+    return float(np.ptp(run.scale_F_z[within(run.t_scale, *SWEEP)]))
+
+
+# the fluctuation
+
+
+def fluctuation(run: Fig4Run) -> tuple[float, float]:
+    """(time, size) of the one sudden change of the force (s, N); nan if none stands out from the noise."""
+    on = run.at(*SWEEP)
+    t, change = level_changes(run.t[on], run.F_z[on], GLIMPSE)
+    sizes: Curve = np.abs(change)
+    largest = int(np.argmax(sizes))
+    if sizes[largest] < max(SEEN, DISTINCT * float(np.median(sizes))):
+        return math.nan, math.nan
+    return float(t[largest]), float(sizes[largest])
+
+
+def force_after_fluctuation(runs: Fig4Runs) -> float:
+    """Worst error of the force around the fluctuation (N)."""
+    run = runs.force_position
+    return float(np.max(np.abs(run.F_z[run.at(*FLUCTUATION)] - run.F_z_ref)))
+
+
+# the truth
+
+
+def true_force_error(runs: Fig4Runs) -> float:
+    """Root mean square of the true force less its reference (N)."""
+    run = runs.force_position
+    return rms(run.true_F_z[run.truly_at(*SWEEP)] - run.F_z_ref)
+
+
+def true_final_force(runs: Fig4Runs) -> float:
+    """Mean true force at the end (N)."""
+    run = runs.force_position
+    return float(np.mean(run.true_F_z[run.truly_at(*FINAL)]))
+
+
+def true_z_error(runs: Fig4Runs) -> float:
+    """Root mean square of the true height less the pre-defined one (m)."""
+    run = runs.force_position
+    return rms(run.true_z_error[run.at(*SWEEP)])

@@ -1,0 +1,183 @@
+"""The two runs behind Fig. 4, as curves."""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Protocol
+
+import numpy as np
+
+from twin.errors import InputRefused
+from twin.recording.recording import Recording
+from twin.studies.metrics.response import Curve, first_time, within
+
+SWEEP = (10.7, 18.7)
+"""From 2 s after the sweep along y has begun, when the lag of the position loop (1/kp) has died out, to its end (s)."""
+BEFORE = (8.0, 8.6)
+"""Before the sweep, at rest (s)."""
+FINAL = (19.0, 19.9)
+"""After the sweep, at rest (s)."""
+WHOLE = 19.9
+"""What a recording has to cover (s)."""
+WAY = 0.020
+"""Least way along -y (m) that counts as a sweep: half of the paper's 40 mm."""
+SYMMETRIC = 1e-3
+"""Force in x (N) below which a run is symmetrical."""
+
+
+class Series(Protocol):
+    """Series of a run by name: a recording, or a run in memory."""
+
+    @property
+    def metadata(self) -> dict[str, dict[str, str]]: ...
+
+    def __getitem__(self, key: str) -> np.ndarray: ...
+
+    def time(self, topic: str) -> np.ndarray: ...
+
+
+@dataclass(frozen=True)
+class Fig4Run:
+    """One run. Curves at the controller's rate on `t`, those of the plant (the truth) at the tick on `t_plant`."""
+
+    recording: Series
+
+    @cached_property
+    def t(self) -> Curve:
+        return self.recording.time("controller")
+
+    @cached_property
+    def t_plant(self) -> Curve:
+        return self.recording.time("plant")
+
+    @cached_property
+    def F_z(self) -> Curve:
+        """Pressing force as the controller estimates it, low-passed (N)."""
+        return self.recording["controller.F_z"]
+
+    @cached_property
+    def F_ee_B(self) -> Curve:
+        """Force on the environment as estimated, unfiltered (n, 3), N."""
+        return self.recording["estimator.F_ee_B"]
+
+    @cached_property
+    def true_F_ee_B(self) -> Curve:
+        return self.recording["plant.F_ee_B"]
+
+    @cached_property
+    def true_F_z(self) -> Curve:
+        return -self.true_F_ee_B[:, 2]
+
+    @cached_property
+    def F_z_ref(self) -> float:
+        return float(self.recording["controller.F_z_ref"][0])
+
+    @cached_property
+    def scale_F_z(self) -> Curve:
+        """The electronic scale's reading (N), on `t_scale`."""
+        return self.recording["scale.F_z"]
+
+    @cached_property
+    def t_scale(self) -> Curve:
+        return self.recording.time("scale")
+
+    @cached_property
+    def p_B(self) -> Curve:
+        """Position as the controller estimates it (n, 3), m: what the paper's encoders give."""
+        return self.recording["estimator.p_B"]
+
+    @cached_property
+    def z(self) -> Curve:
+        """z as the controller estimates it (m)."""
+        return self.p_B[:, 2]
+
+    @cached_property
+    def z_ref(self) -> Curve:
+        """Pre-defined z reference (m)."""
+        return self.recording["controller.p_ref_B"][:, 2]
+
+    @cached_property
+    def z_cmd(self) -> Curve:
+        """z reference after the force loop (m)."""
+        return self.recording["controller.p_cmd_B"][:, 2]
+
+    @cached_property
+    def true_z_error(self) -> Curve:
+        """True z minus the pre-defined reference (m), at the controller's rate."""
+        true_z = np.interp(self.t, self.t_plant, self.recording["plant.p_B"][:, 2])
+        return true_z - self.z_ref
+
+    @cached_property
+    def trigger_time(self) -> float:
+        """When the force loop was triggered (s); infinity: never."""
+        return first_time(self.t, self.recording["controller.triggered"])
+
+    @cached_property
+    def sweeps(self) -> bool:
+        """Whether the platform moves along -y while it should."""
+        y = self.p_B[self.at(*SWEEP), 1]
+        return bool(y[0] - y[-1] >= WAY)
+
+    def at(self, start: float, end: float) -> np.ndarray:
+        """Mask of the controller's samples in a window."""
+        return within(self.t, start, end)
+
+    def truly_at(self, start: float, end: float) -> np.ndarray:
+        """Mask of the plant's samples in a window."""
+        return within(self.t_plant, start, end)
+
+
+@dataclass(frozen=True)
+class Fig4Runs:
+    """The force-position run and the position-only run.
+
+    Attributes:
+        imperfect: the same two of a robot and a scale that are not symmetrical, for the forces in x; None: there are
+            none, and nothing is said of these.
+    """
+
+    force_position: Fig4Run
+    position: Fig4Run
+    imperfect: "tuple[Fig4Run, Fig4Run] | None" = None
+
+    @property
+    def without_x(self) -> str:
+        """Why these runs say nothing about forces in x, or ""."""
+        if self.imperfect is None:
+            return "needs the runs of fig4_imperfect.toml and fig4_imperfect_position.toml as well"
+        if all(np.max(np.abs(run.true_F_ee_B[:, 0])) < SYMMETRIC for run in self.imperfect):
+            return "the true F_x is 0 by symmetry"
+        return ""
+
+    @property
+    def tuned(self) -> dict[str, str]:
+        """Parameters whose source says that they were tuned to meet the text: key -> source."""
+        origins = self.force_position.recording.metadata.get("origins", {})
+        return {key: text for key, text in origins.items() if text.startswith("tuned")}
+
+
+def fig4_runs(force_position: Recording, position: Recording, *imperfect: Recording) -> Fig4Runs:
+    """The recordings of Fig. 4.
+
+    Args:
+        imperfect: the same two of fig4_imperfect.toml and fig4_imperfect_position.toml, or none.
+
+    Raises:
+        InputRefused: one is too short, or they stand in the wrong order.
+    """
+    pairs = [(force_position, position), *([(imperfect[0], imperfect[1])] if imperfect else [])]
+    ideal, *others = [_checked_pair(*pair) for pair in pairs]
+    return Fig4Runs(*ideal, *others)
+
+
+def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4Run, Fig4Run]:
+    for recording in (force_position, position):
+        end = recording.time("controller")[-1] if len(recording.time("controller")) else 0.0
+        if end < WHOLE:
+            note = f" ({recording.note})" if recording.note else ""
+            raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
+    pair = Fig4Run(force_position), Fig4Run(position)
+    if np.isinf(pair[0].trigger_time) and np.isfinite(pair[1].trigger_time):
+        raise InputRefused(
+            f"{force_position.path} has no force control and {position.path} has: give the force-position run first"
+        )
+    return pair

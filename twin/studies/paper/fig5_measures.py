@@ -1,0 +1,162 @@
+"""Measures of the tasks of Fig. 5: one task's run in, a number in SI out, infinity where it never happened.
+
+Those that look at a part of the task take it as a mask `on` (n,) of the samples of `run.t`.
+"""
+
+import math
+from collections.abc import Callable
+from itertools import pairwise
+
+import numpy as np
+
+from twin.controller.phase import PhaseKind
+from twin.experiment.task import Press, Push, Roll, Tap
+from twin.studies.metrics.path import along_and_off, fitted_circle, turns_about
+from twin.studies.metrics.repetition import variation
+from twin.studies.metrics.response import Curve, steepest_rise
+from twin.studies.metrics.tracking import rms
+from twin.studies.paper.fig5_runs import Mask, TaskRun
+
+SPAN = 0.2
+"""Time over which a rate of the force is taken (s): what a person feels as one rise."""
+BAND = 0.05
+"""Share of the reference within which a force counts as reached."""
+ASIDE = 0.5e-3
+"""Distance (m) from a point within which something is above it."""
+ROUNDING = 1e-9
+"""Deviation (m) below which nothing but rounding moved the robot sideways."""
+
+Measure = Callable[[TaskRun], float]
+
+
+def where(mask: Callable[[TaskRun], Mask], measure: Callable[[TaskRun, Mask], float]) -> Measure:
+    """`measure` on the samples of `mask`; infinity if there are none, which no bound allows."""
+
+    def measured(run: TaskRun) -> float:
+        on = mask(run)
+        return measure(run, on) if np.any(on) else math.inf
+
+    return measured
+
+
+def during(kind: PhaseKind, measure: Callable[[TaskRun, Mask], float]) -> Measure:
+    """`measure` on the samples of a phase."""
+    return where(lambda run: run.during(kind), measure)
+
+
+def speed_of_touch(run: TaskRun, on: Mask) -> float:
+    """Speed downwards at the first sample in contact (m/s)."""
+    touching = np.flatnonzero(on & (run.F_z > 0.0))
+    return float(-run.v_z[touching[0]]) if len(touching) else math.inf
+
+
+def steepness(run: TaskRun, on: Mask) -> float:
+    """Largest rate of the force, over the mean rate that was asked for."""
+    assert not isinstance(run.task, Tap)
+    return steepest_rise(run.t[on], run.F_z[on], SPAN) * run.task.build_up / run.task.force
+
+
+def force_error(run: TaskRun, on: Mask) -> float:
+    """Root mean square of the true force minus its final reference (N)."""
+    return rms(run.F_z[on] - run.task.force)
+
+
+def distance(run: TaskRun, on: Mask) -> float:
+    """Largest distance from the point (m)."""
+    return float(np.max(np.linalg.norm(run.p_B[on, :2] - run.task.point, axis=1)))
+
+
+def share_not_held(run: TaskRun, on: Mask) -> float:
+    """Share of the programmed time in which the force is not there."""
+    assert isinstance(run.task, Press)
+    reached = on & (np.abs(run.F_z - run.task.force) <= BAND * run.task.force)
+    return 1.0 - float(np.count_nonzero(reached) * (run.t[1] - run.t[0])) / run.task.hold
+
+
+def slowness(run: TaskRun) -> float:
+    """By how much the taps are slower than asked for when they touch, as a share."""
+    assert isinstance(run.task, Tap)
+    return 1.0 + float(np.mean(run.v_z[run.touches])) / run.task.speed if len(run.touches) else math.inf
+
+
+def height_before(run: TaskRun) -> float:
+    """Least height from which a tap goes down to where it touches, over the lift asked for; 0 beside the point."""
+    assert isinstance(run.task, Tap)
+    heights = []
+    for tap in run.taps:
+        hits = np.flatnonzero(run.F_z[tap] > 0.0)
+        if len(hits):
+            start, touch = run.p_B[tap.start], run.p_B[tap.start + hits[0]]
+            above = math.dist(start[:2], run.task.point) <= ASIDE
+            heights.append(float(start[2] - touch[2]) / run.task.lift if above else 0.0)
+    return min(heights, default=-math.inf)
+
+
+def mean_peak(run: TaskRun) -> float:
+    """Mean of the taps' peaks over the force asked for."""
+    return float(np.mean(run.peaks)) / run.task.force if len(run.peaks) else math.inf
+
+
+def peak_variation(run: TaskRun) -> float:
+    """Coefficient of variation of the taps' peaks."""
+    return variation(run.peaks) if len(run.peaks) > 1 else math.inf
+
+
+def unrest(run: TaskRun) -> float:
+    """Largest deviation of the time from touch to touch, as a share of the period."""
+    assert isinstance(run.task, Tap)
+    gaps = [b - a for a, b in pairwise(run.t[run.touches])]
+    return max((abs(gap / run.task.period - 1.0) for gap in gaps), default=math.inf)
+
+
+def taps_missing(run: TaskRun) -> float:
+    """How many of the taps asked for do not touch and leave."""
+    assert isinstance(run.task, Tap)
+    return float(run.task.times - run.whole_taps)
+
+
+def _circle(run: TaskRun, on: Mask) -> tuple[float, float, float]:
+    """(x, y, r) of the circle fitted to the trace (m)."""
+    return fitted_circle(run.p_B[on, 0], run.p_B[on, 1])
+
+
+def radius(run: TaskRun, on: Mask) -> float:
+    """Fitted radius over that asked for."""
+    assert isinstance(run.task, Roll)
+    return _circle(run, on)[2] / run.task.radius
+
+
+def eccentricity(run: TaskRun, on: Mask) -> float:
+    """Distance of the fitted centre from the point (m)."""
+    x, y, _ = _circle(run, on)
+    return math.dist((x, y), run.task.point)
+
+
+def unroundness(run: TaskRun, on: Mask) -> float:
+    """Root mean square distance from the fitted circle, over its radius."""
+    x, y, radius = _circle(run, on)
+    return rms(np.hypot(run.p_B[on, 0] - x, run.p_B[on, 1] - y) - radius) / radius
+
+
+def turns_missing(run: TaskRun, on: Mask) -> float:
+    """By how many turns the trace has gone round the point too few or too many."""
+    assert isinstance(run.task, Roll)
+    return abs(run.task.turns - turns_about(run.p_B[on, 0], run.p_B[on, 1], run.task.point))
+
+
+def off_line(run: TaskRun, on: Mask) -> Curve:
+    """Signed distance from the line (m)."""
+    assert isinstance(run.task, Push)
+    return along_and_off(run.p_B[on, :2], run.task.point, run.task.to)[1]
+
+
+def mirrored(deviation: Measure) -> Callable[[TaskRun], str]:
+    """Why a deviation says nothing: on a point or line of the robot's own symmetry there is none, whatever it does."""
+    return lambda run: "0 by the robot's own symmetry" if deviation(run) < ROUNDING else ""
+
+
+def line_missing(run: TaskRun, on: Mask) -> float:
+    """Share of the line that is left when the push ends."""
+    assert isinstance(run.task, Push)
+    along, _ = along_and_off(run.p_B[on, :2], run.task.point, run.task.to)
+    return 1.0 - float(along[-1]) / math.dist(run.task.point, run.task.to)

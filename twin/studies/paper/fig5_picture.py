@@ -1,0 +1,156 @@
+"""Fig. 5 A-D as one picture: the way of each task in space, in the plane or over time, and its force."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+from matplotlib.patches import Circle
+
+from twin.controller.phase import PhaseKind
+from twin.experiment.monitor import Monitor
+from twin.experiment.task import Push, Roll, Tap
+from twin.studies.figure import save
+from twin.studies.metrics.path import along_and_off
+from twin.studies.paper.claim import Claim
+from twin.studies.paper.fig5 import CLAIMS
+from twin.studies.paper.fig5_runs import TaskRun, settings
+from twin.studies.paper.fig5_score import Fig5Score, TaskScore
+from twin.studies.paper.fig5_space import REFERENCE, TRACE, TRUTH, draw_in_space
+
+ESTIMATE, SHIFTED = "#e69f00", "#009e73"
+JUDGED = "#e9eef5"
+TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
+TAPS = 3
+"""How many taps the panels over time show."""
+WORK = {"press": PhaseKind.HOLD, "roll": PhaseKind.CIRCLE, "push": PhaseKind.PUSH}
+ALIKE = 0.35
+"""Share of the reference by which a measured force may miss the limit of the monitor for both to fit one axis."""
+
+
+def draw_fig5(score: Fig5Score, path: Path) -> None:
+    """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each."""
+    shown = shown_tasks(score)
+    figure = Figure(figsize=(3.5 * len(shown) + 0.6, 9.6), dpi=110)
+    FigureCanvasAgg(figure)
+    grid = figure.add_gridspec(
+        3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
+        left=0.055, right=0.972, top=0.92, bottom=0.1,
+    )  # fmt: skip
+    floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
+    for column, task in enumerate(shown):
+        space = figure.add_subplot(grid[0, column], projection="3d")
+        draw_in_space(space, task.run, floor)
+        corner = {"transform": space.transAxes, "va": "bottom"}
+        space.text2D(0.0, 1.115, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
+        place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.tripped}"
+        space.text2D(0.0, 1.0, f"{task.manner}\n{place}", fontsize=8, **corner)
+        way, force = (figure.add_subplot(grid[row, column]) for row in (1, 2))
+        WAYS[task.kind](way, task.run)
+        _draw_force(force, task.run)
+        for axes in (way, force):
+            axes.grid(alpha=0.25)
+            axes.tick_params(labelsize=8)
+            for side in ("top", "right"):
+                axes.spines[side].set_visible(False)
+    handles = {
+        label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+    }
+    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=len(handles), frameon=False, fontsize=9)
+    save(figure, path)
+
+
+def shown_tasks(score: Fig5Score) -> list[TaskScore]:
+    """Of each kind of task, in the order of Fig. 5, the last one that was begun in the first run that has one."""
+    shown = []
+    for kind in TITLES:
+        tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
+        if tasks:
+            shown.append([task for task in tasks if task.run.recording is tasks[0].run.recording][-1])
+    return shown
+
+
+def _seen(run: TaskRun) -> slice:
+    """The samples that the panels over time show: the whole task; of taps the last ones."""
+    if isinstance(run.task, Tap) and len(run.taps) > 1:
+        last = run.taps[-TAPS:]
+        return slice(last[0].start, last[-1].start + round(run.task.period / (run.t[1] - run.t[0])))
+    return slice(0, len(run.t))
+
+
+def _draw_height(axes: Axes, run: TaskRun) -> None:
+    seen = _seen(run)
+    t = run.t[seen]
+    axes.plot(t, 1e3 * run.commanded("p_cmd_B")[seen, 2], color=SHIFTED, lw=1.6, label="after the force loop")
+    axes.plot(t, 1e3 * run.commanded("p_ref_B")[seen, 2], color=REFERENCE, lw=1.6, ls="--", label="reference")
+    axes.plot(t, 1e3 * run.p_B[seen, 2], color=TRUTH, lw=1.2, label="true")
+    axes.set(xlabel="time (s)", ylabel="z (mm)", xlim=(t[0], t[-1]))
+
+
+def _draw_circle(axes: Axes, run: TaskRun) -> None:
+    assert isinstance(run.task, Roll)
+    circling = run.during(PhaseKind.CIRCLE)
+    x, y = 1e3 * run.p_B[circling, 0], 1e3 * run.p_B[circling, 1]
+    axes.plot(x, y, color="#bbbbbb", lw=0.8)
+    axes.plot(*(1e3 * run.p_B[run.full_turns, i] for i in (0, 1)), color=TRACE, lw=1.6, label="trace under force")
+    axes.add_patch(_ring(run.task, 1.0, color=REFERENCE, lw=1.6, ls="--", label="reference"))
+    for bound in (_bounds("radius").low, _bounds("radius").high):
+        axes.add_patch(_ring(run.task, bound / _bounds("radius").scale, color=REFERENCE, lw=1.0, ls=":", label="bound"))
+    axes.set(xlabel="x (mm)", ylabel="y (mm)")
+    axes.set_aspect("equal", adjustable="datalim")
+
+
+def _ring(task: Roll, share: float, **look: Any) -> Circle:
+    """A circle about the point with a share of the radius asked for, in mm."""
+    return Circle((1e3 * task.point[0], 1e3 * task.point[1]), 1e3 * share * task.radius, fill=False, **look)
+
+
+def _bounds(key: str) -> Claim:
+    return next(claim for claims in CLAIMS.values() for claim in claims if claim.key == key)
+
+
+def _draw_line(axes: Axes, run: TaskRun) -> None:
+    assert isinstance(run.task, Push)
+    along, off = along_and_off(run.p_B[run.during(PhaseKind.PUSH), :2], run.task.point, run.task.to)
+    axes.plot(1e3 * along, 1e3 * off, color=TRACE, lw=1.8, label="trace under force")
+    axes.axhline(0.0, color=REFERENCE, lw=1.6, ls="--", label="reference")
+    for side in (-1.0, 1.0):
+        axes.axhline(side * _bounds("line_worst").high, color=REFERENCE, lw=1.0, ls=":", label="bound")
+    axes.set(xlabel="along the line (mm)", ylabel="off the line (mm)")
+
+
+WAYS: dict[str, Callable[[Axes, TaskRun], None]] = {
+    "press": _draw_height,
+    "tap": _draw_height,
+    "roll": _draw_circle,
+    "push": _draw_line,
+}
+"""What the panel in the middle shows."""
+
+
+def _draw_force(axes: Axes, run: TaskRun) -> None:
+    seen = _seen(run)
+    t = run.t[seen]
+    on = run.full_turns if isinstance(run.task, Roll) else run.during(WORK.get(run.task.kind, PhaseKind.TAP))
+    if not isinstance(run.task, Tap) and np.any(on):
+        axes.axvspan(run.t[on][0], run.t[on][-1], color=JUDGED, lw=0, label="judged")
+    axes.plot(t, run.commanded("F_z")[seen], color=ESTIMATE, lw=1.6, label="estimated")
+    axes.plot(t, run.F_z[seen], color=TRUTH, lw=1.1, label="true")
+    if isinstance(run.task, Tap):
+        axes.axhline(run.task.force, color=REFERENCE, lw=1.6, ls="--", label="reference")
+    else:
+        axes.plot(t, run.commanded("F_z_ref")[seen], color=REFERENCE, lw=1.6, ls="--", label="reference")
+    limit = _force_limit(run)
+    if limit is not None and limit <= (1.0 + ALIKE) * max(run.F_z.max(), run.task.force):
+        axes.axhline(limit, color=TRACE, lw=1.2, ls=":", label="monitor's limit")
+    axes.set(xlabel="time (s)", ylabel="pressing force F_z (N)", xlim=(t[0], t[-1]))
+    axes.set_ylim(-0.12 * run.task.force, max(axes.get_ylim()[1], 1.06 * run.task.force))
+
+
+def _force_limit(run: TaskRun) -> float | None:
+    """Force (N) at which the safety monitor trips; None without one."""
+    table = settings(run.recording).get("monitor")
+    return Monitor.model_validate(table).force_limit if table is not None else None

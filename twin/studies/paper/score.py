@@ -1,0 +1,79 @@
+"""Claims judged together, and those of Fig. 4 on its runs."""
+
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+from twin.studies.paper.claim import Finding, as_facts, judged
+from twin.studies.paper.fig4 import CLAIMS, OUT_OF_SCOPE, QUALITY
+from twin.studies.paper.fig4_runs import Fig4Runs
+
+
+def failed(findings: Iterable[Finding]) -> list[str]:
+    """Keys of the claims that fail."""
+    return [f.claim.key for f in findings if f.verdict == "fails"]
+
+
+def tally(findings: Iterable[Finding]) -> tuple[int, int]:
+    """(how many hold, how many were judged)."""
+    verdicts = [f.verdict for f in findings]
+    return verdicts.count("holds"), verdicts.count("holds") + verdicts.count("fails")
+
+
+def bound_used(finding: Finding) -> float:
+    """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
+
+    Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.
+    """
+    low, high, value = finding.claim.low, finding.claim.high, finding.value
+    if not math.isfinite(value):
+        return math.inf
+    if math.isfinite(low) and math.isfinite(high):
+        return abs(value - 0.5 * (low + high)) / (0.5 * (high - low))
+    if math.isfinite(high) and high > 0.0:
+        return max(0.0, value / high)
+    return math.inf if finding.verdict == "fails" else 0.0
+
+
+@dataclass(frozen=True)
+class Score:
+    """What runs say to Fig. 4.
+
+    Attributes:
+        claims: of the paper, judged on estimates. quality: ours, judged on the truth.
+        tuned: parameters that were tuned to meet the text, key -> source.
+        without_x: why nothing is said of forces in x, or "".
+        out_of_scope: what the paper reports and no model here can.
+    """
+
+    claims: tuple[Finding, ...]
+    quality: tuple[Finding, ...]
+    tuned: dict[str, str]
+    without_x: str = ""
+    out_of_scope: tuple[str, ...] = OUT_OF_SCOPE
+
+    @property
+    def failed(self) -> list[str]:
+        """Keys of what fails."""
+        return failed((*self.claims, *self.quality))
+
+    def facts(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "figure": "4",
+            "failed": self.failed,
+            "claims": [as_facts(finding) for finding in self.claims],
+            "quality_on_true_force": [as_facts(finding) for finding in self.quality],
+            "tuned": self.tuned,
+            "out_of_scope": list(self.out_of_scope),
+        }
+
+
+def fig4_score(runs: Fig4Runs) -> Score:
+    """Judge every claim of Fig. 4."""
+    return Score(
+        claims=tuple(judged(claim, runs) for claim in CLAIMS),
+        quality=tuple(judged(claim, runs) for claim in QUALITY),
+        tuned=runs.tuned,
+        without_x=runs.without_x,
+    )

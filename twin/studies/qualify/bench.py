@@ -1,0 +1,97 @@
+"""The bench: one drive, a commanded speed and a load, both known beforehand."""
+
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
+from twin.drive.contract import LOAD
+from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
+from twin.studies.metrics.response import Curve
+from twin.studies.qualify.operating_range import TICK
+from twin.studies.qualify.signals import playback
+
+SLICE_TICKS = 500
+
+
+@dataclass(frozen=True)
+class Response:
+    """What a drive did, one sample per tick, all (ticks,).
+
+    Attributes:
+        t: s. omega_ref, omega_m: rad/s. tau_load: N m. theta_m: rad.
+        cost: wall time in the drive's steps, per tick (s).
+    """
+
+    t: Curve
+    omega_ref: Curve
+    tau_load: Curve
+    theta_m: Curve
+    omega_m: Curve
+    cost: float
+
+    def window(self, start: float, end: float) -> slice:
+        """The samples in start <= t < end (s)."""
+        return slice(round(start / TICK), round(end / TICK))
+
+    def mean_speed(self, start: float, end: float) -> float:
+        """Mean speed (rad/s) in a window of time (s): slope of a line through the angle, so ripple averages out."""
+        part = self.window(start, end)
+        t = self.t[part] - np.mean(self.t[part])
+        return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
+
+
+def response(
+    plan: DrivePlan,
+    omega_ref: Curve,
+    tau_load: Curve,
+    enough: Callable[[Curve], bool] = lambda theta_m: False,
+) -> Response:
+    """Run a fresh instance of the drive from rest at theta_m = 0.
+
+    All axes of a drive of three are commanded and loaded alike, and the first is looked at.
+
+    Args:
+        plan: the drive.
+        omega_ref, tau_load: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks,).
+        enough: asked with the angles so far (ticks,) after every half second; True ends the run early.
+
+    Raises:
+        InputRefused: the drive cannot be loaded or initialised, or does not take a tick of `TICK`.
+        ComponentFailed: it returned an error, NaN or infinity.
+    """
+    ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
+    signals = playback("signals", ports, np.repeat(np.column_stack([omega_ref, tau_load]), plan.axes, axis=1))
+    component = drive("drive", plan, TICK, 0.0, float(tau_load[0]))
+    try:
+        wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
+        system = System([signals, component], wires, TICK)
+        simulation = Simulation(system, len(omega_ref) - 1, SLICE_TICKS, timed=True)
+        theta_m = system.columns("drive.theta_m").start
+        rows = np.empty((len(omega_ref), system.outputs_width))
+        elapsed = 0.0
+        while not simulation.finished:
+            first = simulation.next_tick
+            began = time.perf_counter()
+            slice_ = simulation.advance()
+            elapsed += time.perf_counter() - began
+            rows[first : simulation.next_tick] = slice_
+            if enough(rows[: simulation.next_tick, theta_m]):
+                break
+        if simulation.failure:
+            raise simulation.failure
+    finally:
+        component.close()
+    rows = rows[: simulation.next_tick]
+    of_drive = simulation.cycles[system.components.index(component)] / simulation.cycles.sum()
+    return Response(
+        t=TICK * np.arange(len(rows), dtype=float),
+        omega_ref=rows[:, system.columns("signals.omega_ref").start],
+        tau_load=rows[:, system.columns("signals.tau_load").start],
+        theta_m=rows[:, theta_m],
+        omega_m=rows[:, system.columns("drive.omega_m").start],
+        cost=float(of_drive * elapsed / len(rows)),
+    )

@@ -1,0 +1,69 @@
+"""The same experiment with one drive after the other, judged on what is true."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.runs.loop import simulate
+from twin.runs.trace import Trace
+from twin.studies.qualify.finding import Measure
+from twin.studies.qualify.true_run import COMPARED, TrueRun
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One drive in the experiment.
+
+    Attributes:
+        name: of the drive, as the user said it.
+        run: what is true in it, up to the failure if there was one.
+        measures: all of `COMPARED`.
+        failure: what ended the run early; empty if nothing did.
+    """
+
+    name: str
+    run: TrueRun
+    measures: tuple[Measure, ...]
+    failure: str = ""
+
+
+def trials(experiment: Path, drives: list[str]) -> tuple[Trial, ...]:
+    """Run `experiment` with each of `drives` in all three joints, in this process.
+
+    Raises:
+        InputRefused: the experiment or a drive has a mistake; no experiment has been run.
+    """
+    experiments = [load_experiment(experiment, (), drive) for drive in drives]
+    for loaded in experiments:
+        assemble(loaded).close()
+    return tuple(_trial(loaded, drive) for loaded, drive in zip(experiments, drives, strict=True))
+
+
+def comparison_facts(experiment: Path, done: tuple[Trial, ...]) -> dict[str, Any]:
+    """Everything but the curves, for JSON; SI units."""
+    return {
+        "experiment": experiment.stem,
+        "definitions": {name: definition._asdict() for name, definition in COMPARED.items()},
+        "drives": [
+            {
+                "drive": trial.name,
+                "failure": trial.failure,
+                "measures": {m.name: {"value": m.value, "remark": m.remark} for m in trial.measures},
+            }
+            for trial in done
+        ],
+    }
+
+
+def _trial(experiment: Experiment, name: str) -> Trial:
+    trace = Trace()
+    with assemble(experiment) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [trace], timed=True)
+    run = TrueRun(trace)
+    if done.failure:
+        lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
+        return Trial(name, run, lost, str(done.failure))
+    return Trial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))

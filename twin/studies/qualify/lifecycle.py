@@ -1,0 +1,108 @@
+"""Whether each FMU of a drive can be reset, and its state saved and restored: FMI functions no experiment needs."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from twin.drive.description import FmuDescription, Variable
+from twin.drive.instance import Instance, Setting
+from twin.drive.unpacked import unpacked
+from twin.errors import TwinError
+from twin.runs.assembly.drives import DrivePlan
+from twin.studies.qualify.finding import Check, Finding, judged
+from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
+
+TICKS = 50
+"""Long enough for every sampled loop inside to have come round."""
+
+SHARE_OF_LIMIT = 0.1
+"""Of the velocity loop's limit, as the command of a drive that takes no speed."""
+
+
+def lifecycle_findings(plan: DrivePlan) -> list[Finding]:
+    """Checks `reset` and `state` of every FMU by itself, its inputs held.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised.
+    """
+    return [reset_finding(plan), _told("state", plan, _state)]
+
+
+def reset_finding(plan: DrivePlan) -> Check:
+    """Check `reset` of every FMU by itself: whether a run after it is that of a new instance, bit for bit.
+
+    Raises:
+        InputRefused: an FMU cannot be loaded or initialised.
+    """
+    return _told("reset", plan, _reset)
+
+
+def _told(name: str, plan: DrivePlan, try_out: Callable[[Instance, list[Setting], list[Variable]], str]) -> Check:
+    problems = []
+    for part, description in plan.parts.items():
+        inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
+        folder = unpacked(description.path, description.sha256)
+        instance = Instance(part or "drive", description, folder, plan.settings[part], inputs)
+        try:
+            problem = try_out(instance, inputs, outputs)
+        except TwinError as refusal:
+            problem = str(refusal)
+        finally:
+            instance.close()
+        if problem:
+            problems.append(f"{part}: {problem}" if part else problem)
+    return judged(name, not problems, "; ".join(problems) or "bit for bit", otherwise="note")
+
+
+def _reset(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+    """What is wrong with its reset; empty if nothing is."""
+    first = _exercised(instance, inputs, outputs)
+    instance.reset()
+    return "" if np.array_equal(first, _exercised(instance, inputs, outputs)) else "a run after reset is another one"
+
+
+def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
+    """What is wrong with saving and restoring its state; empty if nothing is."""
+    if not instance.description.model.coSimulation.canGetAndSetFMUstate:
+        return "not offered"
+    _exercised(instance, inputs, outputs)
+    state = instance.saved_state()
+    onward = _exercised(instance, inputs, outputs, TICKS)
+    instance.restore(state)
+    again = _exercised(instance, inputs, outputs, TICKS)
+    return "" if np.array_equal(onward, again) else "it goes on differently from a restored state"
+
+
+def _exercised(instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0) -> np.ndarray:
+    """Outputs (ticks, values) over `TICKS` steps from tick `first` on."""
+    rows = []
+    for k in range(first, first + TICKS):
+        instance.write(inputs)
+        instance.advance(k * TICK, TICK)
+        rows.append(instance.read(outputs))
+    return np.array(rows)
+
+
+def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
+    """Held values, in the FMU's own units, of those inputs of `part` that the drive contract feeds."""
+    loop = plan.table.velocity_loop
+    wanted = {
+        "omega_ref": SPEED_IN_USE,
+        "tau_load": LOAD_IN_USE,
+        "command": SHARE_OF_LIMIT * loop.limit if loop else 0.0,
+    }
+    return [
+        (b.variable, (wanted[b.port.name] - b.offset) / b.gain)
+        for b in plan.bindings
+        if b.port.name in wanted and b.name.startswith(f"{part}." if part else "")
+    ]
+
+
+def _watched(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
+    """The outputs of `part`, and whatever else of it plays a role."""
+    roles = [
+        b.variable
+        for b in plan.bindings
+        if b.role.causality == "output" and b.name.startswith(f"{part}." if part else "")
+    ]
+    return list({v.name: v for v in (*roles, *description.offered("output"))}.values())

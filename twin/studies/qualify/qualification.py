@@ -1,0 +1,154 @@
+"""The qualification run: every check and measure of one drive."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, TypeVar
+
+import numpy as np
+
+from twin.errors import ComponentFailed
+from twin.experiment.schema import Drive
+from twin.runs.assembly.drives import DrivePlan, planned
+from twin.studies.metrics.response import Curve
+from twin.studies.qualify.bench import Response, response
+from twin.studies.qualify.definitions import CHECKS, MEASURES
+from twin.studies.qualify.finding import Check, Finding, Measure
+from twin.studies.qualify.frequency import bandwidth, frequency_response
+from twin.studies.qualify.lifecycle import lifecycle_findings
+from twin.studies.qualify.motion import direction_findings, load_findings
+from twin.studies.qualify.operating_range import SPEED_IN_USE
+from twin.studies.qualify.repetition import repetition_findings, step_error
+from twin.studies.qualify.stall import overload, stall_torque
+from twin.studies.qualify.step import step_findings
+from twin.studies.qualify.work_cycle import AVERAGE, LOADED, work_cycle
+
+T = TypeVar("T")
+
+
+@dataclass(frozen=True)
+class Curves:
+    """What the findings were read from; None where the drive failed.
+
+    Attributes:
+        cycle: rest, a step of the command, a step of the load. overload: the load grows until the shaft stalls.
+        frequencies, gain: Hz and speed over command (n,); empty where the drive failed.
+    """
+
+    cycle: Response | None = None
+    overload: Response | None = None
+    frequencies: Curve = field(default_factory=lambda: np.zeros(0))
+    gain: Curve = field(default_factory=lambda: np.zeros(0))
+
+
+@dataclass(frozen=True)
+class Qualification:
+    """A drive, judged.
+
+    Attributes:
+        plan: the drive.
+        checks, measures: all of `definitions.CHECKS` that could be made, and all of `definitions.MEASURES`.
+        curves: behind them.
+    """
+
+    plan: DrivePlan
+    checks: tuple[Check, ...]
+    measures: tuple[Measure, ...]
+    curves: Curves
+
+    @property
+    def failed(self) -> tuple[str, ...]:
+        """Names of the checks that disqualify the drive."""
+        return tuple(check.name for check in self.checks if check.verdict == "FAIL")
+
+    def value(self, name: str) -> float | None:
+        """Of the measure `name`; None: not measurable."""
+        return next(measure.value for measure in self.measures if measure.name == name)
+
+    def facts(self) -> dict[str, Any]:
+        """Everything but the curves, for JSON; SI units."""
+        return {
+            "drive": self.plan.label,
+            "qualified": not self.failed,
+            "failed": list(self.failed),
+            "command": self.plan.table.command,
+            "fmus": [
+                {"part": part, "file": fmu.path.name, "sha256": fmu.sha256, "fmi_version": fmu.model.fmiVersion}
+                for part, fmu in self.plan.parts.items()
+            ],
+            "checks": {
+                check.name: {"verdict": check.verdict, "detail": check.detail, "meaning": CHECKS[check.name]}
+                for check in self.checks
+            },
+            "measures": {
+                measure.name: {"value": measure.value, "remark": measure.remark, **MEASURES[measure.name]._asdict()}
+                for measure in self.measures
+            },
+            "warnings": self.plan.warnings(),
+        }
+
+
+def qualified(table: Drive) -> Qualification:
+    """Run a drive through the whole qualification, in this process: an FMU that crashes takes the process with it.
+
+    Raises:
+        InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or it does not load.
+    """
+    plan = planned(table)
+    attempts = Attempts()
+    cycle = attempts.made(lambda: response(plan, *work_cycle()))
+    if cycle is None:
+        return _judged(plan, attempts, Curves())
+    swept = attempts.made(lambda: frequency_response(plan))
+    stalled = attempts.made(lambda: overload(plan))
+    attempts.found(lambda: direction_findings(plan, cycle))
+    attempts.found(lambda: load_findings(plan, cycle))
+    attempts.found(lambda: repetition_findings(plan, cycle))
+    attempts.found(lambda: lifecycle_findings(plan))
+    attempts.found(lambda: [*step_findings(cycle), step_error(plan, cycle)])
+    if swept:
+        steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
+        attempts.findings.append(bandwidth(*swept, steady_gain))
+    if stalled:
+        attempts.findings.append(stall_torque(stalled))
+    return _judged(plan, attempts, Curves(cycle, stalled, *(swept or ())))
+
+
+class Attempts:
+    """Findings so far; a drive that fails in one run is still tried in the next."""
+
+    def __init__(self) -> None:
+        self.findings: list[Finding] = []
+        self.failures: list[str] = []
+
+    def made(self, run: Callable[[], T]) -> T | None:
+        """What `run` returns; None, and a failure kept, if the drive failed in it."""
+        try:
+            return run()
+        except ComponentFailed as failure:
+            self.failures.append(str(failure))
+            return None
+
+    def found(self, examination: Callable[[], Sequence[Finding]]) -> None:
+        """Keep what `examination` finds."""
+        self.findings += self.made(examination) or ()
+
+
+def _judged(plan: DrivePlan, attempts: Attempts, curves: Curves) -> Qualification:
+    """Everything in the order of the definitions."""
+    roles = ", ".join(binding.port.name for binding in plan.bindings)
+    axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
+    failures = list(dict.fromkeys(attempts.failures))
+    findings = [
+        Check("contract", "ok", roles + axes),
+        Check("runs", "FAIL" if failures else "ok", " ".join(failures) or "no error, no NaN"),
+        *attempts.findings,
+    ]
+    found = {finding.name: finding for finding in findings}
+    checks = [found[name] for name in CHECKS if name in found]
+    measures = [found.get(name, Measure(name, None, "the drive failed before")) for name in MEASURES]
+    return Qualification(
+        plan=plan,
+        checks=tuple(c for c in checks if isinstance(c, Check)),
+        measures=tuple(m for m in measures if isinstance(m, Measure)),
+        curves=curves,
+    )

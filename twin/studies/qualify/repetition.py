@@ -1,0 +1,55 @@
+"""Whether a drive repeats itself, how much the step size matters, and what a step costs."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from twin.errors import ComponentFailed, InputRefused
+from twin.runs.assembly.drives import DrivePlan
+from twin.studies.qualify.bench import Response, response
+from twin.studies.qualify.finding import Check, Finding, Measure, judged
+from twin.studies.qualify.operating_range import RESOLUTION, TICK
+from twin.studies.qualify.work_cycle import work_cycle
+
+
+def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
+    """Check `repeats`, measure `cost`.
+
+    Args:
+        plan: the drive. cycle: its work cycle.
+
+    Raises:
+        ComponentFailed: it failed in the second or third run.
+    """
+    again = [response(plan, *work_cycle()) for _ in range(2)]
+    return [
+        _repeats(cycle, again[0]),
+        Measure("cost", min(run.cost for run in (cycle, *again))),
+    ]
+
+
+def step_error(plan: DrivePlan, cycle: Response) -> Measure:
+    """Measure `step_error`: the work cycle once more, the FMU stepped twice as finely, its inputs held as before.
+
+    Args:
+        plan: the drive. cycle: its work cycle.
+    """
+    loop = plan.table.velocity_loop
+    steps = max(plan.table.substeps, round(TICK / loop.period) if loop else 1)
+    halved = replace(plan, table=plan.table.model_copy(update={"substeps": 2 * steps}))
+    try:
+        finer = response(halved, *work_cycle())
+    # an FMU may insist on a step size of its own
+    except (ComponentFailed, InputRefused) as refusal:
+        return Measure("step_error", None, f"refuses a step of {0.5e3 * TICK / steps:g} ms: {refusal}")
+    change = float(np.max(np.abs(finer.theta_m - cycle.theta_m)))
+    return Measure("step_error", change, "" if change < RESOLUTION else "seen by the robot's encoder: raise substeps")
+
+
+def _repeats(one: Response, other: Response) -> Check:
+    same = np.array_equal(one.theta_m, other.theta_m) and np.array_equal(one.omega_m, other.omega_m)
+    if same:
+        return judged("repeats", True, f"bit for bit over {len(one.t)} steps")
+    k = int(np.flatnonzero((one.theta_m != other.theta_m) | (one.omega_m != other.omega_m))[0])
+    apart = float(np.max(np.abs(one.theta_m - other.theta_m)))
+    return judged("repeats", False, f"differs from t = {one.t[k]:g} s on, by up to {apart:.3g} rad")

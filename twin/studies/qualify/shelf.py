@@ -1,0 +1,60 @@
+"""The drives of fmus/: what each is, and whether it fits this robot's drive contract."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.errors import InputRefused
+from twin.experiment.drive_files import MAPPING, lone_drive
+from twin.experiment.source import located
+from twin.runs.assembly.drives import planned
+
+SHELF = "fmus"
+
+
+@dataclass(frozen=True)
+class ShelvedDrive:
+    """A drive's folder.
+
+    Attributes:
+        name: of the folder, as `--drive` takes it.
+        kind: "servo" (takes a speed), "motor" (our velocity loop is in front of it), "parts" (several FMUs); "" where
+            it does not fit.
+        command: what it is commanded with. fmi: versions. description: the FMU's own, one line.
+        problem: why it does not fit; empty if it does.
+    """
+
+    name: str
+    kind: str = ""
+    command: str = ""
+    fmi: str = ""
+    description: str = ""
+    problem: str = ""
+
+
+def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
+    """The drives of fmus/, as seen from folder `start` upwards, by name.
+
+    Raises:
+        InputRefused: there is no fmus/.
+    """
+    shelf = located(SHELF, start)
+    if not shelf.is_dir():
+        raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
+    folders = sorted(f for f in shelf.iterdir() if f.is_dir() and ((f / MAPPING).is_file() or any(f.glob("*.fmu"))))
+    return tuple(_looked_at(folder) for folder in folders)
+
+
+def _looked_at(folder: Path) -> ShelvedDrive:
+    try:
+        plan = planned(lone_drive(str(folder), folder))
+    except InputRefused as refusal:
+        return ShelvedDrive(folder.name, problem=str(refusal).splitlines()[0])
+    models = [fmu.model for fmu in plan.parts.values()]
+    kind = "servo" if plan.table.velocity_loop is None else "motor"
+    return ShelvedDrive(
+        name=folder.name,
+        kind="parts" if len(models) > 1 else kind,
+        command=plan.table.command,
+        fmi=", ".join(dict.fromkeys(model.fmiVersion for model in models)),
+        description="; ".join(" ".join((model.description or model.modelName).split()) for model in models),
+    )

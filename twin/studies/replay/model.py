@@ -1,0 +1,120 @@
+"""What the twin believes of the robot whose log is replayed: the parts of an experiment that a replay needs."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from twin.controller.belief import Belief
+from twin.errors import InputRefused
+from twin.experiment.contact import Contact
+from twin.experiment.experiment import Experiment
+from twin.experiment.mistakes import sentences, unknown
+from twin.experiment.quantity import Section
+from twin.experiment.recorded import recorded_name, recorded_values
+from twin.experiment.schema import Controller, Cosim, Plant, Scale
+from twin.experiment.source import Source, override
+from twin.plant.body import Motion
+from twin.plant.parameters import PlantParameters
+from twin.robot.gravity import G_ACCELERATION
+from twin.runs.assembly.beliefs import believed
+from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
+
+TABLES: dict[str, type[Section]] = {
+    "plant": Plant, "contact": Contact, "cosim": Cosim, "controller": Controller, "scale": Scale
+}  # fmt: skip
+"""What is read of a recorded experiment; it may lack a scale."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """The twin of one robot, SI.
+
+    Attributes:
+        name: of the experiment. values: its tables as far as they are used here, keys with units.
+        belief, gravity_compensation: the controller's, for its estimate.
+        plant, substeps, motions, tick: the plant model, what moves its surface, and its step (s).
+        resolution: of the measured force (N); 0: not known.
+    """
+
+    name: str
+    values: Mapping[str, Any]
+    belief: Belief
+    gravity_compensation: bool
+    plant: PlantParameters
+    substeps: int
+    motions: tuple[Motion, ...]
+    tick: float
+    resolution: float
+
+    @property
+    def aware(self) -> Belief:
+        """The controller's belief, with the dead zone that the plant has: what can be made of the counts at best."""
+        return self.belief._replace(backlash=self.plant.backlash)
+
+
+def model_of(experiment: Experiment) -> Model:
+    """What a replay needs of `experiment`."""
+    values = {name: experiment.values[name] for name in TABLES if name in experiment.values}
+    return _model(experiment.name, values, experiment.plant, experiment.contact, experiment.cosim,
+                  experiment.controller, experiment.scale)  # fmt: skip
+
+
+def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
+    """What a replay needs of the experiment file at `path`, with `settings` as of `twin run --set`.
+
+    Raises:
+        InputRefused: with every mistake of the experiment.
+    """
+    return model_of(load_experiment(path, settings))
+
+
+def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> Model:
+    """What a replay needs of the experiment that a recording of twin carries with it.
+
+    Args:
+        metadata: of the recording. where: the recording, for sentences.
+        settings: "table.key=value" texts laid over it. [plant] and [controller.model] are filled in there, so a
+            setting of [robot] would reach nothing, and is refused like every table that a replay does not read.
+
+    Raises:
+        InputRefused: the recording has no experiment, or a setting does not fit.
+    """
+    name, values = recorded_name(metadata, where), recorded_values(metadata, where)
+    if not values:
+        raise InputRefused(f"{where}: carries no experiment; name the robot's with --experiment FILE")
+    source = Source()
+    source.put({table: values[table] for table in TABLES if table in values}, "recorded")
+    override(source, settings)
+    mistakes = [f"[{table}] {unknown(table, list(TABLES))}" for table in source.values if table not in TABLES]
+    checked: dict[str, Any] = {}
+    for table, schema in TABLES.items():
+        if table in source.values or table != "scale":
+            try:
+                checked[table] = schema.model_validate(source.values.get(table, {}))
+            except ValidationError as error:
+                mistakes += sentences(error, schema, table)
+    if mistakes:
+        raise InputRefused(f"{where}, its experiment: {'; '.join(mistakes)}")
+    return _model(name, source.values, checked["plant"], checked["contact"], checked["cosim"],
+                  checked["controller"], checked.get("scale"))  # fmt: skip
+
+
+def _model(
+    name: str, values: Mapping[str, Any], plant: Plant, contact: Contact, cosim: Cosim, computer: Controller,
+    scale: Scale | None,
+) -> Model:  # fmt: skip
+    return Model(
+        name=name,
+        values=values,
+        belief=believed(computer),
+        gravity_compensation=computer.gravity_compensation,
+        plant=plant_parameters(plant, contact),
+        substeps=plant.substeps,
+        motions=surface_motions(contact),
+        tick=cosim.tick,
+        resolution=scale.resolution * G_ACCELERATION if scale else 0.0,
+    )

@@ -1,0 +1,152 @@
+"""A robot's log through the twin: estimate, plant model, residuals, and whether they still match."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.errors import InputRefused
+from twin.recording.logs.log import Log
+from twin.studies.replay.drift import Drift, drift
+from twin.studies.replay.estimates import estimates
+from twin.studies.replay.model import Model
+from twin.studies.replay.plant_model import motions
+from twin.studies.replay.residual import Residual, Statistics, residual, statistics
+from twin.studies.replay.robot_log import RobotLog, robot_log
+from twin.studies.replay.rounding import angle_rounding, force_rounding
+
+Outputs = dict[str, NDArray[np.float64]]
+FEWEST = 20
+"""Samples of the beginning that tell what is normal."""
+
+
+@dataclass(frozen=True)
+class Indicator:
+    """One way in which the twin can stop matching.
+
+    Attributes:
+        name: `force`, or `joint 1` .. `joint 3`. unit: `N` or `rad`.
+        t, r: the residual's times (n,), s, and values (n,).
+        drift: what became of it.
+    """
+
+    name: str
+    unit: str
+    t: NDArray[np.float64]
+    r: NDArray[np.float64]
+    drift: Drift
+
+
+@dataclass(frozen=True)
+class Replay:
+    """Everything a replay gives, SI.
+
+    Attributes:
+        model, log: what was put in.
+        estimator: outputs of the controller's estimator at the log's samples, by port.
+        twin: likewise with the dead zone taken off as the plant has it; the same object where the belief knows it.
+        plant: the plant model's; None: not asked for. starts: when it started (s).
+        forces: F_z of `estimator`, `twin` and `plant` beside the measured force; empty without one.
+        indicators: force first; empty: nothing independent of the encoders to compare with.
+    """
+
+    model: Model
+    log: RobotLog
+    estimator: Outputs
+    twin: Outputs
+    plant: Outputs | None
+    starts: tuple[float, ...]
+    forces: dict[str, Residual]
+    indicators: tuple[Indicator, ...]
+
+    @property
+    def statistics(self) -> dict[str, Statistics]:
+        """Of `forces`."""
+        return {name: statistics(one) for name, one in self.forces.items()}
+
+    @property
+    def first_alarm(self) -> Indicator | None:
+        """The indicator that was the first to say that twin and robot part; None: none did."""
+        drifted = [one for one in self.indicators if not one.drift.matches]
+        return min(drifted, key=lambda one: one.drift.alarm, default=None)
+
+
+def replayed(
+    log: Log,
+    model: Model,
+    plant: bool = False,
+    baseline: float = 1.0,
+    tolerance: float | None = None,
+) -> Replay:
+    """Put `log` through the twin `model`.
+
+    The verdict on the force is that of the estimate with the dead zone taken off: the paper's estimator is blind to
+    it, and its error changes by twice the dead zone's torque where a spring changes sides, on a healthy robot, too.
+
+    Args:
+        log: of a robot or a run. model: what is believed of it.
+        plant: let the plant model run in parallel.
+        baseline: length of the beginning that says what is normal (s); the robot should be in free air.
+        tolerance: change of the mean force residual that is no news (N); None: what rounding alone can do.
+
+    Raises:
+        InputRefused: a log that is not one of a robot, or too short for the baseline.
+        ComponentFailed: the plant model left the workspace.
+    """
+    robot = robot_log(log, model.belief)
+    _refuse_lengths(robot, baseline, tolerance)
+    estimator = estimates(robot, model.belief, model.gravity_compensation)
+    best = estimator
+    if model.aware != model.belief:
+        best = estimates(robot, model.aware, model.gravity_compensation)
+    motion, starts = motions(model, robot.t, best["theta_m"], best["p_B"]) if plant else (None, [])
+    forces, indicators = {}, []
+    if robot.force is not None:
+        courses = {"estimator": estimator, "twin": best} | ({"plant": motion} if motion else {})
+        if best is estimator:
+            del courses["twin"]
+        forces = {name: _force_residual(robot, course) for name, course in courses.items()}
+        judged = forces.get("twin", forces["estimator"])
+        if len(judged.t) < FEWEST:
+            raise InputRefused(f"{robot.path}: {len(judged.t)} measured forces while the encoders were there; too few")
+        rounding = force_rounding(model.aware, best["J"], model.resolution)
+        bound = rounding.bound if tolerance is None else tolerance
+        indicators += _indicator("force", "N", judged.t, judged.r, baseline, bound, rounding.deviation)
+    if motion:
+        angle = angle_rounding(model.aware)
+        for i in range(3):
+            r = motion["theta_l"][:, i] - best["theta_l"][:, i]
+            indicators += _indicator(f"joint {i + 1}", "rad", robot.t, r, baseline, angle.bound, angle.deviation)
+    return Replay(model, robot, estimator, best, motion, tuple(starts), forces, tuple(indicators))
+
+
+def pressing(outputs: Outputs) -> NDArray[np.float64]:
+    """Pressing force F_z (n,), N, of an estimator or a plant."""
+    return -outputs["F_ee_B"][:, 2]
+
+
+def _force_residual(robot: RobotLog, outputs: Outputs) -> Residual:
+    assert robot.force is not None
+    return residual(robot.t, pressing(outputs), robot.gaps, robot.force.t, robot.force.values)
+
+
+def _indicator(
+    name: str, unit: str, t: NDArray[np.float64], r: NDArray[np.float64], baseline: float, tolerance: float,
+    deviation: float,
+) -> list[Indicator]:  # fmt: skip
+    found = drift(t, r, baseline, tolerance, deviation)
+    return [Indicator(name, unit, t, r, found)] if found else []
+
+
+def _refuse_lengths(robot: RobotLog, baseline: float, tolerance: float | None) -> None:
+    if not baseline > 0.0:
+        raise InputRefused(f"--baseline {baseline:g}: expected a time > 0 s")
+    if tolerance is not None and not tolerance >= 0.0:
+        raise InputRefused(f"--tolerance {tolerance:g}: expected a force >= 0 N")
+    span = robot.t[-1] - robot.t[0]
+    within = int(np.sum(robot.t < robot.t[0] + baseline))
+    if span <= baseline or within < FEWEST:
+        raise InputRefused(
+            f"{robot.path}: {span:.3g} s with {within} samples in the first {baseline:g} s; expected at least {FEWEST} "
+            "there and more after them; choose with --baseline S"
+        )

@@ -1,0 +1,108 @@
+"""How far two courses of one quantity are apart: bias, spread, when, and how late one is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.recording.logs.sampling import in_gap
+
+LONGEST_LAG = 0.5
+"""s. Beyond that two courses of a repeated motion match by mistake."""
+FINEST_LAG = 5e-3
+"""s. What a force that changes within tenths of a second, with noise on it, can tell at best."""
+MOST_LAGGED = 2_000_000
+"""Sample periods over which a lag is looked for: some hours."""
+STALE = 1.5
+"""Sample periods after which an estimate is no longer the newest: one was lost."""
+
+
+@dataclass(frozen=True)
+class Residual:
+    """Differences `value - measured` at times.
+
+    Attributes:
+        t: of the measurements that have a value beside them (n,), s.
+        value, measured: (n,), both in the unit of the quantity.
+    """
+
+    t: NDArray[np.float64]
+    value: NDArray[np.float64]
+    measured: NDArray[np.float64]
+
+    @property
+    def r(self) -> NDArray[np.float64]:
+        """Value less measured, (n,)."""
+        return self.value - self.measured
+
+
+@dataclass(frozen=True)
+class Statistics:
+    """A residual in numbers, in the quantity's own unit.
+
+    Attributes:
+        bias, std, rms: mean, standard deviation about it, root mean square.
+        largest, at: the residual of greatest size, with its sign, and when (s).
+        correlation: Pearson's, of value and measurement; NaN where one of them stands still.
+        lag: how much later the value is than the measurement (s), the peak of their cross-correlation; NaN likewise.
+    """
+
+    bias: float
+    std: float
+    rms: float
+    largest: float
+    at: float
+    correlation: float
+    lag: float
+
+
+def residual(
+    t: NDArray[np.float64],
+    values: NDArray[np.float64],
+    gaps: NDArray[np.float64],
+    t_measured: NDArray[np.float64],
+    measured: NDArray[np.float64],
+) -> Residual:
+    """`values` beside the measurements: at each, the newest value of that moment, unless it is stale or from a gap.
+
+    Args:
+        t: times of the values (n,), s, ascending. values: (n,).
+        gaps: intervals (k, 2), s, in which values are missing.
+        t_measured, measured: times and values of the measurement (m,).
+    """
+    newest = np.searchsorted(t, t_measured, side="right") - 1
+    age = t_measured - t[np.maximum(newest, 0)]
+    use = (newest >= 0) & (age < STALE * np.median(np.diff(t))) & ~in_gap(t_measured, gaps)
+    return Residual(t_measured[use], values[newest[use]], measured[use])
+
+
+def statistics(residual: Residual) -> Statistics:
+    """Of a residual with at least two entries."""
+    r = residual.r
+    worst = int(np.argmax(np.abs(r)))
+    moves = min(np.ptp(residual.value), np.ptp(residual.measured)) > 0.0
+    return Statistics(
+        bias=float(np.mean(r)),
+        std=float(np.std(r)),
+        rms=float(np.sqrt(np.mean(r**2))),
+        largest=float(r[worst]),
+        at=float(residual.t[worst]),
+        correlation=float(np.corrcoef(residual.value, residual.measured)[0, 1]) if moves else np.nan,
+        lag=_lag(residual) if moves else np.nan,
+    )
+
+
+def _lag(residual: Residual) -> float:
+    """The shift (s) under which value and measurement spread least about each other; NaN: not known, because most of
+    what would be looked at is missing."""
+    period = max(float(np.median(np.diff(residual.t))), FINEST_LAG)
+    if np.ptp(residual.t) > MOST_LAGGED * period:
+        return np.nan
+    grid = np.arange(residual.t[0], residual.t[-1] + 0.5 * period, period)
+    value = np.interp(grid, residual.t, residual.value)
+    measured = np.interp(grid, residual.t, residual.measured)
+    most = min(int(LONGEST_LAG / period), len(grid) // 4)
+    # the same stretch of the measurement for every shift, so that none has an easier one
+    core = measured[most : len(measured) - most]
+    spread = [np.std(value[most + k : most + k + len(core)] - core) for k in range(-most, most + 1)]
+    return period * (int(np.argmin(spread)) - most)

@@ -1,0 +1,112 @@
+"""A replay as text of at most 80 columns: the verdict first, then why, then where the files are."""
+
+import textwrap
+from collections.abc import Mapping
+from enum import StrEnum
+from math import degrees, isnan
+
+from twin.studies.replay.replay import Indicator, Replay
+
+WIDTH = 80
+ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
+
+
+class Verdict(StrEnum):
+    """What a replay comes to."""
+
+    MATCHES = "matches"
+    DRIFTING = "drifting"
+    UNKNOWN = "cannot tell"
+
+
+def verdict(replay: Replay) -> Verdict:
+    """Of all indicators; without one nothing can be said."""
+    if not replay.indicators:
+        return Verdict.UNKNOWN
+    return Verdict.DRIFTING if replay.first_alarm else Verdict.MATCHES
+
+
+def replay_text(replay: Replay, name: str, files: Mapping[str, str]) -> str:
+    """The whole report. name: of the log; files: kind -> path."""
+    lines = [_headline(replay, name), *_reasons(replay), ""]
+    if replay.forces:
+        lines += [*_table(replay), ""]
+    lines += _samples(replay)
+    lines += [f"  {kind:<10} {path}" for kind, path in files.items()]
+    return "\n".join(lines)
+
+
+def _headline(replay: Replay, name: str) -> str:
+    match verdict(replay):
+        case Verdict.MATCHES:
+            return f"{name}: robot and twin match, {replay.log.t[0]:g} to {replay.log.t[-1]:g} s"
+        case Verdict.UNKNOWN:
+            return f"{name}: cannot tell whether robot and twin match"
+    first = replay.first_alarm
+    assert first is not None
+    return f"{name}: robot and twin part since {first.drift.since:.3f} s\n  {_change(first)}"
+
+
+def _change(one: Indicator) -> str:
+    side = "above" if one.drift.size > 0 else "below"
+    if one.name == "force":
+        return f"the force estimate went {abs(one.drift.size):.2f} N {side} the measured force"
+    return f"{one.name} of the plant model went {abs(degrees(one.drift.size)):.3f} deg {side} the robot's"
+
+
+def _reasons(replay: Replay) -> list[str]:
+    told = []
+    if replay.indicators:
+        told += ["", f"  {'block means':<11} {'seen above':>11} {'largest':>11}   verdict"]
+    for one in replay.indicators:
+        d = one.drift
+        scale, unit = (1.0, "N") if one.unit == "N" else (degrees(1.0), "deg")
+        largest, slack = f"{scale * max(abs(d.mean - d.baseline)):.3f} {unit}", f"{scale * d.slack:.3f} {unit}"
+        found = "matches" if d.matches else f"since {d.since:.3f} s, seen at {d.alarm:.3f} s"
+        told.append(f"  {one.name:<11} {slack:>11} {largest:>11}   {found}")
+    if replay.first_alarm:
+        told += _wrapped("", "A spring, belt, encoder, the body or the force sensor has changed: which, is not said.")
+    if not replay.indicators and replay.log.force is not None:
+        return _wrapped("", "The log ends before one block of 1 s after the baseline.")
+    if replay.log.force is None:
+        told += _wrapped(
+            "",
+            "No force was measured, and the estimate comes from the encoders alone: if k_s is not what the twin "
+            "believes, it is wrong by that share and nothing contradicts it. Name a measured force with "
+            "--map scale.F_z=COLUMN[N]" + ("." if replay.plant else ", or let the plant model run with --plant."),
+        )
+    return told
+
+
+def _wrapped(label: str, text: str) -> list[str]:
+    head = f"  {label:<10} " if label else "  "
+    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
+
+
+def _table(replay: Replay) -> list[str]:
+    rows = [
+        f"  F_z less measured {'bias':>8} {'std':>7} {'rms':>7} {'largest':>9} {'at':>9}   corr.    lag",
+        f"  {'':<17} {'N':>8} {'N':>7} {'N':>7} {'N':>9} {'s':>9}       1     ms",
+    ]
+    for name, s in replay.statistics.items():
+        rows.append(
+            f"  {ROWS[name]:<17} {s.bias:>+8.3f} {s.std:>7.3f} {s.rms:>7.3f} {s.largest:>+9.3f} {s.at:>9.3f} "
+            f"{_or_dash(s.correlation, '7.4f'):>7} {_or_dash(1e3 * s.lag, '6.0f'):>6}"
+        )
+    return rows
+
+
+def _or_dash(value: float, form: str) -> str:
+    return "-" if isnan(value) else format(value, form)
+
+
+def _samples(replay: Replay) -> list[str]:
+    log = replay.log
+    lost = f"{log.missing} missing in {len(log.gaps)} gaps" if len(log.gaps) else "none missing"
+    told = _wrapped("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}")
+    if len(replay.starts) > 1:
+        again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
+        told += _wrapped("restarts", f"the plant model starts anew after gaps, at {again} s")
+    for note in log.notes:
+        told += _wrapped("note", note)
+    return told

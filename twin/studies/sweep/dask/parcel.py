@@ -1,0 +1,151 @@
+"""Everything that the runs of a sweep stand on, made ready to travel: files by content, under names of their own.
+
+An experiment names other files: those it extends, a body, drives with their mappings, FMUs. Here they become a folder
+that needs nothing outside: one experiment file, bodies/, fmus/. Names that tell a reader something stay as they are, so
+that runs and their recordings do not differ from those made where the files come from.
+"""
+
+import hashlib
+import json
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from twin.experiment.body_files import FOLDERS
+from twin.experiment.drive_files import JOINTS, MAPPING, joint_tables, shelved
+from twin.experiment.source import located, read_source
+from twin.experiment.written import source_text
+from twin.studies.sweep.plan import Task
+
+Order = tuple[int, str | None, tuple[str, ...]]
+"""A run: its number; its drive, a path in the parcel, None: the experiment's own; settings for `load_experiment`."""
+
+
+@dataclass(frozen=True)
+class Label:
+    """What is in a parcel.
+
+    Attributes:
+        experiment: path in the parcel.
+        files: path in the parcel -> SHA-256 of the content.
+        originals: path in the parcel -> path on the machine it was packed on, for sentences.
+    """
+
+    experiment: str
+    files: dict[str, str] = field(default_factory=dict)
+    originals: dict[str, str] = field(default_factory=dict)
+
+
+class Parcel:
+    """The experiment at a path, and what its runs add to it as they are packed.
+
+    Attributes:
+        label: of what has been packed. contents: by SHA-256.
+
+    Raises:
+        InputRefused: a file cannot be read, or is not what it should be.
+    """
+
+    def __init__(self, experiment: Path):
+        self.label = Label(f"{experiment.stem}.toml")
+        self.contents: dict[str, bytes] = {}
+        self._folder = experiment.resolve().parent
+        self._drives: dict[str, str] = {}
+        self._settings: dict[str, str] = {}
+        self._names: dict[tuple[str, Path], str] = {}
+        source = read_source(experiment)
+        drive, contact = source.values.get("drive"), source.values.get("contact")
+        if isinstance(drive, dict):
+            for table in (drive, *(drive.get(joint) for joint in JOINTS)):
+                self._pack_drive(table, self._folder, "")
+        if isinstance(contact, dict) and isinstance(contact.get("body"), str):
+            contact["body"] = self._body(contact["body"])
+        self._put(self.label.experiment, source_text(source).encode(), experiment.absolute())
+
+    def order(self, task: Task) -> Order:
+        """`task` as it travels; what it stands on is packed.
+
+        Raises:
+            InputRefused: as for the experiment.
+        """
+        drive = task.drive
+        if drive is not None and drive not in self._drives:
+            self._drives[drive] = self._drive(Path(shelved(drive, self._folder)), "")
+        settings = tuple(self._setting(text) for text in task.settings)
+        return task.run, None if drive is None else self._drives[drive], settings
+
+    def _setting(self, text: str) -> str:
+        """`text`, with a path in the parcel where it names a file."""
+        if not text.endswith('"'):
+            return text
+        if text not in self._settings:
+            key, _, value = text.partition("=")
+            name, new = json.loads(value), None
+            if key == "contact.body":
+                new = self._body(name)
+            elif key.startswith("drive.") and key.endswith(".fmu"):
+                new = self._fmu(name, self._folder, "") if ".parts." in key else self._drive(self._seen(name), "")
+            self._settings[text] = text if new is None else f"{key}={json.dumps(new)}"
+        return self._settings[text]
+
+    def _seen(self, name: str) -> Path:
+        return located(name, self._folder)
+
+    def _pack_drive(self, table: Any, folder: Path, into: str) -> None:
+        """Pack what a table of a drive names, and name it anew in place.
+
+        Args:
+            folder: where the table's names are looked up. into: folder in the parcel where they will be.
+        """
+        if not isinstance(table, dict):
+            return
+        if isinstance(table.get("fmu"), str):
+            table["fmu"] = self._drive(located(table["fmu"], folder), into)
+        parts = table.get("parts")
+        for part in parts.values() if isinstance(parts, dict) else ():
+            if isinstance(part, dict) and isinstance(part.get("fmu"), str):
+                part["fmu"] = self._fmu(part["fmu"], folder, into)
+
+    def _drive(self, path: Path, into: str) -> str:
+        """The name, as seen from `into`, of the drive at `path`: an FMU, a mapping, or a folder with one of them."""
+        mapping = path / MAPPING if path.is_dir() else path
+        if not (mapping.suffix == ".toml" and mapping.is_file()):
+            return self._fmu(str(path), path.parent, into)
+        if (into, path) not in self._names:
+            name = self._names[into, path] = self._free(path.name)
+            inside = f"{into}{name}/{MAPPING}" if path.is_dir() else f"{into}{name}"
+            source = read_source(mapping)
+            self._pack_drive(source.values, mapping.parent.resolve(), inside.removesuffix(Path(inside).name))
+            self._put(inside, source_text(source).encode(), mapping)
+        return self._names[into, path]
+
+    def _fmu(self, name: str, folder: Path, into: str) -> str:
+        """Likewise of the FMU, or the folder with one, that is called `name` in `folder`."""
+        path = located(name, folder)
+        if (into, path) not in self._names:
+            (table, *_) = joint_tables({"parts": {"it": {"fmu": name}}}, folder)
+            archive = Path(table["parts"]["it"]["fmu"])
+            new = self._names[into, path] = self._free(Path(name).name)
+            self._put(f"{into}{new}/{archive.name}" if path.is_dir() else f"{into}{new}", archive.read_bytes(), archive)
+        return self._names[into, path]
+
+    def _body(self, name: str) -> str:
+        if name.endswith(".toml"):
+            path = self._seen(name)
+            new = inside = f"bodies/{len(self.label.files)}/{path.name}"
+        else:
+            shelves = [self._seen(shelf) / f"{name}.toml" for shelf in FOLDERS]
+            path = next((file for file in shelves if file.is_file()), shelves[0])
+            new, inside = name, f"{FOLDERS[0]}/{name}.toml"
+        self._put(inside, source_text(read_source(path)).encode(), path)
+        return new
+
+    def _free(self, name: str) -> str:
+        """A name in fmus/ that is not taken and ends in `name`."""
+        return f"fmus/{len(self.label.files)}/{name}"
+
+    def _put(self, inside: str, content: bytes, original: Path) -> None:
+        digest = hashlib.sha256(content).hexdigest()
+        self.label.files[inside] = digest
+        self.label.originals[inside] = str(original)
+        self.contents[digest] = content

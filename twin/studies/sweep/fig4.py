@@ -1,0 +1,66 @@
+"""What one run of a sweep says to the paper's Fig. 4, together with its companion that has no force control."""
+
+from dataclasses import replace
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.studies.metrics.response import Curve
+from twin.studies.paper.claim import as_facts
+from twin.studies.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs
+from twin.studies.paper.score import fig4_score
+from twin.studies.sweep.curves import packed
+
+COMPANION = 'controller.mode="position"'
+"""The setting that makes the second run of a pair: the same plant, the same belief, no force loop."""
+
+
+def refuse_unfit(experiment: Experiment) -> None:
+    """Fig. 4 can be asked of it.
+
+    Raises:
+        InputRefused: it is too short, has massage tasks or no force control.
+    """
+    end = experiment.duration_ticks * experiment.cosim.tick
+    if end < WHOLE:
+        raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {WHOLE} s')
+    if experiment.tasks or experiment.values["controller"]["mode"] != "force_position":
+        raise InputRefused(
+            f'{experiment.name}: claims = "fig4" needs controller.mode = "force_position" and no tasks; '
+            "name fig4_force_position.toml, or one that extends it"
+        )
+
+
+def findings(runs: Fig4Runs) -> dict[str, Any]:
+    """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.studies.sweep.curves`: height and forces of
+    both runs as estimated and, from `true_`, as they are (m, N)."""
+    # the plant drawn is the imperfect one
+    score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
+    judged = [as_facts(finding) for finding in (*score.claims, *score.quality)]
+    return {
+        "claims": {
+            str(facts["claim"]): {"value": facts["measured"], "verdict": facts["verdict"]}
+            for facts in judged
+            if facts["verdict"] != "not reproducible"
+        },
+        "curves": _curves(runs),
+    }
+
+
+def _curves(runs: Fig4Runs) -> dict[str, Any]:
+    curves = {"force_position.z_cmd": (runs.force_position.t, runs.force_position.z_cmd)}
+    for name, run in (("force_position", runs.force_position), ("position", runs.position)):
+        curves |= {f"{name}.{key}": curve for key, curve in _of_one(run).items()}
+    return packed(curves, WHOLE)
+
+
+def _of_one(run: Fig4Run) -> dict[str, tuple[Curve, Curve]]:
+    """(times, values) by name."""
+    return {
+        "z": (run.t, run.z),
+        "true_z": (run.t_plant, run.recording["plant.p_B"][:, 2]),
+        "F_z": (run.t, run.F_z),
+        "true_F_z": (run.t_plant, run.true_F_z),
+        "F_x": (run.t, run.F_ee_B[:, 0]),
+        "F_y": (run.t, run.F_ee_B[:, 1]),
+    }

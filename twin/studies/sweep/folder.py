@@ -1,0 +1,95 @@
+"""A sweep's folder: what it is of, its rows, its recordings; and whether it may go on."""
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused
+from twin.files import read_bytes
+from twin.studies.sweep.plan import Plan
+from twin.studies.sweep.rows import ROWS, Row, read_rows
+from twin.studies.sweep.shapes import Facts, parsed
+from twin.writing import made_folder, write_json
+
+HOME = Path("results/sweeps")
+FACTS = "sweep.json"
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What a folder holds.
+
+    Attributes:
+        name: of the sweep. runs: planned, of all drives. design, drives, limits: see `Definition`.
+        labels: what varies, in the order of the file. metrics: that a run may have. rows: of finished runs, by run.
+    """
+
+    name: str
+    runs: int
+    design: str
+    drives: tuple[str, ...]
+    labels: tuple[str, ...]
+    metrics: tuple[str, ...]
+    limits: dict[str, float]
+    rows: list[Row]
+
+
+def claim(folder: Path, plan: Plan) -> None:
+    """Make `folder` that of `plan`, or find that it is already.
+
+    Raises:
+        InputRefused: it is another sweep's, or cannot be made.
+        NotWritten: the disk refuses.
+    """
+    facts = _read(folder)
+    if facts:
+        changed = [what for what, digest in plan.configuration.items() if facts["configuration"].get(what) != digest]
+        if changed:
+            raise InputRefused(
+                f"{folder}: holds rows of another configuration, since then {' and '.join(changed)} changed; "
+                "rows of both must not be mixed: choose another --out, or move the folder away"
+            )
+        return
+    content = {
+        "sweep": plan.name,
+        "experiment": plan.experiment.name,
+        "runs": len(plan.tasks),
+        "design": plan.definition.design,
+        "drives": plan.definition.drives,
+        "labels": [vary.label for vary in plan.definition.vary],
+        "metrics": plan.metrics,
+        "limits": plan.definition.limits,
+        "configuration": plan.configuration,
+    }
+    made_folder(folder)
+    if (folder / ROWS).exists():
+        raise InputRefused(f"{folder}: has rows but no {FACTS} that says of what; choose another --out")
+    write_json(folder / FACTS, content)
+
+
+def kept(folder: Path) -> Kept:
+    """What is in `folder`.
+
+    Raises:
+        InputRefused: no sweep's.
+    """
+    facts = _read(folder)
+    if not facts:
+        raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
+    rows, _ = read_rows(folder / ROWS)
+    rows.sort(key=lambda row: row["run"])
+    labels, metrics = tuple(facts["labels"]), tuple(facts["metrics"])
+    design, drives = facts["design"], tuple(facts["drives"])
+    return Kept(facts["sweep"], facts["runs"], design, drives, labels, metrics, facts["limits"], rows)
+
+
+def _read(folder: Path) -> dict[str, Any]:
+    """The facts of `folder`; empty if there are none."""
+    path = folder / FACTS
+    if not os.path.lexists(path):
+        return {}
+    facts = parsed(read_bytes(path), Facts)
+    if facts is None:
+        raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
+    return facts

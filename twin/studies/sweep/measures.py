@@ -1,0 +1,103 @@
+"""The numbers that a sweep keeps of a run: measures of what is true, with units in their names."""
+
+import difflib
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from twin.errors import InputRefused
+
+if TYPE_CHECKING:
+    from twin.experiment.measure import Measure
+    from twin.runs.outcome import Outcome
+
+METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm")
+"""Of the plant, see `twin.runs.outcome.Outcome`."""
+BY_KIND: dict[str, tuple[str, ...]] = {
+    "step": (
+        "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",
+        "IAE", "ISE", "ITAE",
+    ),
+    "tracking": ("rms_error", "max_error"),
+    "lag": ("lag",),
+    "spread": ("mean", "std"),
+    "onset": ("time",),
+    "path": ("rms_error", "max_error"),
+    "effort": ("commanded_travel", "work_delivered", "work_returned"),
+}  # fmt: skip
+"""What `twin.studies.check.measurement` makes of each kind of [[measure]], SI; known before a run is made."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What became of one run.
+
+    Attributes:
+        status: "done"; "tripped": the safety monitor did; "failed": a component did, or the process died;
+            "refused": these values make no experiment.
+        reason: the sentence; "" if done.
+        metrics: by the names of `METRICS`, and "measure.metric" of the experiment's measures; empty unless the run came
+            to its end. None, or missing for a measure: there is no such number.
+        seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
+        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.fig4.findings`; empty unless the run is done.
+    """
+
+    status: str
+    reason: str
+    metrics: dict[str, float | None]
+    seconds: float
+    stepping: float
+    paper: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def facts(self) -> dict[str, Any]:
+        """For JSON."""
+        return {
+            "status": self.status,
+            "reason": self.reason,
+            "metrics": self.metrics,
+            "seconds": finite(self.seconds),
+            "stepping_s": finite(self.stepping),
+            **self.paper,
+        }
+
+
+def metrics_of(outcome: "Outcome") -> dict[str, float | None]:
+    """`outcome` by the names of `METRICS`."""
+    values = (
+        outcome.force_error, outcome.peak, outcome.peak_time, outcome.end,
+        1e3 * outcome.lateral_error, 1e3 * outcome.z_error,
+    )  # fmt: skip
+    return {name: finite(value) for name, value in zip(METRICS, values, strict=True)}
+
+
+def metric_names(measures: Sequence["Measure"]) -> tuple[str, ...]:
+    """Every metric that a run of an experiment with these `measures` may have."""
+    return METRICS + tuple(f"{measure.name}.{metric}" for measure in measures for metric in BY_KIND[measure.kind])
+
+
+def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
+    """`metric` as it was given at `place`.
+
+    Raises:
+        InputRefused: it is none of those `known`.
+    """
+    if metric not in known:
+        close = difflib.get_close_matches(metric, known, 1)
+        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
+        raise InputRefused(f"{place} {metric}: no such metric; {hint}")
+    return metric
+
+
+def finite(value: float | None) -> float | None:
+    """`value`, or None where JSON has no number for it."""
+    return value if value is not None and math.isfinite(value) else None
+
+
+def within(metrics: dict[str, float | None], limits: dict[str, float]) -> bool | None:
+    """Whether a run keeps every limit; a number that is not there keeps none. None: there are no limits."""
+    if not limits:
+        return None
+    values = {name: metrics.get(name) for name in limits}
+    return all(value is not None and value <= limits[name] for name, value in values.items())

@@ -1,0 +1,98 @@
+"""The rows of a sweep on the disk: JSON lines, only ever appended to, safe after each batch."""
+
+import json
+import os
+from pathlib import Path
+from typing import Any
+
+from twin.errors import ComponentFailed, InputRefused
+from twin.files import read_bytes
+from twin.studies.sweep.shapes import RowShape, parsed
+
+ROWS = "rows.jsonl"
+LARGEST = 2**32
+"""Bytes; a hundred thousand rows with curves take a quarter of it."""
+Row = dict[str, Any]
+
+
+class DiskFailed(ComponentFailed):
+    """A row could not be written; those before are kept."""
+
+
+def read_rows(path: Path) -> tuple[list[Row], int]:
+    """(whole rows of the file at `path`, bytes that they take up); what a power cut tore off after them is left out.
+
+    Raises:
+        InputRefused: it cannot be read, or a line in it is none of ours.
+    """
+    if not os.path.lexists(path):
+        return [], 0
+    content = read_bytes(path, LARGEST)
+    end = content.rfind(b"\n") + 1
+    rows: dict[str, Row] = {}
+    for number, line in enumerate(content[:end].splitlines(), start=1):
+        row = parsed(line, RowShape)
+        if row is None:
+            raise InputRefused(
+                f"{path}: line {number} is no row of a sweep; remove the line, its run is then done again"
+            )
+        rows.setdefault(row["key"], row)
+    return list(rows.values()), end
+
+
+class Rows:
+    """The file at `path`, open for more rows; a context manager. One process at a time has it.
+
+    Attributes:
+        rows: all of them, oldest first.
+
+    Raises:
+        InputRefused: it cannot be opened, is no file of rows, or another sweep writes to it.
+    """
+
+    def __init__(self, path: Path):
+        # Windows has no fcntl, and no guarded processes either
+        import fcntl
+
+        self.path = path
+        try:
+            self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
+        except OSError as problem:
+            raise InputRefused(f"{path}: cannot be written: {problem.strerror}; choose another --out") from None
+        try:
+            fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            self.rows, self._end = read_rows(path)
+        except BlockingIOError:
+            os.close(self._fd)
+            raise InputRefused(f"{path}: another twin sweep is writing there; wait for it, or choose --out") from None
+        except InputRefused:
+            os.close(self._fd)
+            raise
+        os.ftruncate(self._fd, self._end)
+
+    def __enter__(self) -> "Rows":
+        return self
+
+    def __exit__(self, *failure: object) -> None:
+        os.close(self._fd)
+
+    def add(self, batch: list[Row]) -> None:
+        """Append `batch`; when this returns, no crash and no power cut takes it back.
+
+        Raises:
+            DiskFailed: no space, or worse; nothing of the batch is in the file then.
+        """
+        content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
+        try:
+            rest = memoryview(content)
+            while rest:
+                rest = rest[os.write(self._fd, rest) :]
+            os.fsync(self._fd)
+        except OSError as problem:
+            os.ftruncate(self._fd, self._end)
+            raise DiskFailed(
+                f"{self.path}: cannot be written: {problem.strerror}; {len(self.rows)} finished runs are kept. "
+                "Make room, then give the same command to go on"
+            ) from None
+        self._end += len(content)
+        self.rows += batch

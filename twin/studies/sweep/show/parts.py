@@ -1,0 +1,160 @@
+"""What a sweep came to, part by part: a table each, which becomes text or a page."""
+
+import math
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from twin.errors import plain
+from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.rows import Row
+from twin.studies.sweep.show.claims import claims_part, least_sure
+from twin.studies.sweep.show.sensitivity import sensitivity_parts
+from twin.studies.sweep.show.table import Part
+from twin.studies.sweep.show.words import counted, number, short, shown
+from twin.studies.sweep.statistics.claims import likelihoods
+from twin.studies.sweep.statistics.distribution import BINS, QUANTILES, Spread, spread
+from twin.studies.sweep.statistics.drives import drive_ranking
+from twin.studies.sweep.statistics.pareto import pareto_front
+from twin.studies.sweep.statistics.ranking import best, drives_in, metrics_in, value
+
+MOST_OF_FRONT = 8
+MOST_REASONS = 5
+SHADES = " .:-=+*#"
+"""Of a histogram's bins in text, from none to the fullest."""
+SKETCH = "least to most"
+
+
+@dataclass(frozen=True)
+class Asked:
+    """What a user wants to know.
+
+    Attributes:
+        by: metric that runs are ranked by. against: the other one of the Pareto front. top: so many best runs.
+    """
+
+    by: str
+    against: str
+    top: int
+
+
+def parts(kept: Kept, asked: Asked) -> list[Part]:
+    """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
+    is drawn there nobody can choose."""
+    judged = claims_part(kept)
+    found: list[Part | None] = [judged] if judged else [_best(kept, asked), _drives(kept, asked)]
+    found += sensitivity_parts(kept, asked.by)
+    if not judged:
+        found.append(_front(kept, asked))
+    found += [_distributions(kept), _reasons(kept)]
+    return [part for part in found if part is not None]
+
+
+def headline(kept: Kept, by: str) -> str:
+    """`NAME  20 runs: least force_error_N 0.31 (run 12); 2 failed`."""
+    begun = "" if len(kept.rows) == kept.runs else f"{len(kept.rows)} of "
+    text = f"{kept.name}  {begun}{counted(kept.runs, 'run')}"
+    ranked = best(kept.rows, by)
+    if found := likelihoods(kept.rows):
+        text += f": {least_sure(found)}"
+    elif ranked:
+        text += f": least {by} {value(ranked[0], by):.3g} (run {ranked[0]['run']})"
+    elif kept.rows:
+        text += ": none with " + by + (" keeps the limits" if kept.limits else "")
+    statuses = Counter(row["status"] for row in kept.rows if row["status"] != "done")
+    told = [f"{count} {status}" for status, count in sorted(statuses.items())]
+    if kept.limits:
+        told.append(f"{sum(row['within_limits'] is True for row in kept.rows)} within limits")
+    return text + "".join(f"; {one}" for one in told)
+
+
+def _best(kept: Kept, asked: Asked) -> Part | None:
+    ranked = best(kept.rows, asked.by)
+    head, rows = _runs(kept, ranked[: asked.top], asked)
+    return Part("best", f"best runs by {asked.by}", head, rows) if ranked else None
+
+
+def _front(kept: Kept, asked: Asked) -> Part | None:
+    front = pareto_front(kept.rows, asked.by, asked.against)
+    if not front or asked.by == asked.against:
+        return None
+    head, rows = _runs(kept, front[:MOST_OF_FRONT], asked)
+    more = [f"and {len(front) - MOST_OF_FRONT} more"] if len(front) > MOST_OF_FRONT else []
+    ranked = len(best(kept.rows, asked.by))
+    title = f"Pareto front of {asked.by} and {asked.against}: {counted(len(front), 'run')} of {ranked}"
+    return Part("front", title, head, rows, more)
+
+
+def _runs(kept: Kept, rows: Sequence[Row], asked: Asked) -> tuple[list[str], list[list[str]]]:
+    names = short(kept.labels)
+    metrics = list(dict.fromkeys((asked.by, asked.against)))
+    several = len(kept.drives) > 1
+    head = ["run", *metrics, *(["drive"] if several else []), *(names[label] for label in kept.labels)]
+    return head, [
+        [
+            str(row["run"]),
+            *(number(value(row, metric)) for metric in metrics),
+            *([row["drive"] or ""] if several else []),
+            *(shown(row["parameters"].get(label)) for label in kept.labels),
+        ]
+        for row in rows
+    ]
+
+
+def _drives(kept: Kept, asked: Asked) -> Part | None:
+    if len(drives_in(kept.rows)) < 2:
+        return None
+    scores = drive_ranking(kept.rows, asked.by)
+    head = ["drive", "completed", "median", "worst", "behind, 95 %", "first, P"]
+    rows = [
+        [
+            score.drive,
+            f"{score.completed} of {score.runs}",
+            number(score.median),
+            number(score.worst),
+            "-" if math.isnan(score.behind) else " .. ".join(f"{end:.3g}" for end in score.behind_interval),
+            "-" if math.isnan(score.best) else f"{score.best:.2f}",
+        ]
+        for score in scores
+    ]
+    leader, *others = scores
+    tied = [score.drive for score in others if not math.isnan(score.behind) and not score.told_apart]
+    remarks = ["behind: median difference to the first, point by point; first, P: chance to rank first, both resampled"]
+    if tied:
+        remarks.append(f"not told apart from {leader.drive}: {', '.join(tied)}")
+    return Part("drives", f"drives by {asked.by}", head, rows, remarks)
+
+
+def _distributions(kept: Kept) -> Part | None:
+    spreads = [found for metric in metrics_in(kept.rows) if (found := spread(kept.rows, metric))]
+    if not spreads or len(kept.rows) < 2:
+        return None
+    head = ["metric", *(f"{100 * share:g} %" for share in QUANTILES), SKETCH, "missing"]
+    rows = [
+        [one.metric, *map(number, one.quantiles), f"|{_shades(one):{BINS}}|", str(one.missing) if one.missing else "-"]
+        for one in spreads
+    ]
+    return Part("metrics", "each metric over all runs, quantiles", head, rows, text_only=(SKETCH,))
+
+
+def _shades(found: Spread) -> str:
+    """A histogram in characters."""
+    fullest = max(found.counts)
+    return "".join(SHADES[math.ceil(count / fullest * (len(SHADES) - 1))] for count in found.counts)
+
+
+def _reasons(kept: Kept) -> Part | None:
+    reasons: dict[tuple[str, str], list[int]] = {}
+    for row in kept.rows:
+        if row["status"] != "done":
+            reasons.setdefault((row["status"], "".join(row["reason"].splitlines()[:1])), []).append(row["run"])
+    if not reasons:
+        return None
+    most_first = sorted(reasons.items(), key=lambda item: -len(item[1]))
+    told = []
+    for (status, reason), runs in most_first[:MOST_REASONS]:
+        others = f" and {counted(len(runs) - 1, 'other')}" if len(runs) > 1 else ""
+        told.append(plain(f"run {runs[0]}{others} {status}: {reason}"))
+    if len(reasons) > MOST_REASONS:
+        told.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
+    return Part("reasons", "runs that are not done", [], [], told)

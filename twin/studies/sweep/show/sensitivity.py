@@ -1,0 +1,91 @@
+"""Which parameters matter to a metric: rank correlations, and Sobol indices where the design allows them."""
+
+from dataclasses import replace
+
+from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.rows import Row
+from twin.studies.sweep.show.table import Part
+from twin.studies.sweep.show.words import counted, interval, short
+from twin.studies.sweep.statistics.correlation import FEW, Correlation, rank_correlation
+from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels
+from twin.studies.sweep.statistics.sobol_indices import sobol_indices, why_no_indices
+
+WIDE = 0.3
+"""Width of an interval that leaves open whether a parameter matters."""
+SURE = 0.05
+"""Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
+
+
+def sensitivity_parts(kept: Kept, metric: str) -> list[Part]:
+    """For each drive by itself: what moves one drive need not move another."""
+    found: list[Part | None] = []
+    drives = drives_in(kept.rows)
+    for drive in drives:
+        rows = [row for row in kept.rows if row["drive"] == drive]
+        of = f", {drive}" if len(drives) > 1 else ""
+        found += [_correlations(kept, rows, metric, of), _indices(kept, rows, metric, of)]
+    parts = [part for part in found if part is not None]
+    if parts and (why := why_no_indices(kept.design)):
+        parts[-1] = replace(parts[-1], remarks=[*parts[-1].remarks, why])
+    return parts
+
+
+def starred(correlations: dict[str, Correlation]) -> set[str]:
+    """Parameters whose correlation is none by chance, all of them together at `SURE`.
+
+    Source: Holm (1979), A simple sequentially rejective multiple test procedure.
+    """
+    stars: set[str] = set()
+    ordered = sorted(correlations.items(), key=lambda item: item[1].p)
+    for tested, (label, found) in enumerate(ordered):
+        if found.p > SURE / (len(ordered) - tested):
+            break
+        stars.add(label)
+    return stars
+
+
+def _correlations(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | None:
+    names = short(kept.labels)
+    found = {
+        label: correlation
+        for label in numeric_labels(kept.labels, rows)
+        if (correlation := rank_correlation(rows, label, metric))
+    }
+    if not found:
+        return None
+    stars = starred(found)
+    lines = [
+        [
+            names[label],
+            f"{one.rho:+.2f}{'*' if label in stars else ' '}",
+            interval((one.low, one.high), "+.2f"),
+            f"{one.p:.2g}",
+        ]
+        for label, one in sorted(found.items(), key=lambda item: -abs(item[1].rho))
+    ]
+    remarks = [f"* not by chance: 5 % for {counted(len(found), 'parameter')} together (Holm)"]
+    fewest = min(one.runs for one in found.values())
+    if fewest < FEW:
+        remarks.append(f"only {fewest} runs: intervals are wide, and what has no star may matter all the same")
+    title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
+    return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
+
+
+def _indices(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | None:
+    if kept.design != "saltelli":
+        return None
+    found = sobol_indices(rows, kept.labels, kept.runs // max(1, len(kept.drives)), metric)
+    title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
+    remarks = [found.remark] if found.remark else []
+    if not found.of:
+        return Part("indices", title, [], [], remarks)
+    names = short(kept.labels)
+    lines = [
+        [names[one.label], f"{one.first:.2f}", interval(one.first_interval), f"{one.total:.2f}",
+         interval(one.total_interval)]
+        for one in sorted(found.of, key=lambda one: -one.total)
+    ]  # fmt: skip
+    if max(high - low for one in found.of for low, high in (one.first_interval, one.total_interval)) > WIDE:
+        remarks.append("some intervals are wide: four times the blocks make them half as wide")
+    remarks.append("first: share of the variance that it explains alone; total: together with others")
+    return Part("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)

@@ -1,0 +1,55 @@
+"""How likely each claim of the paper is, over the runs that were judged."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.studies.paper.claim import Claim
+from twin.studies.paper.fig4 import CLAIMS, QUALITY
+from twin.studies.sweep.rows import Row
+from twin.studies.sweep.statistics.distribution import QUANTILES
+from twin.studies.sweep.statistics.proportion import wilson_interval
+
+
+@dataclass(frozen=True)
+class Likelihood:
+    """A claim in a sweep.
+
+    Attributes:
+        claim: what is claimed. holds, judged: runs; a run in which it is trivial is not judged.
+        trivial: runs that say nothing about it.
+        interval: 95 % interval of the probability that it holds.
+        quantiles: of the number measured, in the claim's unit, at `QUANTILES`; infinity where it never happens.
+    """
+
+    claim: Claim
+    holds: int
+    judged: int
+    trivial: int
+    interval: tuple[float, float]
+    quantiles: tuple[float, ...]
+
+    @property
+    def share(self) -> float:
+        """Of the judged runs, those in which it holds; nan if there are none."""
+        return self.holds / self.judged if self.judged else float("nan")
+
+
+def likelihoods(rows: Sequence[Row]) -> list[Likelihood]:
+    """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
+    asked = [row["claims"] for row in rows if row.get("claims")]
+    found = []
+    for claim in (*CLAIMS, *QUALITY):
+        answers = [claims[claim.key] for claims in asked if claim.key in claims]
+        if not answers:
+            continue
+        verdicts = [answer["verdict"] for answer in answers]
+        holds, fails = verdicts.count("holds"), verdicts.count("fails")
+        numbers = [np.inf if answer["value"] is None else answer["value"] for answer in answers]
+        # between two runs there may be infinity: a quantile is the number of a run
+        quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
+        interval = wilson_interval(holds, holds + fails)
+        trivial = len(verdicts) - holds - fails
+        found.append(Likelihood(claim, holds, holds + fails, trivial, interval, tuple(map(float, quantiles))))
+    return found

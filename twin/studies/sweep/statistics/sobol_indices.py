@@ -1,0 +1,127 @@
+"""Which share of a metric's variance each parameter explains: Sobol' indices, from the rows of a Saltelli design."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.studies.sweep.rows import Row
+from twin.studies.sweep.statistics.ranking import value
+
+RESAMPLES = 1000
+LEAST_BLOCKS = 8
+Numbers = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Index:
+    """Indices of one parameter, each with its 95 % interval (low, high).
+
+    Attributes:
+        first: share of the variance that would go if the parameter were known.
+        total: share that would stay if everything else were known; more than `first` where it acts with others.
+    """
+
+    label: str
+    first: float
+    first_interval: tuple[float, float]
+    total: float
+    total_interval: tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Indices:
+    """What a drive's rows say.
+
+    Attributes:
+        of: by parameter; empty if there is nothing to say. remark: what stands in the way, or how far it holds.
+        blocks, planned: blocks of d + 2 runs that are whole, and in the design.
+    """
+
+    of: tuple[Index, ...]
+    remark: str
+    blocks: int
+    planned: int
+
+
+def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric: str) -> Indices:
+    """Indices of every parameter, of one drive's rows in a design = "saltelli".
+
+    Args:
+        labels: d parameters in the order of the design. runs: planned for this drive, blocks of d + 2. Run numbers of
+            the drive are consecutive; the first row of each block is where `twin.studies.sweep.saltelli` begins one.
+
+    A block with a run that has no number is left out as a whole, since each of its runs counts relative to the others.
+    """
+    width = len(labels) + 2
+    planned = runs // width
+    if runs % width:
+        # two runs that came out equal are planned once, and then nothing says which block a run belongs to
+        return Indices((), f"{runs} runs are no whole blocks of {width}; draw with another seed", 0, planned)
+    first = min((row["run"] for row in rows), default=1)
+    # rows may be missing, their drive's first one too: blocks of all drives are equally many
+    start = first - (first - 1) % runs
+    blocks = np.full((planned, width), np.nan)
+    for row in rows:
+        block, place = divmod(row["run"] - start, width)
+        # of another drive, somebody has changed the rows
+        if 0 <= block < planned:
+            blocks[block, place] = value(row, metric)
+    whole = blocks[np.isfinite(blocks).all(axis=1)]
+    if len(whole) < LEAST_BLOCKS:
+        return Indices((), f"{len(whole)} whole blocks of {width} runs; needs {LEAST_BLOCKS}", len(whole), planned)
+    if np.ptp(whole) <= 1e-12 * np.abs(whole).max():
+        return Indices((), f"{metric} does not vary", len(whole), planned)
+    lost = planned - len(whole)
+    remark = f"{lost} of {planned} blocks left out: a run in them has no {metric}" if lost else ""
+    return Indices(_indices(whole, labels), remark, len(whole), planned)
+
+
+def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbers]:
+    """First-order and total indices, (..., d) each.
+
+    Sources: Saltelli et al. (2010), Table 2: (b) for the first order, (f) after Jansen (1999) for the total. Values are
+    centred before, which leaves the indices what they are and their error smaller.
+
+    Args:
+        f_A, f_B: (..., n). f_AB: (..., d, n), column i of A replaced by that of B.
+    """
+    both = np.concatenate([f_A, f_B], axis=-1)
+    variance = both.var(axis=-1)[..., None]
+    f_B = f_B - both.mean(axis=-1, keepdims=True)
+    change = f_AB - f_A[..., None, :]
+    with np.errstate(invalid="ignore", divide="ignore"):
+        first = np.mean((f_B[..., None, :]) * change, axis=-1) / variance
+        total = 0.5 * np.mean(change**2, axis=-1) / variance
+    return first, total
+
+
+def _indices(blocks: Numbers, labels: Sequence[str]) -> tuple[Index, ...]:
+    """Of whole blocks (n, d + 2); intervals are percentiles over resampled blocks (Efron and Tibshirani 1993, 13.3)."""
+    n = len(blocks)
+    first, total = estimates(blocks[:, 0], blocks[:, 1], blocks[:, 2:].T)
+    rng = np.random.default_rng(0)
+    resampled = []
+    for _ in range(RESAMPLES):
+        picked = blocks[rng.integers(n, size=n)]
+        resampled.append(np.stack(estimates(picked[:, 0], picked[:, 1], picked[:, 2:].T)))
+    low, high = np.nanpercentile(np.array(resampled), [2.5, 97.5], axis=0)
+    return tuple(
+        Index(label, float(first[i]), (float(low[0, i]), float(high[0, i])),
+              float(total[i]), (float(low[1, i]), float(high[1, i])))
+        for i, label in enumerate(labels)
+    )  # fmt: skip
+
+
+def why_no_indices(design: str) -> str:
+    """The sentence for a design that allows no indices; "" for one that does."""
+    if design == "saltelli":
+        return ""
+    return f'no Sobol indices: they need design = "saltelli", this is "{design}"; rank correlations need no design'
+
+
+def strongest(indices: Sequence[Index]) -> Index | None:
+    """The parameter with the largest total index; None if there is none."""
+    return max((index for index in indices if math.isfinite(index.total)), key=lambda i: i.total, default=None)

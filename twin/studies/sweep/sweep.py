@@ -1,0 +1,164 @@
+"""A sweep run: what is not finished yet is run, and every row is kept as it comes."""
+
+import time
+from collections.abc import Callable, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from twin.runs.guard.limits import Limits
+from twin.studies.sweep.engine import Engine, Job
+from twin.studies.sweep.folder import claim
+from twin.studies.sweep.measures import within
+from twin.studies.sweep.plan import Plan, Task
+from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.reset import refuse_unproved
+from twin.studies.sweep.rows import ROWS, Row, Rows
+from twin.studies.sweep.statistics import USUAL_METRICS, best, value
+
+RECORDINGS = "runs"
+
+
+@dataclass(frozen=True)
+class State:
+    """How far a sweep is.
+
+    Attributes:
+        done, total: runs with a row, runs planned. failed: of those done, without metrics.
+        began_with: runs that had a row before. elapsed: wall time since then (s).
+        best: (metric, value, run) of the best run so far by the usual metric; None: there is none.
+    """
+
+    done: int
+    total: int
+    failed: int
+    began_with: int
+    elapsed: float
+    best: tuple[str, float, int] | None
+
+    @property
+    def rate(self) -> float:
+        """Runs per second; 0 as long as nothing can be said."""
+        return (self.done - self.began_with) / self.elapsed if self.elapsed else 0.0
+
+    @property
+    def remaining(self) -> float | None:
+        """Wall time to the end (s); None as long as nothing can be said."""
+        return (self.total - self.done) / self.rate if self.rate else None
+
+
+def run_sweep(
+    plan: Plan,
+    folder: Path,
+    engine: Engine,
+    record: str = "none",
+    limits: Limits = Limits(),  # noqa: B008, it is frozen
+    show: Callable[[State], None] = lambda state: None,
+) -> list[Row]:
+    """Run what of `plan` has no row in `folder` yet; every row of it.
+
+    Args:
+        engine: who runs them. record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
+        limits: of each worker process. show: told the state at the beginning and after each batch of rows.
+
+    Raises:
+        InputRefused: the folder is another sweep's, or cannot be written; or a drive must not be reset.
+        DiskFailed, RecordingFailed: the disk is full.
+        KeyboardInterrupt: rows until then are kept; so they are with every other end.
+    """
+    refuse_unproved(plan, limits)
+    claim(folder, plan)
+    with Rows(folder / ROWS) as rows:
+        finished = {row["key"] for row in rows.rows}
+        tasks = [task for task in plan.tasks if task.key not in finished]
+        tally = _Tally(len(plan.tasks), rows.rows)
+        show(tally.state)
+        if tasks:
+            job = _job(plan, folder, record, limits)
+            # closed at once when anything happens here: what an interrupted iterator holds would else live on
+            with closing(engine.results(job, tasks)) as batches:
+                for batch in batches:
+                    fresh = [_row(plan, task, facts) for task, facts in batch]
+                    rows.add(fresh)
+                    tally.take(fresh)
+                    show(tally.state)
+        return rows.rows
+
+
+class _Tally:
+    """Keeps up with rows, a batch at a time: to look at all of them after each would take ever longer."""
+
+    def __init__(self, total: int, rows: Sequence[Row]):
+        self._total, self._before, self._began = total, len(rows), time.monotonic()
+        self._done = self._failed = 0
+        self._best: dict[str, Row] = {}
+        self.take(rows)
+
+    def take(self, rows: Sequence[Row]) -> None:
+        self._done += len(rows)
+        self._failed += sum(not row["metrics"] for row in rows)
+        for metric in USUAL_METRICS:
+            for row in best([*filter(None, [self._best.get(metric)]), *rows], metric)[:1]:
+                self._best[metric] = row
+
+    @property
+    def state(self) -> State:
+        rows = [(metric, self._best[metric]) for metric in USUAL_METRICS if metric in self._best]
+        found = [(metric, value(row, metric), row["run"]) for metric, row in rows]
+        elapsed = time.monotonic() - self._began
+        return State(self._done, self._total, self._failed, self._before, elapsed, found[0] if found else None)
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """What runs cost.
+
+    Attributes:
+        start: from the start of a worker to the end of its first run (s). run: each further one (s). size: of each on
+            the disk (bytes).
+    """
+
+    start: float
+    run: float
+    size: float
+
+    def total(self, runs: int, processes: int) -> tuple[float, float]:
+        """(wall time in s, bytes) of `runs` runs in `processes` processes that do not slow each other."""
+        return self.start + self.run * -(-runs // processes), self.size * runs
+
+
+def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estimate, Row]:  # noqa: B008, it is frozen
+    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing.
+
+    Raises:
+        InputRefused: a drive must not be reset, and is to be.
+    """
+    refuse_unproved(plan, limits)
+    with TemporaryDirectory() as scratch:
+        began = time.monotonic()
+        job = _job(plan, Path(scratch), record, limits)
+        times, rows = [], []
+        for batch in Pool(1).results(job, [plan.tasks[0]] * 2):
+            times.append(time.monotonic() - began)
+            rows += [_row(plan, task, facts) for task, facts in batch]
+        size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
+    recorded = size if record == "all" else 0
+    return Estimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
+
+
+def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:
+    chosen = plan.definition
+    return Job(plan.experiment, folder / RECORDINGS, record, limits, chosen.claims or "", chosen.reuse or "")
+
+
+def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
+    return {
+        "run": task.run,
+        "key": task.key,
+        "drive": task.drive,
+        "parameters": task.parameters,
+        **facts,
+        "within_limits": within(facts["metrics"], plan.definition.limits),
+    }

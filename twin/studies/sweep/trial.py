@@ -1,0 +1,117 @@
+"""One run of a sweep, in whatever process it happens."""
+
+import contextlib
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from twin.drive.reuse import free_kept
+from twin.errors import ComponentFailed, InputRefused
+from twin.experiment.experiment import Experiment
+from twin.runs import execute
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.load import load_experiment
+from twin.runs.loop import simulate
+from twin.runs.outcome import Tally
+from twin.runs.trace import Trace
+from twin.studies.check.measurement import metrics_of_measure
+from twin.studies.check.signals import Signals, refuse_unknown
+from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
+from twin.studies.sweep.fig4 import COMPANION, findings
+from twin.studies.sweep.measures import Finding, metrics_of
+from twin.writing import made_folder
+
+
+def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> Finding:
+    """Run the experiment at `path` and measure it; a failure of the run is a finding like any other.
+
+    Args:
+        drive, settings: see `load_experiment`.
+        claims: "fig4": judge the claims of Fig. 4 on it and on its companion without force control, which is run, too.
+    """
+    began = time.perf_counter()
+    try:
+        ran = _measured(load_experiment(path, settings, drive), bool(claims))
+        paper = {}
+        if claims and not ran.trip:
+            paper = _judged(ran, _measured(load_experiment(path, [*settings, COMPANION], drive), True))
+    # one run in a thousand that meets a mistake of ours is a row, too
+    except Exception as problem:
+        free_kept()
+        return Finding(*_told(problem), {}, time.perf_counter() - began, 0.0)
+    status = "tripped" if ran.trip else "done"
+    return Finding(status, ran.trip, ran.metrics, time.perf_counter() - began, ran.stepping, paper)
+
+
+def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
+    """Run the experiment at `path` and record it in `folder`, as `twin run` does, also where it fails.
+
+    Raises:
+        InputRefused, NotWritten: no folder, or the disk is full; that is no fault of the run.
+    """
+    # what it comes to is told by `trial`: the same run again
+    try:
+        experiment = load_experiment(path, settings, drive)
+    except InputRefused:
+        return
+    made_folder(folder)
+    try:
+        execute(experiment, folder)
+    except (InputRefused, ComponentFailed):
+        free_kept()
+
+
+def _told(problem: Exception) -> tuple[str, str]:
+    """(status, reason) of a run that `problem` has ended."""
+    match problem:
+        case InputRefused():
+            return "refused", str(problem)
+        case ComponentFailed():
+            return "failed", str(problem).splitlines()[0]
+    return "failed", f"{type(problem).__name__}: {problem}"
+
+
+@dataclass(frozen=True)
+class _Ran:
+    """A run that came to its end.
+
+    Attributes:
+        trip: why the monitor tripped; "" if it did not. stepping: wall time (s). run: None if nobody looks at it.
+    """
+
+    metrics: dict[str, float | None]
+    trip: str
+    stepping: float
+    run: Trace | None
+
+
+def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
+    with assemble(experiment) as assembly:
+        refuse_unknown(experiment, assembly.system)
+        tally, run = Tally(assembly.system), Trace() if experiment.measures or kept_whole else None
+        done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally])
+        if done.failure:
+            raise done.failure
+    metrics = metrics_of(tally.outcome)
+    if run:
+        signals = Signals(run, geometry_of(experiment.controller.model))
+        for measure in experiment.measures:
+            # no step, or a force that never comes, at some values: then there are no such numbers
+            with contextlib.suppress(InputRefused):
+                metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
+    return _Ran(metrics, done.trip, done.stepping, run)
+
+
+def _judged(ran: _Ran, companion: _Ran) -> dict[str, Any]:
+    """What the pair says to the paper.
+
+    Raises:
+        ComponentFailed: the monitor tripped in the companion.
+    """
+    assert ran.run is not None and companion.run is not None
+    if companion.trip:
+        raise ComponentFailed(f"without force control: {companion.trip}")
+    return findings(Fig4Runs(Fig4Run(ran.run), Fig4Run(companion.run)))

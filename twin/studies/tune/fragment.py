@@ -1,0 +1,59 @@
+"""Gains as an experiment file that extends the one they were found for."""
+
+import json
+import shlex
+from collections.abc import Sequence
+from pathlib import Path
+
+from twin.studies.tune.tuned import Tuned
+
+
+def goals_sentence(done: Tuned) -> str:
+    """`M_s at most 1.6, overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    goals = done.goals
+    parts = [f"M_s at most {goals.sensitivity:g}", f"overshoot at most {100.0 * goals.overshoot:g} %"]
+    if goals.bandwidth is not None:
+        parts.append(f"{goals.law} bandwidth at least {goals.bandwidth_hertz:g} Hz")
+    if done.stiffness is not None:
+        parts.append("on {:g} to {:g} N/m".format(*done.stiffness))
+    return ", ".join([*parts, "with " + " and ".join(Path(drive.labels[0]).stem for drive in done.drives)])
+
+
+def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]) -> str:
+    """TOML: `extends` the file `experiment`, and all gains of the laws with where they come from.
+
+    Args:
+        folder: where it will stand. options: of the command line, with which the experiment is as it was tuned.
+    """
+    source = f"twin tune: {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
+    before, after = done.before.gains, done.after.gains
+    lines = [
+        f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}",
+        f"extends = {json.dumps(str(_findable(experiment, folder)))}",
+        "",
+        "[controller.position]",
+        _line("kp_per_s", after.kp, source, before.kp),
+        "ki_per_s2 = 0",
+        "kd = 0",
+    ]
+    if done.goals.law == "force":
+        lines += [
+            "",
+            "[controller.force]",
+            _line("kp_mm_per_N", 1e3 * after.force_kp, source, 1e3 * before.force_kp),
+            _line("ki_mm_per_N_s", 1e3 * after.force_ki, source, 1e3 * before.force_ki),
+            "kd_mm_s_per_N = 0",
+        ]
+    return "\n".join(lines) + "\n"
+
+
+def _findable(experiment: Path, folder: Path) -> Path:
+    """`experiment` as it was typed if it is found so from `folder` or a folder around it, else absolute."""
+    here, file = folder.resolve(), experiment.resolve()
+    found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
+    return experiment if found is not None and found.resolve() == file else file
+
+
+def _line(key: str, value: float, source: str, before: float) -> str:
+    told = json.dumps(f"{source}; was {before:.6g}", ensure_ascii=False)
+    return f"{key} = {{ value = {value:.6g}, source = {told} }}"
