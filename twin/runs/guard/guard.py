@@ -36,7 +36,8 @@ def guarded(
     """The result of `job`, run in a process of its own.
 
     Args:
-        job: "module:function"; the function is called as `function(voice, **arguments)`, see `twin.runs.guard.voice.Voice`.
+        job: "module:function"; the function is called as `function(voice, **arguments)`, see
+            `twin.runs.guard.voice.Voice`.
         arguments: what JSON can hold.
         limits: the job is ended if it exceeds one.
         listen: told of every note of the job.

@@ -1,7 +1,7 @@
 """The reference without any coupling: drives and plant as one differential equation.
 
-scipy integrates `twin.studies.analyse.linear.coupled` from controller tick to controller tick; at a tick the same compiled encoder,
-estimator and controller run as in the co-simulation. What is left to differ is the coupling alone.
+scipy integrates `twin.studies.analyse.linear.coupled` from controller tick to controller tick; at a tick the same
+compiled encoder, estimator and controller run as in the co-simulation. What is left to differ is the coupling alone.
 """
 
 from dataclasses import dataclass

@@ -32,8 +32,8 @@ def refuse_unfit(experiment: Experiment) -> None:
 
 
 def findings(runs: Fig4Runs) -> dict[str, Any]:
-    """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.studies.sweep.curves`: height and forces of
-    both runs as estimated and, from `true_`, as they are (m, N)."""
+    """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.studies.sweep.curves`: height and
+    forces of both runs as estimated and, from `true_`, as they are (m, N)."""
     # the plant drawn is the imperfect one
     score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))
     judged = [as_facts(finding) for finding in (*score.claims, *score.quality)]

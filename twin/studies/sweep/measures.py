@@ -40,7 +40,8 @@ class Finding:
         metrics: by the names of `METRICS`, and "measure.metric" of the experiment's measures; empty unless the run came
             to its end. None, or missing for a measure: there is no such number.
         seconds, stepping: wall time of everything, and of the master alone (s); nan if the process died.
-        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.fig4.findings`; empty unless the run is done.
+        paper: what a sweep with `claims` keeps besides, see `twin.studies.sweep.fig4.findings`; empty unless the run
+            is done.
     """
 
     status: str
