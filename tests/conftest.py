@@ -28,7 +28,10 @@ if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-LONG = ("guard", "docs", "cli", "sweep", "regression", "identification", "fault_matrix", "installed", "browser")
+LONG = (
+    "runs/guard", "docs", "cli", "studies/sweep", "studies/check", "studies/identify", "studies/faults", "installed",
+    "browser",
+)  # fmt: skip
 """Rooms whose files take longest: they go first, so that no process has one left to do when the others are done."""
 
 

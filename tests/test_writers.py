@@ -9,14 +9,14 @@ import pytest
 ALONE = {
     "writing.py": "the place",
     "recording/output.py": "a recording grows, is readable before it is finished, and renamed then",
-    "sweep/rows.py": "rows are only ever appended to",
+    "studies/sweep/rows.py": "rows are only ever appended to",
     "cache_folder.py": "a cache",
     "drive/unpacked.py": "a cache",
     "native_cache.py": "a cache",
     "native_seal.py": "a cache",
-    "sweep/dask/depot.py": "a cache",
+    "studies/sweep/dask/depot.py": "a cache",
     "recording/folder.py": "the folder of a run must be new",
-    "guard/child.py": "pipes to the guard",
+    "runs/guard/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",
 }
 """Those who write by themselves, and why."""

@@ -9,7 +9,7 @@ from cosmic_ray.ast import ast_nodes, get_ast
 from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 
-ROOMS = ("robot", "plant", "controller", "monitor", "drive", "faults", "paper", "metrics")
+ROOMS = ("robot", "plant", "controller", "monitor", "drive", "faults", "studies/paper", "studies/metrics")
 COMPILERS = ("njit", "step_function")
 """Decorators of functions that are compiled."""
 
@@ -55,8 +55,8 @@ class Mutant:
 
     @property
     def room(self) -> str:
-        """The folder of twin/ that `file` is in."""
-        return self.file.parts[1]
+        """Which of `ROOMS` `file` is in."""
+        return next(room for room in ROOMS if self.file.is_relative_to(Path("twin", room)))
 
     def applied(self, source: str) -> str:
         """`source` with the change.
