@@ -1,7 +1,36 @@
-"""Co-simulation digital twin of a 3-DOF delta-like massage robot with series elastic joints."""
+"""Co-simulation digital twin of a 3-DOF delta-like massage robot with series elastic joints.
+
+For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types `Experiment` and `Run` (docs/python.md).
+What they need is imported when they are asked for.
+"""
+
+from importlib import import_module
+from typing import Any
 
 __version__ = "0.1.0"
 
 from twin.native_cache import use_cache
 
 use_cache()
+
+_PUBLIC = {
+    "Experiment": "twin.experiment.experiment:Experiment",
+    "Run": "twin.runs.run:Run",
+    "check": "twin.studies.check.check:check",
+    "load": "twin.runs.assembly.load:load_experiment",
+    "read": "twin.recording.reader:read",
+    "run": "twin.runs.run:execute",
+}
+
+__all__ = ["Experiment", "Run", "check", "load", "read", "run"]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _PUBLIC:
+        raise AttributeError(f"module 'twin' has no attribute '{name}'")
+    module, _, attribute = _PUBLIC[name].partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__version__"]
