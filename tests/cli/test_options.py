@@ -8,6 +8,7 @@ from twin.cli.options import as_spelt_now
 @pytest.mark.parametrize(
     ("words", "now"),
     [
+        ("", ""),
         ("tune x.toml --no-isolate", "tune x.toml --isolate=none"),
         ("tune --isolate x.toml", "tune --isolate=run x.toml"),
         ("tune x.toml --isolate", "tune x.toml --isolate=run"),

@@ -2,6 +2,7 @@
 
 import os
 from enum import StrEnum
+from itertools import pairwise
 from typing import Annotated
 
 import typer
@@ -69,5 +70,5 @@ def as_spelt_now(words: list[str]) -> list[str]:
         else "--isolate=run"
         if word == "--isolate" and following not in list(Isolation)
         else word
-        for word, following in zip(words, [*words[1:], ""], strict=True)
+        for word, following in pairwise([*words, ""])
     ]
