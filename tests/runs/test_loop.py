@@ -58,10 +58,11 @@ def test_an_observer_is_told_of_each_slice_before_and_after_it():
 
 @pytest.mark.parametrize("slice_ticks", [7, 100, 5000])
 def test_what_an_observer_gets_in_slices_is_what_the_recording_holds(tmp_path: Path, slice_ticks: int):
-    diary, run = Diary(), Trace()
-    looked_on(diary, run, slice_ticks=slice_ticks)
+    diary, run, thirds = Diary(), Trace(), Trace(every=3)
+    looked_on(diary, run, thirds, slice_ticks=slice_ticks)
     recording = read(execute(shipped(FORCE, *TOUCHING), tmp_path).recording)
     assert np.concatenate(diary.rows).tobytes() == run.values.tobytes()
+    np.testing.assert_array_equal(thirds.values, run.values[::3], strict=True)
     for key in recording.fields():
         np.testing.assert_array_equal(run[key], recording[key], strict=True)
 
