@@ -1,1 +1,1 @@
-"""Faults: components put into wires, behind drives and before parameters. Knows the robot's components by name only."""
+"""What breaks, as components: in wires, behind drives, before parameters. Knows no other part and no experiment."""
