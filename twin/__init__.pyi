@@ -4,4 +4,4 @@ from twin.runs.run import Run as Run
 from twin.studies.check.check import check as check
 
 __version__: str
-__all__ = ["Experiment", "Run", "check", "load", "read", "run"]
+__all__: list[str]
