@@ -6,10 +6,10 @@ from statistics import median
 
 from benchmarks.measurement import Measurement
 from twin.experiment.experiment import Experiment
-from twin.runs import SLICE_TICKS, execute
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.loop import simulate
+from twin.runs.run import SLICE_TICKS, execute
 
 ROUNDS = 7
 

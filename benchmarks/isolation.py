@@ -11,7 +11,6 @@ from pathlib import Path
 from benchmarks.measurement import Measurement, Rounds
 from twin.cosim.component import Component
 from twin.experiment.experiment import Experiment
-from twin.runs import SLICE_TICKS
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.drives import DrivePlan, Start, drive
 from twin.runs.assembly.load import load_experiment
@@ -19,6 +18,7 @@ from twin.runs.guard.isolated_drive import IsolatedDrives
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.voice import DirectVoice
 from twin.runs.loop import simulate
+from twin.runs.run import SLICE_TICKS
 
 ROUNDS = 9
 VOICE = DirectVoice(lambda note: None, lambda done, total: None)

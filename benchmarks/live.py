@@ -15,9 +15,9 @@ import numpy as np
 
 from benchmarks.measurement import Measurement, Rounds
 from twin.experiment.experiment import Experiment
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
 from twin.runs.observer import Event
+from twin.runs.run import execute
 from twin.runs.scene.scene import Scene
 from twin.runs.streams import Stream
 from twin.runs.tuning import Tuning

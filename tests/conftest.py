@@ -9,8 +9,8 @@ from hypothesis import settings
 
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 
 ROOT = Path(__file__).parents[1]
 USUAL = 100

@@ -10,8 +10,8 @@ from playwright.sync_api import Browser
 
 from tests.laws.runs import shipped
 from tests.runs.live.viewer import Viewer
-from twin.runs import execute
 from twin.runs.live.server import LiveServer
+from twin.runs.run import execute
 
 KNOCK = """address => new Promise(done => {
     const socket = new WebSocket(address, ["foxglove.sdk.v1"]);

@@ -15,9 +15,9 @@ from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.drives import drive, planned
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 
 Numbers = NDArray[np.float64]
 SPEEDS, LOADS, ANGLES = np.array([1.0, 2.0, 4.0]), np.array([0.1, -0.3, 0.5]), np.array([0.2, 0.7, -0.4])

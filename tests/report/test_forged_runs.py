@@ -13,8 +13,8 @@ from tests.report.attacks import Attack
 from twin.errors import InputRefused, TwinError
 from twin.recording.export.export import export_recording
 from twin.report.page.page import write_report
-from twin.runs import SUMMARY, execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import SUMMARY, execute
 from twin.studies.compare.comparison import compared
 from twin.studies.compare.inputs import both
 from twin.studies.identify.study import Request as Identification

@@ -9,10 +9,10 @@ import pytest
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.robot.jacobian import jacobian
-from twin.runs import execute
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.fastest_pole import STABLE, fastest_pole, too_fast
+from twin.runs.run import execute
 
 
 def stiff(root: Path, *settings: str) -> Experiment:

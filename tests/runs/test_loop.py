@@ -8,12 +8,12 @@ import pytest
 from tests.laws.runs import FORCE, shipped
 from twin.cosim.simulation import Simulation
 from twin.recording.reader import read
-from twin.runs import execute
 from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.assembly.tunable import FORCE_REFERENCE, tunables
 from twin.runs.loop import Simulated, simulate
 from twin.runs.observer import Event, Observer
 from twin.runs.outcome import Tally
+from twin.runs.run import execute
 from twin.runs.trace import Trace, run_in_memory
 from twin.runs.tuning import Tuning
 from twin.runs.watch import Watch

@@ -11,8 +11,8 @@ from tests.drive.faulty import faulty_drive
 from twin.errors import ComponentFailed
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import SUMMARY, execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import SUMMARY, execute
 
 SHORT = ["duration_s=2"]
 

@@ -12,10 +12,10 @@ from twin.experiment.variation import shortened
 from twin.recording.errors import UnknownSeries
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.loop import simulate
+from twin.runs.run import execute
 from twin.runs.trace import Trace, run_in_memory
 
 SHORT = "duration_s=0.5"

@@ -11,8 +11,8 @@ from tests.laws.runs import shipped
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import SLICE_TICKS, Run, execute
 from twin.runs.observer import Event
+from twin.runs.run import SLICE_TICKS, Run, execute
 from twin.runs.scene.scene import Scene
 from twin.runs.streams import Stream
 from twin.runs.tuning import Tuning

@@ -10,7 +10,7 @@ from tests.laws.runs import shipped
 from twin.controller.phase import PhaseKind
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import Run, execute
+from twin.runs.run import Run, execute
 
 JUMP_UP = ("contact.shift.by_mm=[0, 0, 8]", "contact.shift.start_s=3", "contact.shift.rise_s=0.05")
 """A person who rises by 8 mm within 50 ms."""

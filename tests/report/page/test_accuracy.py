@@ -10,8 +10,8 @@ from twin.errors import InputRefused
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.studies.accuracy.budget import Budget, Contribution, accuracy_budget
 
 BUDGET = Budget(

@@ -12,8 +12,8 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 
 EVIL = "</script><script>alert(1)</script><img src=x onerror=alert(2)>"
 

@@ -16,10 +16,10 @@ from twin.recording.recording import Recording
 from twin.report.page.page import report_page
 from twin.report.page.provenance import command, drives, provenance
 from twin.report.page.run import ReportRun, report_runs
-from twin.runs import SUMMARY, execute
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.recorded import recorded_experiment
+from twin.runs.run import SUMMARY, execute
 
 
 def settings_of(words: list[str]) -> list[str]:

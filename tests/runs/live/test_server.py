@@ -10,10 +10,10 @@ import pytest
 from tests.laws.runs import shipped
 from tests.runs.live.viewer import Viewer
 from twin.errors import InputRefused
-from twin.runs import execute
 from twin.runs.guard.voice import DirectVoice
 from twin.runs.live.runs import served_runs
 from twin.runs.live.server import LiveServer
+from twin.runs.run import execute
 
 SILENT = DirectVoice(lambda note: None, lambda done, total: None)
 

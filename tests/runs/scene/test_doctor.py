@@ -4,8 +4,8 @@ import subprocess
 import sys
 from pathlib import Path
 
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 
 
 def test_the_doctor_passes_a_recording_with_pictures(root: Path, tmp_path: Path):

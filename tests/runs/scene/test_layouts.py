@@ -11,8 +11,8 @@ import pytest
 
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 
 # a message path as Foxglove and Lichtblick write it: topic, field, index, function
 MESSAGE_PATH = re.compile(r"/(?P<topic>[\w/]+)\.(?P<field>\w+)(\[(?P<index>\d+)\])?(\.@(?P<function>\w+))?")

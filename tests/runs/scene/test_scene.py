@@ -13,8 +13,8 @@ from tests.runs.scene.pictures import at, frames, messages, numbers
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.robot.skeleton import AXIS, OUTWARD
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.runs.scene.force import BESIDE, LENGTH
 from twin.runs.scene.frames import FRAMES, HALF_WIDTH
 

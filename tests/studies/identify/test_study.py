@@ -12,8 +12,8 @@ from tests.studies.replay.logs import EXPERIMENTS, ran, write_log
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.studies.identify.model_file import model_fragment
 from twin.studies.identify.study import Request, identification_report
 

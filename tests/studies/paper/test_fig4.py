@@ -11,9 +11,9 @@ from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.studies.metrics.response import first_time, settling_time
 from twin.studies.metrics.tracking import rms
 from twin.studies.paper.claim import judged

@@ -12,8 +12,8 @@ from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.studies.paper.claim import Finding
 from twin.studies.paper.fig5 import CLAIMS
 from twin.studies.paper.fig5_runs import body_of, drive_of, task_runs, trip_sentence

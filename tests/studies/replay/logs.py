@@ -10,8 +10,8 @@ import numpy as np
 from twin.recording.logs.reader import recorded
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs import execute
 from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.studies.replay.model import Model, loaded_model
 from twin.studies.replay.replay import Replay, replayed
 

@@ -7,13 +7,13 @@ from pathlib import Path
 from twin.errors import ComponentFailed, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.recording.folder import claim_run_folder, create_run_folder
-from twin.runs import Run, execute
 from twin.runs.assembly.load import load_experiment
 from twin.runs.estimate import refuse_endless
 from twin.runs.guard.guard import JobDied
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.remains import remains
 from twin.runs.guard.voice import Voice
+from twin.runs.run import Run, execute
 from twin.runs.viewer import Viewer
 
 

@@ -10,12 +10,12 @@ from typing import Any
 from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
-from twin.runs import execute
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.assembly.load import load_experiment
 from twin.runs.loop import simulate
 from twin.runs.outcome import Tally
+from twin.runs.run import execute
 from twin.runs.trace import Trace
 from twin.studies.check.measurement import metrics_of_measure
 from twin.studies.check.signals import Signals, refuse_unknown
