@@ -1,5 +1,6 @@
 """Recordings taken apart, changed, and sealed again: every CRC, size and index right, whatever is inside."""
 
+import contextlib
 import struct
 import zlib
 from collections.abc import Callable, Iterable
@@ -60,10 +61,12 @@ def sealed(data: Iterable[Record], path: Path, counted: dict[int, int] | None = 
 
 
 def message_counts(data: Iterable[Record]) -> dict[int, int]:
-    """Messages by channel in the chunks of `data`."""
+    """Messages by channel in the chunks of `data` that can be read."""
     counts: dict[int, int] = {}
     for kind, body in data:
-        if kind == Opcode.CHUNK:
+        if kind != Opcode.CHUNK:
+            continue
+        with contextlib.suppress(struct.error, zstandard.ZstdError):
             for inner, message in records(content_of(body)):
                 if inner == Opcode.MESSAGE and len(message) >= 2:
                     channel = int.from_bytes(message[:2], "little")
