@@ -66,7 +66,7 @@ def message_counts(data: Iterable[Record]) -> dict[int, int]:
     for kind, body in data:
         if kind != Opcode.CHUNK:
             continue
-        with contextlib.suppress(struct.error, zstandard.ZstdError):
+        with contextlib.suppress(struct.error, UnicodeDecodeError, zstandard.ZstdError):
             for inner, message in records(content_of(body)):
                 if inner == Opcode.MESSAGE and len(message) >= 2:
                     channel = int.from_bytes(message[:2], "little")
