@@ -9,6 +9,7 @@ from pathlib import Path
 
 import zstandard
 from mcap.data_stream import ReadDataStream
+from mcap.exceptions import McapError
 from mcap.opcode import Opcode
 from mcap.records import Chunk, Metadata
 from mcap.writer import MCAP0_MAGIC
@@ -66,7 +67,7 @@ def message_counts(data: Iterable[Record]) -> dict[int, int]:
     for kind, body in data:
         if kind != Opcode.CHUNK:
             continue
-        with contextlib.suppress(struct.error, UnicodeDecodeError, zstandard.ZstdError):
+        with contextlib.suppress(struct.error, UnicodeDecodeError, McapError, zstandard.ZstdError):
             for inner, message in records(content_of(body)):
                 if inner == Opcode.MESSAGE and len(message) >= 2:
                     channel = int.from_bytes(message[:2], "little")
