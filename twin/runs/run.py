@@ -28,7 +28,7 @@ from twin.runs.streams import streams_of
 from twin.runs.tuning import Tuning
 from twin.runs.viewer import Shown, Viewer
 from twin.runs.watch import Watch
-from twin.writing import write_json
+from twin.writing import made_folder, write_json
 
 SLICE_TICKS = BLOCK_TICKS
 SUMMARY = "summary.json"
@@ -85,7 +85,7 @@ def execute(
 
     Args:
         experiment: checked.
-        folder: the run's own folder.
+        folder: the run's own folder, made if it is not there.
         progress: told (ticks done, ticks in all) after every slice.
         substitutes: see `assemble`. The recording, the summary and every report name them.
         timed: measure each component.
@@ -98,7 +98,7 @@ def execute(
         ComponentFailed: a component failed; what was recorded stays as run.mcap.partial.
         NotWritten: the disk is full; likewise.
     """
-    path = Path(folder) / RECORDING
+    path = made_folder(Path(folder)) / RECORDING
     with assemble(experiment, substitutes, maker) as assembly:
         pace = Pace(factor, assembly.system.tick) if factor else None
         run = _recorded(experiment, assembly, path, progress, timed, pace, viewer)
