@@ -78,7 +78,7 @@ def test_streams_are_given_back() -> None:
 def test_every_end_has_its_code_and_no_traceback(
     problem: BaseException, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def failing(**how: object) -> None:
+    def failing(words: list[str], **how: object) -> None:
         raise problem
 
     monkeypatch.setattr(app, "app", failing)

@@ -8,9 +8,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.runs import pacing
 from twin.runs.assembly.load import load_experiment
 from twin.runs.pacing import SLICE, Pace
-from twin.runs.run import SLICE_TICKS, SUMMARY, execute, pacing
+from twin.runs.run import SLICE_TICKS, SUMMARY, execute
 
 FIG4 = "experiments/fig4_force_position.toml"
 
