@@ -9,7 +9,7 @@ from twin.errors import ComponentFailed
 from twin.monitor.component import Monitor
 from twin.monitor.reasons import trip_sentence
 from twin.runs.assembly.assemble import Assembly
-from twin.runs.observer import Observer
+from twin.runs.observer import Event, Observer
 
 LONG_SLICE = 1000
 """Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
@@ -69,7 +69,7 @@ def simulate(
         began = time.perf_counter()
         rows = simulation.advance()
         stepping += time.perf_counter() - began
-        events: list = []
+        events: list[Event] = []
         for observer in observers:
             observer.take(first, rows, events)
     monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
