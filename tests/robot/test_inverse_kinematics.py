@@ -54,6 +54,13 @@ def test_the_two_knees_mirror_each_other_in_the_line_from_base_to_platform_joint
     assert outward + inward == pytest.approx(2.0 * line, abs=1e-12)
 
 
+@given(reachable_poses())
+def test_each_branch_has_the_knees_where_it_says(p_B):
+    for branch, angle in (("outward", leg_angle), ("inward", leg_angle_inward)):
+        legs = [angle(GEOMETRY, leg, *p_B) for leg in range(3)]
+        np.testing.assert_array_equal(joint_angles(GEOMETRY, p_B, branch), legs)
+
+
 @given(working_poses, branches)
 def test_turning_the_platform_by_120_degrees_passes_the_angles_to_the_next_leg(p_B, branch):
     # 1e-13 rad: the turned pose is rounded to 1e-17 m, times |J| = 20 rad/m, times the angle's conditioning
