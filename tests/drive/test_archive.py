@@ -1,7 +1,9 @@
 import stat
 import zipfile
+import zlib
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from twin.drive import archive
@@ -75,3 +77,37 @@ def test_a_zip_bomb_is_refused_without_unpacking_it(tmp_path: Path):
 def test_too_many_entries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(archive, "MOST_ENTRIES", 2)
     assert "3 entries" in refusal(zipped(tmp_path / "many.fmu", a=b"", b=b"", c=b""))
+
+
+def test_ten_thousand_entries_are_let_pass_and_one_more_is_not(tmp_path: Path):
+    names = [str(i) for i in range(10_000)]
+    assert len(entries(zipped(tmp_path / "full.fmu", **dict.fromkeys(names, b"")))) == 10_000
+    assert "10001 entries" in refusal(zipped(tmp_path / "fuller.fmu", **dict.fromkeys([*names, "more"], b"")))
+
+
+def test_what_shrinks_to_a_200th_is_let_pass_and_what_shrinks_by_a_byte_more_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    # as if a few kB were many: the ratio is the same
+    monkeypatch.setattr(archive, "FEW_BYTES", 0)
+
+    def deflated(zeros: int) -> int:
+        packer = zlib.compressobj(wbits=-zlib.MAX_WBITS)
+        return len(packer.compress(bytes(zeros)) + packer.flush())
+
+    zeros, noise = 100_000, np.random.default_rng(1).bytes(1000)
+    for _ in range(20):
+        zeros = 200 * (deflated(zeros) + len(noise)) - len(noise)
+    for more in (0, 1):
+        file = tmp_path / f"{more}.fmu"
+        with zipfile.ZipFile(file, "w") as target:
+            target.writestr("noise", noise, zipfile.ZIP_STORED)
+            target.writestr("zeros", bytes(zeros + more), zipfile.ZIP_DEFLATED)
+        with zipfile.ZipFile(file) as made:
+            sizes = [(info.file_size, info.compress_size) for info in made.infolist()]
+        size, packed = (sum(numbers) for numbers in zip(*sizes, strict=True))
+        assert size - 200 * packed == more
+        if more:
+            assert "would expand from" in refusal(file)
+        else:
+            assert entries(file)

@@ -30,6 +30,11 @@ def test_without_a_duration_a_fault_stays():
     assert fault.end == NEVER
 
 
+def test_what_a_file_does_not_say_of_a_fault_is_what_a_program_does_not_say():
+    (fault,), _ = faults(BIAS)
+    assert fault == Fault("encoder_bias", "joint_encoder_2", 1500, magnitude=math.radians(-0.5))
+
+
 def test_no_faults_are_no_mistake():
     assert faults() == ((), [])
 
@@ -52,6 +57,22 @@ def test_every_magnitude_of_the_catalogue_is_within_its_bounds(kind):
         share = "share = 0.1\n" if known.has_share else ""
         _, mistakes = faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {magnitude}\n{share}')
         assert not mistakes
+
+
+def test_a_magnitude_beyond_its_bounds_is_refused_and_one_at_a_bound_that_is_allowed_is_not():
+    """A limit of speed may be 0 and a share 1; a factor of 0 or a share of 0 would be nothing."""
+    bounds = {"ge": ((-1e-6, False), (0.0, True)), "gt": ((0.0, False), (1e-6, True)), "le": ((1.0, True), (1.001, False))}
+    seen = set()
+    for kind, known in CATALOGUE.items():
+        for bound in known.bounds:
+            for magnitude, allowed in bounds[bound]:
+                share = "share = 0.1\n" if known.has_share else ""
+                # a tick, for a delay
+                value = 1.0 if known.magnitude_key == "magnitude_ms" and allowed else magnitude
+                text = f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {value}\n{share}'
+                assert (not faults(text)[1]) == allowed, (kind, magnitude)
+            seen.add(bound)
+    assert seen == set(bounds)
 
 
 @pytest.mark.parametrize(
