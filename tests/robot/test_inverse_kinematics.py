@@ -55,10 +55,10 @@ def test_the_two_knees_mirror_each_other_in_the_line_from_base_to_platform_joint
 
 
 @given(reachable_poses())
-def test_each_branch_has_the_knees_where_it_says(p_B):
-    for branch, angle in (("outward", leg_angle), ("inward", leg_angle_inward)):
-        legs = [angle(GEOMETRY, leg, *p_B) for leg in range(3)]
-        np.testing.assert_array_equal(joint_angles(GEOMETRY, p_B, branch), legs)
+def test_each_branch_has_its_knees_on_all_legs(p_B):
+    outward, inward = ([angle(GEOMETRY, leg, *p_B) for leg in range(3)] for angle in (leg_angle, leg_angle_inward))
+    np.testing.assert_array_equal(joint_angles(GEOMETRY, p_B, "outward"), outward)
+    np.testing.assert_array_equal(joint_angles(GEOMETRY, p_B, "inward"), inward)
 
 
 @given(working_poses, branches)
