@@ -53,6 +53,7 @@ def test_a_loop_that_has_rested_answers_as_if_nothing_had_been_before(before, sa
     gains, pid = (2.0, 5.0, 0.1, 20.0), at_rest(2.0, 5.0, 0.1, 20.0)
     driven(pid, before)
     rest(pid)
+    assert pid == at_rest(*gains)
     np.testing.assert_array_equal(driven(pid, samples), driven(at_rest(*gains), samples))
 
 

@@ -1,5 +1,6 @@
 import stat
 import zipfile
+import zlib
 from pathlib import Path
 
 import pytest
@@ -75,3 +76,31 @@ def test_a_zip_bomb_is_refused_without_unpacking_it(tmp_path: Path):
 def test_too_many_entries_are_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(archive, "MOST_ENTRIES", 2)
     assert "3 entries" in refusal(zipped(tmp_path / "many.fmu", a=b"", b=b"", c=b""))
+
+
+def test_ten_thousand_entries_are_let_pass_and_one_more_is_not(tmp_path: Path):
+    names = [str(i) for i in range(10_000)]
+    assert len(entries(zipped(tmp_path / "full.fmu", **dict.fromkeys(names, b"")))) == 10_000
+    assert "10001 entries" in refusal(zipped(tmp_path / "fuller.fmu", **dict.fromkeys([*names, "more"], b"")))
+
+
+def test_what_shrinks_to_a_200th_is_let_pass_and_what_is_a_byte_longer_is_not(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    # as if a few kB were many: the ratio is the same
+    monkeypatch.setattr(archive, "FEW_BYTES", 0)
+
+    def deflated(zeros: int) -> int:
+        packer = zlib.compressobj(wbits=-zlib.MAX_WBITS)
+        return len(packer.compress(bytes(zeros)) + packer.flush())
+
+    # zeros + stored = 200 (deflated + stored), in whole bytes
+    zeros = next(n for n in range(100_000, 200_000) if (n - 200 * deflated(n)) % 199 == 0)
+    stored = (zeros - 200 * deflated(zeros)) // 199
+    assert deflated(zeros + 1) == deflated(zeros)
+    for more in (0, 1):
+        with zipfile.ZipFile(tmp_path / f"{more}.fmu", "w") as target:
+            target.writestr("stored", bytes(stored), zipfile.ZIP_STORED)
+            target.writestr("zeros", bytes(zeros + more), zipfile.ZIP_DEFLATED)
+    assert entries(tmp_path / "0.fmu") == {"stored": stored, "zeros": zeros}
+    assert "would expand from" in refusal(tmp_path / "1.fmu")

@@ -11,7 +11,11 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
+from twin.drive.adapter import DO_STEP
 from twin.drive.component import FmuComponent
+from twin.drive.description import described
+from twin.drive.instance import Instance
+from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 from twin.runs.assembly.assemble import assemble
@@ -221,3 +225,30 @@ def test_what_one_drive_logs_is_not_said_by_another(root: Path, tmp_path: Path):
     run(first, 1.0, 0.0, 400)
     assert (first.said(), second.said()) == ([(250, "the winding is hot")], [])
     second.close()
+
+
+def test_a_failure_is_explained_with_what_the_drive_said_last(servo: Path):
+    component = made(servo)
+    assert isinstance(component, FmuComponent)
+    assert component.explain(DO_STEP + 3) == "fmi2DoStep returned fmi2Error"
+    for said in (b"warm", b"hot", b"on fire"):
+        component.instance.hear(1, said)
+        assert component.explain(DO_STEP + 3) == f"fmi2DoStep returned fmi2Error ('{said.decode()}')"
+    component.close()
+
+
+def test_what_a_drive_logs_as_ok_is_not_kept(servo: Path):
+    component = made(servo)
+    assert isinstance(component, FmuComponent)
+    component.instance.hear(0, b"all is well")
+    assert component.said() == [] and component.instance.messages == []
+    component.close()
+
+
+def test_a_switch_of_a_drive_is_on_or_off_as_it_was_set(root: Path):
+    fmu = described(root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu")
+    enable = fmu.variables["enable"]
+    for on in (1.0, 0.0):
+        instance = Instance("drive_1", fmu, unpacked(fmu.path, fmu.sha256), settings=[(enable, on)])
+        assert instance.read([enable]).tolist() == [on]
+        instance.close()

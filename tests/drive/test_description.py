@@ -1,3 +1,4 @@
+import dataclasses
 import hashlib
 import os
 from pathlib import Path
@@ -6,6 +7,7 @@ import pytest
 
 from tests.drive.archives import DESCRIPTION, altered, redescribed
 from twin.drive import description
+from twin.drive.adapter import KINDS
 from twin.drive.description import described
 from twin.errors import InputRefused
 
@@ -115,3 +117,22 @@ def test_a_file_that_has_just_been_written_is_read_each_time(tmp_path: Path, ser
     copy = tmp_path / "copy.fmu"
     copy.write_bytes(servo.read_bytes())
     assert described(copy) is not described(copy)
+
+
+def test_a_description_of_64_MiB_is_read_and_one_of_a_byte_more_is_not(
+    tmp_path: Path, servo: Path, monkeypatch: pytest.MonkeyPatch
+):
+    copy = altered(servo, tmp_path / "copy.fmu", lambda n, c: (n, c))
+    monkeypatch.setattr(description, "entries", lambda file: {DESCRIPTION: 67_108_864})
+    assert "no binary for this platform" in refusal(copy)
+    monkeypatch.setattr(description, "entries", lambda file: {DESCRIPTION: 67_108_865})
+    assert "do not trust this file" in refusal(copy)
+
+
+def test_every_variable_that_is_a_number_is_offered_and_no_other(root: Path):
+    drive = described(root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu")
+    speed = drive.variables["omega_m"]
+    kinds = {"real": 0, "whole": KINDS.index("Int32"), "flag": KINDS.index("Boolean"), "text": -1}
+    variables = {name: dataclasses.replace(speed, name=name, kind=kind) for name, kind in kinds.items()}
+    offered = dataclasses.replace(drive, variables=variables).offered("output")
+    assert [v.name for v in offered] == ["real", "whole", "flag"]

@@ -140,3 +140,18 @@ def test_a_variable_that_alone_counts_the_other_way_is_named_with_a_minus():
     gains = {b.port.name: b.gain for b in bindings("own.fmu", OWN, wiring)}
     assert gains == {"omega_ref": 1.0, "tau_load": -1.0, "theta_m": 1.0, "omega_m": 1.0}
     assert "has no variable 'M'" in refusal(FOREIGN, Wiring(inputs={"tau_load": "-M"}))
+
+
+def test_of_two_that_nothing_else_tells_apart_the_one_described_as_the_load_is_it():
+    two = {n: v for n, v in FOREIGN.items() if n != "M_load"} | drive(
+        variable("M_1", "input", "mN.m", "of the brake"), variable("M_2", "input", "mN.m", "Load on the shaft")
+    )
+    assert names(bindings("acme.fmu", two, Wiring()))["tau_load"] == "M_2"
+
+
+def test_a_word_of_three_letters_in_a_description_says_nothing():
+    # `ref` and `cmd` stand in every other sentence
+    two = {n: v for n, v in FOREIGN.items() if n != "n_cmd"} | drive(
+        variable("x_1", "input", "rpm", "refers to the shaft"), variable("x_2", "input", "rpm")
+    )
+    assert "cannot tell which of its variables is omega_ref" in refusal(two)

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.drive.units import KNOWN, NUMBER, SPEED, TEMPERATURE, TURN, conversion
+from twin.drive.units import KNOWN, NUMBER, SPEED, TEMPERATURE, TURN, Dimension, conversion
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -79,3 +79,9 @@ def test_a_unit_nobody_knows_is_none():
 
 def test_the_radian_does_not_tell_dimensions_apart():
     assert conversion("w", [defined("w", s=-1)]) == conversion("w", [defined("w", s=-1, rad=1)])
+
+
+def test_a_well_known_name_defined_as_something_else_is_what_the_model_says():
+    # as many times less as a turn has radians, but per second squared: no speed, whatever it is called
+    found = conversion("rpm", [defined("rpm", factor=1 / 60, s=-2)])
+    assert found == (Dimension(s=-2), 1 / 60, 0.0)

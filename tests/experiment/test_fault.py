@@ -30,6 +30,11 @@ def test_without_a_duration_a_fault_stays():
     assert fault.end == NEVER
 
 
+def test_what_a_file_does_not_say_of_a_fault_is_what_a_program_does_not_say():
+    (fault,), _ = faults(BIAS)
+    assert fault == Fault("encoder_bias", "joint_encoder_2", 1500, magnitude=math.radians(-0.5))
+
+
 def test_no_faults_are_no_mistake():
     assert faults() == ((), [])
 
@@ -52,6 +57,18 @@ def test_every_magnitude_of_the_catalogue_is_within_its_bounds(kind):
         share = "share = 0.1\n" if known.has_share else ""
         _, mistakes = faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {magnitude}\n{share}')
         assert not mistakes
+
+
+BESIDE = {"ge": (0.0, -1e-6), "gt": (1.0, 0.0), "le": (1.0, 1.001)}
+"""By kind of bound: a magnitude that is allowed, and one just beyond: a limit of speed may be 0, a factor may not."""
+
+
+@pytest.mark.parametrize("kind", [kind for kind, known in CATALOGUE.items() if known.bounds])
+def test_a_magnitude_just_beyond_its_bound_is_refused(kind):
+    known = CATALOGUE[kind]
+    for bound in known.bounds:
+        said = [faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {value}')[1] for value in BESIDE[bound]]
+        assert not said[0] and said[1][0].startswith(f"[[fault]] 1 {known.magnitude_key} = ")
 
 
 @pytest.mark.parametrize(

@@ -146,9 +146,10 @@ def test_a_motor_encoder_that_stands_still_against_its_command_trips_after_the_f
     assert watched(u).trip is None
 
 
-def test_a_motor_that_is_commanded_to_and_fro_need_not_move():
+@pytest.mark.parametrize("size", [1.1, 2.0])
+def test_a_motor_that_is_commanded_to_and_fro_need_not_move(size):
     u = standing(FAULT + 400)
-    u[FAULT:, 7] = np.where(np.arange(400) // 40 % 2, 1.0, -1.0) * 2.0 * LIMITS.frozen_demand
+    u[FAULT:, 7] = np.where(np.arange(400) // 40 % 2, 1.0, -1.0) * size * LIMITS.frozen_demand
     assert watched(u).trip is None
 
 

@@ -54,6 +54,13 @@ def test_the_two_knees_mirror_each_other_in_the_line_from_base_to_platform_joint
     assert outward + inward == pytest.approx(2.0 * line, abs=1e-12)
 
 
+@given(reachable_poses())
+def test_each_branch_has_its_knees_on_all_legs(p_B):
+    outward, inward = ([angle(GEOMETRY, leg, *p_B) for leg in range(3)] for angle in (leg_angle, leg_angle_inward))
+    np.testing.assert_array_equal(joint_angles(GEOMETRY, p_B, "outward"), outward)
+    np.testing.assert_array_equal(joint_angles(GEOMETRY, p_B, "inward"), inward)
+
+
 @given(working_poses, branches)
 def test_turning_the_platform_by_120_degrees_passes_the_angles_to_the_next_leg(p_B, branch):
     # 1e-13 rad: the turned pose is rounded to 1e-17 m, times |J| = 20 rad/m, times the angle's conditioning

@@ -90,6 +90,14 @@ def test_an_infinite_or_undefined_row_is_a_serial_singularity():
             refuse_serial_singularity(GEOMETRY, J, p_B)
 
 
+def test_the_smallest_measure_known_not_to_be_zero_is_none():
+    # of a leg of 1 m the measure is 1 over the length of its row: here 1e-7, and just below it
+    geometry, edge = GEOMETRY._replace(l_a=1.0), 1e7 * np.eye(3)
+    refuse_serial_singularity(geometry, edge, np.array(HOME))
+    with pytest.raises(SingularPose, match="leg 1 is stretched or folded"):
+        refuse_serial_singularity(geometry, 1.000001 * edge, np.array(HOME))
+
+
 def test_the_home_pose_is_not_singular():
     J = jacobian(GEOMETRY, HOME)
     refuse_serial_singularity(GEOMETRY, J, np.array(HOME))

@@ -24,6 +24,11 @@ def test_what_never_leaves_the_band_is_settled_from_the_start():
     assert settling_time(t, np.ones_like(t), 1.0, 0.1) == 0.0
 
 
+def test_the_edge_of_the_band_belongs_to_it():
+    times, y = np.array([0.0, 1.0, 2.0]), np.array([0.0, 0.5, 1.5])
+    assert settling_time(times, y, 1.0, 0.5) == 1.0
+
+
 def test_overshoot_of_a_damped_oscillation_is_exp_of_minus_pi_zeta_over_root():
     zeta = 0.3
     omega = np.sqrt(1 - zeta**2)
@@ -43,6 +48,11 @@ def test_first_time_is_infinite_for_what_never_happens():
 
 def test_a_window_includes_its_ends():
     assert t[within(t, 2.0, 3.0)][[0, -1]].tolist() == [2.0, 3.0]
+
+
+def test_half_a_nanosecond_outside_a_window_is_still_inside_and_a_whole_one_is_not():
+    assert within(np.array([2.0 - 5e-10, 3.0 + 5e-10]), 2.0, 3.0).all()
+    assert not within(np.array([2.0 - 1e-9, 3.0 + 1e-9]), 2.0, 3.0).any()
 
 
 def test_the_steepest_rise_of_a_ramp_is_its_slope_and_of_a_step_its_height_over_the_span():

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from tests.studies.paper.fig4_series import T, runs
-from twin.studies.paper.claim import judged
+from twin.studies.paper.claim import Finding, judged
 from twin.studies.paper.fig4 import CLAIMS, QUALITY
-from twin.studies.paper.fig4_measures import fluctuation
+from twin.studies.paper.fig4_measures import disproportion, fluctuation
+from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
 from twin.studies.paper.score import fig4_score
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
@@ -63,6 +64,9 @@ NEAR: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
     ("fluctuation_small", "high", {"fp": {"fluctuation": (13.7, 0.24)}}, {"fp": {"fluctuation": (13.7, 0.26)}}),
     ("fluctuation_survived", "high", {"fp": {"noise": 0.22 * (np.abs(T - 14.6) < 0.005)}},
      {"fp": {"noise": 0.23 * (np.abs(T - 14.6) < 0.005)}}),
+    # the force is half of the fluctuation too low before it; what it does is looked at from 13.2 s on
+    ("fluctuation_survived", "high", {"fp": {"noise": -0.23 * (np.abs(T - 13.19) < 0.005)}},
+     {"fp": {"noise": -0.23 * (np.abs(T - 13.21) < 0.005)}}),
     ("true_force", "high", {"fp": {"true": -0.24}}, {"fp": {"true": -0.26}}),
     ("true_overshoot", "high", {"fp": {"peak": 0.24}}, {"fp": {"peak": 0.26}}),
     ("true_final", "low", {"fp": {"final": 4.76}}, {"fp": {"final": 4.74}}),
@@ -134,6 +138,35 @@ def test_no_fluctuation_fails_both_claims_of_it_and_no_other(size: float):
 def test_a_drift_is_no_fluctuation():
     drift = runs(fp={"fluctuation": (13.7, 0.0), "noise": 0.2 * (T - 14.7) / 4.0}).force_position
     assert np.isnan(fluctuation(drift)).all()
+
+
+@pytest.mark.parametrize(("times", "found"), [(9.7, False), (10.3, True)])
+def test_a_fluctuation_is_ten_times_what_the_force_does_anyway(times: float, found: bool):
+    # a drift of 0.025 N/s changes the mean over 0.2 s by 0.005 N from one to the next, and so adds to the fluctuation
+    drift, each = 0.025 * (T - 13.7), 0.005
+    run = runs(fp={"fluctuation": (13.7, (times - 1.0) * each), "noise": drift}).force_position
+    assert np.isfinite(fluctuation(run)).all() == found
+
+
+def test_a_way_or_a_reading_that_ends_below_its_beginning_is_in_proportion_to_nothing():
+    rising, unloaded = runs().position, runs().position
+    before = T < SWEEP[0]
+    rising.recording["estimator.p_B"][before, 2] *= -1.0
+    unloaded.recording["scale.F_z"][np.flatnonzero(before)[-1]] = -0.1
+    for position in (rising, unloaded):
+        assert np.isnan(disproportion(Fig4Runs(runs().force_position, position)))
+
+
+DIGITS = {"%": 1, "mm": 2, "N": 2, "s": 2, "": 2}
+FINER = {"trigger_time", "trigger_force", "fluctuation_small", "true_force", "true_z"}
+
+
+def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():
+    for claim in BY_KEY.values():
+        # a number without end, of which the claim says how much is printed
+        printed = Finding(claim, 1.0 / 3.0, "holds", "").measured
+        digits = len(printed.partition(" ")[0].partition(".")[2])
+        assert not printed or digits == (3 if claim.key in FINER else DIGITS[claim.unit]), claim.key
 
 
 def test_a_force_off_proportion_by_an_exponent_is_as_far_off_as_the_exponent_says():

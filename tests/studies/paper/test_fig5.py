@@ -16,6 +16,7 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.studies.paper.claim import Finding
 from twin.studies.paper.fig5 import CLAIMS
+from twin.studies.paper.fig5_measures import speed_of_touch
 from twin.studies.paper.fig5_runs import body_of, drive_of, task_runs, trip_sentence
 from twin.studies.paper.fig5_score import fig5_score
 from twin.studies.paper.score import bound_used, tally
@@ -152,6 +153,32 @@ def test_no_bound_has_changed_unnoticed(kind: str):
     assert [f"{claim.key} {claim.expected} {claim.unit}".rstrip() for claim in CLAIMS[kind]] == BOUNDS[kind]
 
 
+DIGITS = {"mm/s": 1, "%": 1, "mm": 3, "N": 3, "": 2}
+ODD_DIGITS = {"excess": 2, "tripped": 0, "missing": 0}
+
+
+@pytest.mark.parametrize("kind", CLAIMS)
+def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit(kind: str):
+    for claim in CLAIMS[kind]:
+        # a number without end, of which the claim says how much is printed
+        digits = len(Finding(claim, 1.0 / 3.0, "holds", "").measured.split()[0].partition(".")[2])
+        assert digits == ODD_DIGITS.get(claim.key, DIGITS[claim.unit]), claim.key
+
+
+def test_a_pull_is_no_touch(tmp_path: Path):
+    (run,) = task_runs(tapped(tmp_path))
+    touches = run.touches.copy()
+    (again,) = task_runs(tapped(tmp_path))
+    again.F_z[[tap.start for tap in again.taps]] = -0.1
+    assert again.touches.tolist() == touches.tolist()
+    on = np.ones(len(run.t), dtype=bool)
+    assert speed_of_touch(again, on) == speed_of_touch(run, on) > 0.0
+
+
+def test_taps_that_never_touch_have_begun_above_nothing(tmp_path: Path):
+    assert findings(tapped(tmp_path, peaks=(0.0, 0.0)))["pre_tap"].verdict == "fails"
+
+
 def test_taps_have_the_peaks_they_were_given(tmp_path: Path):
     recording = tapped(tmp_path, peaks=(2.8, 3.0, 3.4, 3.0))
     # the sampled sine misses its top by at most half a sample: (pi/50/2)^2/2 = 5e-4
@@ -203,6 +230,13 @@ def test_the_share_of_a_bound_is_one_at_the_bound(tmp_path: Path):
     assert bound_used(found["force_rms"]) == pytest.approx(0.5, abs=1e-9)
     assert bound_used(found["tripped"]) == 0.0
     assert tally(found.values()) == (len(found), len(found))
+
+
+def test_a_run_whose_recording_does_not_say_which_task_was_on_is_refused(tmp_path: Path):
+    recording = pressed(tmp_path)
+    streams = {name: stream for name, stream in recording.streams.items() if name != "controller"}
+    with pytest.raises(InputRefused, match="holds no task"):
+        task_runs(dataclasses.replace(recording, streams=streams))
 
 
 @pytest.mark.parametrize("body", ["back", "belly"])
