@@ -31,3 +31,4 @@ def test_a_sentence_names_who_what_and_the_limit_in_units_for_people():
         "safety monitor: the joint angles fit no pose of the robot: unfit samples 1, limit 1"
     )
     assert "invalid values 2, limit 1" in trip_sentence(Trip(0, Reason.INVALID_SAMPLE, 2.0, 1.0, 0))
+    assert "rate 320 N/s, limit 300 N/s" in trip_sentence(Trip(0, Reason.FORCE_RATE, 320.0, 300.0, 0))

@@ -85,6 +85,7 @@ def massage(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Recording:
 def test_no_claim_fails_on_the_shipped_massage(massage: Recording):
     score = fig5_score([massage])
     assert [task.kind for task in score.tasks] == ["press", "tap", "roll", "push"]
+    assert [task.name for task in score.tasks] == ["press 1", "tap 2", "roll 3", "push 4"]
     assert score.failed == [] and score.remarks == ()
     assert (drive_of(massage), body_of(massage)) == ("velocity_servo", "scale")
 
