@@ -39,6 +39,12 @@ def test_a_claim_that_is_always_trivial_has_no_probability():
     assert math.isnan(found.share) and found.interval == (0.0, 1.0)
 
 
+def test_a_claim_that_holds_in_all_of_a_few_runs_is_no_certainty():
+    (found,) = likelihoods([judged(number, 5.6, "holds") for number in range(20)])
+    # 20 of 20: Wilson's lower end is 1 / (1 + 1.96^2 / 20)
+    assert found.interval == pytest.approx((1.0 / (1.0 + 1.959964**2 / 20), 1.0), abs=1e-6)
+
+
 def test_bands_are_quantiles_over_runs_at_each_time():
     t = np.array([0.0, 0.4])
     rows = [{**row(n, {}, y=1.0), "curves": packed({"a": (t, float(n) + t)}, 0.4)} for n in range(1, 102)]

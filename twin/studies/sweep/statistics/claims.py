@@ -9,7 +9,6 @@ from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig4 import CLAIMS, QUALITY
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.statistics.distribution import QUANTILES
-from twin.studies.sweep.statistics.proportion import wilson_interval
 
 
 @dataclass(frozen=True)
@@ -49,7 +48,21 @@ def likelihoods(rows: Sequence[Row]) -> list[Likelihood]:
         numbers = [np.inf if answer["value"] is None else answer["value"] for answer in answers]
         # between two runs there may be infinity: a quantile is the number of a run
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
-        interval = wilson_interval(holds, holds + fails)
+        interval = _wilson_interval(holds, holds + fails)
         trivial = len(verdicts) - holds - fails
         found.append(Likelihood(claim, holds, holds + fails, trivial, interval, tuple(map(float, quantiles))))
     return found
+
+
+def _wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+    """95 % interval of a probability, inside 0 .. 1 also where all runs or none succeed; (0, 1) of no runs.
+
+    Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
+    """
+    # takes a while to import, and few sweeps judge claims
+    from scipy.stats import binomtest
+
+    if runs == 0:
+        return 0.0, 1.0
+    interval = binomtest(successes, runs).proportion_ci(0.95, "wilson")
+    return float(interval.low), float(interval.high)

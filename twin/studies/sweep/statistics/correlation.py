@@ -5,7 +5,6 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.statistics.ranking import is_number, value
@@ -48,7 +47,10 @@ def rank_correlation(rows: Sequence[Row], label: str, metric: str) -> Correlatio
     ]
     if len(pairs) < LEAST:
         return None
-    x, y = (_ranks(np.array(column)) for column in zip(*pairs, strict=True))
+    # takes a while to import, and most of this package does without
+    from scipy.stats import rankdata
+
+    x, y = (rankdata(column) for column in zip(*pairs, strict=True))
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return None
     n = len(pairs)
@@ -74,10 +76,3 @@ def _chance(rho: float, n: int) -> float:
         return 0.0
     t = abs(rho) * math.sqrt((n - 2) / (1.0 - rho * rho))
     return float(2.0 * stdtr(n - 2, -t))
-
-
-def _ranks(values: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Ranks from 1, ties sharing their mean, (n,)."""
-    _, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
-    last = np.cumsum(counts)
-    return (last - 0.5 * (counts - 1))[inverse]
