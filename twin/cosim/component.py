@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.cosim.port import Port, width
+from twin.cosim.port import Port, by_port, width
 from twin.cosim.rewind import Rewind, record_rewind
 
 NOT_FINITE = 1 << 32
@@ -46,9 +46,7 @@ class Component:
 
     def initial(self, name: str) -> np.ndarray:
         """Initial values of the output port `name`."""
-        before = [port.name for port in self.outputs].index(name)
-        start = width(self.outputs[:before])
-        return self.initial_outputs[start : start + self.outputs[before].size]
+        return by_port(self.outputs, self.initial_outputs)[name]
 
     def explain(self, status: int) -> str:
         """What a bad `status` of this component's step means, as the verb phrase of a sentence."""

@@ -3,7 +3,7 @@
 import numpy as np
 
 from twin.cosim.component import NOT_FINITE
-from twin.cosim.port import named_values
+from twin.cosim.port import by_port, named_values, width
 from twin.cosim.system import System
 
 
@@ -28,10 +28,9 @@ def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
     start = int(system.y_start[culprit])
     if not component.sampled:
         start += system.outputs_width
-    for port in component.outputs:
-        values = y[start : start + port.size]
+    outputs = y[start : start + width(component.outputs)]
+    for name, values in by_port(component.outputs, outputs).items():
         if not np.all(np.isfinite(values)):
             bad = values[~np.isfinite(values)][0]
-            return f"returned {'NaN' if np.isnan(bad) else 'infinity'} for {port.name}"
-        start += port.size
+            return f"returned {'NaN' if np.isnan(bad) else 'infinity'} for {name}"
     raise AssertionError("the master reported a value that is not finite, and all are")

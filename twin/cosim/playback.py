@@ -6,7 +6,7 @@ from numpy.typing import NDArray
 
 from twin.cosim.component import Component
 from twin.cosim.native import call_step
-from twin.cosim.port import width
+from twin.cosim.port import by_port, width
 
 
 @njit(cache=True)
@@ -54,9 +54,5 @@ def play(
 
 def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
     """`rows` (n, outputs) by port: (n,), or (n, size) of a port of several."""
-    parts, start = {}, 0
-    for port in component.outputs:
-        part = rows[:, start : start + port.size]
-        parts[port.name] = part[:, 0] if port.size == 1 else part
-        start += port.size
-    return parts
+    parts = by_port(component.outputs, rows)
+    return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in parts.items()}

@@ -38,12 +38,16 @@ def port_record(ports: tuple[Port, ...]) -> np.dtype:
     return np.dtype([(port.name, "f8") if port.size == 1 else (port.name, "f8", (port.size,)) for port in ports])
 
 
+def by_port(ports: tuple[Port, ...], values: np.ndarray) -> dict[str, np.ndarray]:
+    """`values` (..., width of `ports`) by the name of the port, (..., size) each, views."""
+    ends = np.cumsum([port.size for port in ports])
+    return {port.name: values[..., end - port.size : end] for port, end in zip(ports, ends, strict=True)}
+
+
 def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:
     """`omega_ref = 0.13 rad/s, tau_load = 0.061 N m`: the values of `ports`, for people."""
-    texts, start = [], 0
-    for port in ports:
-        part = values[start : start + port.size]
-        start += port.size
+    texts = []
+    for port, part in zip(ports, by_port(ports, values).values(), strict=True):
         shown = f"{part[0]:.6g}" if port.size == 1 else "(" + ", ".join(f"{v:.6g}" for v in part) + ")"
         texts.append(f"{port.name} = {shown}" + ("" if port.unit == "1" else f" {port.unit}"))
     return ", ".join(texts)

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
-from twin.cosim.port import width
+from twin.cosim.port import by_port, width
 from twin.errors import ComponentFailed
 
 _STEP = ctypes.CFUNCTYPE(
@@ -42,6 +42,4 @@ class Sampled:
         """The outputs by port; `u` may hold the inputs by port likewise, among others."""
         if isinstance(u, Mapping):
             u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
-        sizes = np.cumsum([port.size for port in self.component.outputs])
-        values = np.split(self(u, t, h), sizes[:-1])
-        return {port.name: value for port, value in zip(self.component.outputs, values, strict=True)}
+        return by_port(self.component.outputs, self(u, t, h))

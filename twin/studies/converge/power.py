@@ -29,7 +29,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
-from twin.cosim.port import width
+from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
@@ -99,9 +99,7 @@ class _Inputs(Observer):
             self.start[first] = self._input(self._plant, "theta_m_start") if self.ramp else self.end[first]
 
     def _input(self, component: Component, name: str) -> NDArray[np.float64]:
-        names = [port.name for port in component.inputs]
-        first = width(component.inputs[: names.index(name)])
-        return self._simulation.inputs(component)[first : first + component.inputs[names.index(name)].size]
+        return by_port(component.inputs, self._simulation.inputs(component))[name]
 
 
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
