@@ -92,7 +92,4 @@ def stepped(experiment: Experiment, isolated: int) -> float:
         IsolatedDrives(VOICE, Limits.step, count=isolated) as drives,
         assemble(experiment, maker=FirstElsewhere(drives, isolated)) as assembly,
     ):
-        done = simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS)
-        if done.failure:
-            raise done.failure
-        return done.stepping
+        return simulate(assembly, experiment.duration_ticks, (), SLICE_TICKS).completed().stepping

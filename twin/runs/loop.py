@@ -3,6 +3,7 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Self
 
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
@@ -31,6 +32,16 @@ class Simulated:
     @property
     def failure(self) -> ComponentFailed | None:
         return self.simulation.failure
+
+    def completed(self) -> Self:
+        """The same, of a simulation in which no component failed.
+
+        Raises:
+            ComponentFailed: one did.
+        """
+        if self.failure:
+            raise self.failure
+        return self
 
     @property
     def trip(self) -> str:

@@ -129,7 +129,5 @@ def run_in_memory(experiment: Experiment, every: int = 1, only: Collection[str] 
     """
     trace = Trace(every, only)
     with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [trace])
-        if done.failure:
-            raise done.failure
+        simulate(assembly, experiment.duration_ticks, [trace]).completed()
     return trace

@@ -105,9 +105,7 @@ class _Inputs(Observer):
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
     run, inputs, p = Trace(), _Inputs(), experiment.plant
-    done = simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1)
-    if done.failure:
-        raise done.failure
+    simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1).completed()
     tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]
     W_drive = inputs.load * np.diff(run.of_drives("theta_m"), axis=0)
     if inputs.ramp:

@@ -50,9 +50,7 @@ def sampled_run(experiment: Experiment) -> tuple[Samples, float]:
     """
     run = Trace(experiment.controller_ticks)
     with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [run])
-        if done.failure:
-            raise done.failure
+        done = simulate(assembly, experiment.duration_ticks, [run]).completed()
     plant = {key: run[key] for key in ("plant.F_ee_B", "plant.p_B", "plant.tau_load")}
     simulated = experiment.duration_ticks * experiment.cosim.tick
     return chosen(plant, run.of_drives("theta_m")), done.stepping / simulated

@@ -92,9 +92,7 @@ def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
         tally, run = Tally(assembly.system), Trace() if experiment.measures or kept_whole else None
-        done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally])
-        if done.failure:
-            raise done.failure
+        done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
     metrics = metrics_of(tally.outcome)
     if run:
         signals = Signals(run, geometry_of(experiment.controller.model))

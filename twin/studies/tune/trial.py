@@ -127,9 +127,7 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
             memory = PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
             assert memory is not None
             system.changes = (*system.changes, Change(rest, memory, high))
-        done = simulate(assembly, rest + over, [run])
-        if done.failure:
-            raise done.failure
+        simulate(assembly, rest + over, [run]).completed()
     return -run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2]
 
 
