@@ -22,7 +22,7 @@ _PUBLIC = {
     "run": "twin.runs.run:execute",
 }
 
-__all__ = ["Experiment", "Run", "check", "load", "read", "run"]
+__all__ = list(_PUBLIC)
 
 
 def __getattr__(name: str) -> Any:

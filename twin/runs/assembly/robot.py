@@ -15,6 +15,8 @@ from twin.runs.assembly import computer, mechanics
 from twin.runs.assembly.build import Parts
 from twin.runs.assembly.joints import joint_drives
 
+Source = tuple[str, str]
+
 
 class Row(NamedTuple):
     """Components of the robot.
@@ -22,16 +24,23 @@ class Row(NamedTuple):
     Attributes:
         name: of the row, and of its component if there is one.
         parts: what makes its components, if the experiment has any.
-        inputs: by port "row.port", where it comes from; of several the first one whose row has components.
+        inputs: by port (row, port), where it comes from; of several the first one whose row has components.
     """
 
     name: str
     parts: Parts
-    inputs: Mapping[str, tuple[str, ...]]
+    inputs: Mapping[str, tuple[Source, ...]]
 
 
 def _row(name: str, parts: Parts, **inputs: str | tuple[str, ...]) -> Row:
-    return Row(name, parts, {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()})
+    """A row with its sources as "row.port"."""
+    told = {port: (source,) if isinstance(source, str) else source for port, source in inputs.items()}
+    return Row(name, parts, {port: tuple(map(_source, sources)) for port, sources in told.items()})
+
+
+def _source(text: str) -> Source:
+    row, _, port = text.partition(".")
+    return row, port
 
 
 COMMAND = ("monitor.omega_ref", "delay.omega_ref", "controller.omega_ref")
@@ -70,15 +79,15 @@ def connected(made: Mapping[str, list[Component]]) -> Feeds:
     for row in ROBOT:
         for port, sources in row.inputs.items():
             targets = ends(made[row.name], "input", port)
-            there = [source for source in sources if made[source.partition(".")[0]]]
+            there = [source for source in sources if made[source[0]]]
             if targets and there:
                 feeds.update(zip(targets, _values(there[0], made, targets), strict=True))
     return feeds
 
 
-def _values(source: str, made: Mapping[str, list[Component]], targets: list[End]) -> list[End]:
-    """A value of the output `source`, "row.port", for each of `targets`."""
-    name, _, port = source.partition(".")
+def _values(source: Source, made: Mapping[str, list[Component]], targets: list[End]) -> list[End]:
+    """A value of the output `source` for each of `targets`."""
+    name, port = source
     values = ends(made[name], "output", port)
     first = targets[0]
     if not values:
@@ -89,5 +98,7 @@ def _values(source: str, made: Mapping[str, list[Component]], targets: list[End]
     if len(values) == 1:
         return values * len(targets)
     if len(values) != len(targets):
-        raise InputRefused(f"wire {source} -> {first.component}.{first.port}: {len(values)} values into {len(targets)}")
+        raise InputRefused(
+            f"wire {name}.{port} -> {first.component}.{first.port}: {len(values)} values into {len(targets)}"
+        )
     return values

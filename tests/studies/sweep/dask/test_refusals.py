@@ -38,6 +38,18 @@ def refusal(plan: Plan, folder: Path, scheduler: str | None) -> str:
     return str(refused.value)
 
 
+def refusal_with_a_worker_in(folder: Path, plan: Plan, cluster: Running) -> str:
+    """The refusal for a third worker, which finds its packages in `folder` first."""
+    worker = cluster.worker(folder)
+    try:
+        cluster.wait(3)
+        said = refusal(plan, folder / "out", cluster.address)
+    finally:
+        kill(worker)
+    assert said.startswith("--engine dask: worker tcp://127.0.0.1:")
+    return said
+
+
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:{port}", "nothing://there", "127.0.0.1", "tcp://[oops"])
 def test_a_scheduler_that_is_not_there_is_named(
     plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str
@@ -72,26 +84,14 @@ def test_a_worker_with_another_version_is_named_with_both(
     other = tmp_path / f"{package}-1.0.dist-info"
     other.mkdir()
     (other / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {package}\nVersion: 1.0\n")
-    worker = cluster.worker(tmp_path)
-    try:
-        cluster.wait(3)
-        said = refusal(plan, tmp_path / "out", cluster.address)
-    finally:
-        kill(worker)
-    assert said.startswith("--engine dask: worker tcp://127.0.0.1:")
+    said = refusal_with_a_worker_in(tmp_path, plan, cluster)
     assert f"has {told}" in said
     assert f", this machine has {versions()[package]}" in said
 
 
 def test_a_worker_without_twin_is_named(plan: Plan, tmp_path: Path, cluster: Running):
     (tmp_path / "twin.py").write_text("raise ImportError('no twin here')\n")
-    worker = cluster.worker(tmp_path)
-    try:
-        cluster.wait(3)
-        said = refusal(plan, tmp_path / "out", cluster.address)
-    finally:
-        kill(worker)
-    assert said.startswith("--engine dask: worker tcp://127.0.0.1:")
+    said = refusal_with_a_worker_in(tmp_path, plan, cluster)
     assert "has no twin like this one" in said
 
 

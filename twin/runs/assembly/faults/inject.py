@@ -16,8 +16,8 @@ from twin.runs.assembly.faults.components import (
     message_fault,
     parameter_fault,
 )
+from twin.runs.assembly.joints import JOINTS
 
-JOINTS = 3
 THREE_AXES = "drive"
 """Name of a drive that turns all joints; others are drive_1 .. drive_3."""
 

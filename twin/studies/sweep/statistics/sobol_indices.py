@@ -1,6 +1,5 @@
 """Which share of a metric's variance each parameter explains: Sobol' indices, from the rows of a Saltelli design."""
 
-import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -120,8 +119,3 @@ def why_no_indices(design: str) -> str:
     if design == "saltelli":
         return ""
     return f'no Sobol indices: they need design = "saltelli", this is "{design}"; rank correlations need no design'
-
-
-def strongest(indices: Sequence[Index]) -> Index | None:
-    """The parameter with the largest total index; None if there is none."""
-    return max((index for index in indices if math.isfinite(index.total)), key=lambda i: i.total, default=None)
