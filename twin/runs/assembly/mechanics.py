@@ -3,20 +3,14 @@
 import numpy as np
 
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import NEVER, Fault
-from twin.plant.body import Body, Motion, MotionKind
+from twin.plant.body import Body, Motion
 from twin.plant.component import Plant
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 from twin.plant.scale import Scale
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.build import Build, Makers
-from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
-
-SUDDEN = 0.02
-"""Time (s) in which a surface jumps or drops away as a fault."""
-BREATHING_RATE = 0.25
-"""Of breathing as a fault (Hz): 15 per minute."""
+from twin.runs.assembly.true_parameters import fault_motions, plant_parameters, surface_motions
 
 
 def at_rest(experiment: Experiment) -> tuple[Plant, np.ndarray]:
@@ -61,20 +55,6 @@ def scale(build: Build) -> Makers:
     return {"scale": lambda: Scale(table.resolution * G_ACCELERATION, build.experiment.scale_ticks)}
 
 
-def motions(experiment: Experiment) -> list[Motion]:
+def motions(experiment: Experiment) -> tuple[Motion, ...]:
     """How the surface moves, by itself and because of faults."""
-    faulty = (motion for fault in experiment.faults for motion in _motion(fault, experiment.cosim.tick))
-    return [*surface_motions(experiment.contact), *faulty]
-
-
-def _motion(fault: Fault, tick: float) -> list[Motion]:
-    onset, end = fault.onset * tick, np.inf if fault.end == NEVER else fault.end * tick
-    up = (0.0, 0.0, fault.magnitude)
-    match fault.kind:
-        case "surface_jump":
-            return [Motion(MotionKind.SHIFT, up, onset, end, rise=SUDDEN)]
-        case "contact_loss":
-            return [Motion(MotionKind.SHIFT, (0.0, 0.0, -fault.magnitude), onset, end, rise=SUDDEN)]
-        case "breathing":
-            return [Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)]
-    return []
+    return surface_motions(experiment.contact) + fault_motions(experiment.faults, experiment.cosim.tick)

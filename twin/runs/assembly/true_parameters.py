@@ -1,13 +1,20 @@
-"""[plant] and [contact] as the constants of the plant, and as how the surface moves."""
+"""[plant] and [contact] as the constants of the plant; [contact] and [[fault]] as how the surface moves."""
 
 import math
+from collections.abc import Sequence
 
 from twin.experiment.contact import Breathing, Contact, Shift
+from twin.experiment.fault import NEVER, Fault
 from twin.experiment.schema import Plant
 from twin.plant.body import Motion, MotionKind
 from twin.plant.contact_law import Law
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import Shape
+
+SUDDEN = 0.02
+"""Time (s) in which a surface jumps or drops away as a fault."""
+BREATHING_RATE = 0.25
+"""Of breathing as a fault (Hz): 15 per minute."""
 
 
 def plant_parameters(plant: Plant, contact: Contact) -> PlantParameters:
@@ -28,8 +35,26 @@ def surface_motions(contact: Contact) -> tuple[Motion, ...]:
     return tuple(_motion(table) for table in (contact.breathing, contact.shift) if table is not None)
 
 
+def fault_motions(faults: Sequence[Fault], tick: float) -> tuple[Motion, ...]:
+    """How it moves because of those of `faults` that break the body; `tick` in s."""
+    return tuple(motion for fault in faults if (motion := _broken(fault, tick)) is not None)
+
+
 def _motion(table: Breathing | Shift) -> Motion:
     end = math.inf if table.end is None else table.end
     if isinstance(table, Breathing):
         return Motion(MotionKind.BREATHING, (0.0, 0.0, table.amplitude), table.start, end, rate=table.rate)
     return Motion(MotionKind.SHIFT, table.by, table.start, end, rise=table.rise)
+
+
+def _broken(fault: Fault, tick: float) -> Motion | None:
+    onset, end = fault.onset * tick, math.inf if fault.end == NEVER else fault.end * tick
+    up, down = (0.0, 0.0, fault.magnitude), (0.0, 0.0, -fault.magnitude)
+    match fault.kind:
+        case "surface_jump":
+            return Motion(MotionKind.SHIFT, up, onset, end, rise=SUDDEN)
+        case "contact_loss":
+            return Motion(MotionKind.SHIFT, down, onset, end, rise=SUDDEN)
+        case "breathing":
+            return Motion(MotionKind.BREATHING, up, onset, end, rate=BREATHING_RATE)
+    return None
