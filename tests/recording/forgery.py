@@ -11,7 +11,7 @@ import zstandard
 from mcap.data_stream import ReadDataStream
 from mcap.exceptions import McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk, Metadata
+from mcap.records import Channel, Chunk, Metadata
 from mcap.writer import MCAP0_MAGIC
 
 from twin.recording.chunks import encoded
@@ -86,6 +86,24 @@ def with_content(chunk: bytes, content: bytes) -> bytes:
     data = zstandard.ZstdCompressor(level=1).compress(content)
     new = replace(old, data=data, uncompressed_size=len(content), uncompressed_crc=zlib.crc32(content))
     return encoded(new)[FRONT.size :]
+
+
+def without_last(data: list[Record], topic: str) -> list[Record]:
+    """`data` without the last message of `topic`."""
+    chunks = {place: records(content_of(body)) for place, (kind, body) in enumerate(data) if kind == Opcode.CHUNK}
+    channels = (
+        Channel.read(_stream(body)) for inner in chunks.values() for kind, body in inner if kind == Opcode.CHANNEL
+    )
+    wanted = next(channel.id for channel in channels if channel.topic == topic)
+    place, last = max(
+        (place, n)
+        for place, inner in chunks.items()
+        for n, (kind, body) in enumerate(inner)
+        if kind == Opcode.MESSAGE and int.from_bytes(body[:2], "little") == wanted
+    )
+    del chunks[place][last]
+    changed = with_content(data[place][1], joined(chunks[place]))
+    return [*data[:place], (Opcode.CHUNK, changed), *data[place + 1 :]]
 
 
 def with_metadata(data: list[Record], change: Callable[[str, dict[str, str]], dict[str, str] | None]) -> list[Record]:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from tests.recording import samples
+from tests.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
 from twin.recording.reader import read
 from twin.recording.recording import Recording
@@ -47,6 +48,15 @@ def test_nothing_is_loaded_from_elsewhere(page: str):
 
 def test_a_report_of_20_s_at_1_kHz_stays_below_8_MB(page: str):
     assert len(page.encode()) < 8e6
+
+
+def test_a_run_that_lost_an_estimate_has_a_page_without_the_picture_that_needs_it(
+    page: str, force_position: Recording, tmp_path: Path
+):
+    drawn = 'alt="Laid out like Fig. 4'
+    assert drawn in page
+    lost = sealed(without_last(data_records(force_position.path), "/estimator"), tmp_path / "run.mcap")
+    assert drawn not in report_page([ReportRun("fig4", read(lost))])[0]
 
 
 def test_titles_and_texts_cannot_become_markup(root: Path, tmp_path: Path):

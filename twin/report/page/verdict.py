@@ -58,9 +58,13 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
         score = fig4_score(pair)
         groups.append(Group("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
         groups.append(Group(ON_TRUTH, score.quality))
-    elif len(runs) == 1 and _is_fig4(runs[0], "force_position") and runs[0].end >= WHOLE:
+    elif (
+        len(runs) == 1
+        and _is_fig4(runs[0], "force_position")
+        and runs[0].end >= WHOLE
+        and (run := Fig4Run(runs[0].recording)).is_in_step
+    ):
         # what we ask of the true force concerns this run alone
-        run = Fig4Run(runs[0].recording)
         groups.append(Group(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}

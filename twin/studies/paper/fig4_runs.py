@@ -49,6 +49,11 @@ class Fig4Run:
     def t_plant(self) -> Curve:
         return self.recording.time("plant")
 
+    @property
+    def is_in_step(self) -> bool:
+        """Whether estimator and controller tell of the same instants, as they do in every run that is whole."""
+        return np.array_equal(self.recording.time("estimator"), self.t)
+
     @cached_property
     def F_z(self) -> Curve:
         """Pressing force as the controller estimates it, low-passed (N)."""
@@ -162,7 +167,7 @@ def fig4_runs(force_position: Recording, position: Recording, *imperfect: Record
         imperfect: the same two of fig4_imperfect.toml and fig4_imperfect_position.toml, or none.
 
     Raises:
-        InputRefused: one is too short, or they stand in the wrong order.
+        InputRefused: one is too short or not whole, or they stand in the wrong order.
     """
     pairs = [(force_position, position), *([(imperfect[0], imperfect[1])] if imperfect else [])]
     ideal, *others = [_checked_pair(*pair) for pair in pairs]
@@ -175,6 +180,8 @@ def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4R
         if end < WHOLE:
             note = f" ({recording.note})" if recording.note else ""
             raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
+        if not Fig4Run(recording).is_in_step:
+            raise InputRefused(f"{recording.path}: estimator and controller tell of different times; run it again")
     pair = Fig4Run(force_position), Fig4Run(position)
     if np.isinf(pair[0].trigger_time) and np.isfinite(pair[1].trigger_time):
         raise InputRefused(
