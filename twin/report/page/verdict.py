@@ -62,7 +62,7 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
         len(runs) == 1
         and _is_fig4(runs[0], "force_position")
         and runs[0].end >= WHOLE
-        and (run := Fig4Run(runs[0].recording)).is_in_step
+        and (run := Fig4Run(runs[0].recording)).is_whole
     ):
         # what we ask of the true force concerns this run alone
         groups.append(Group(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))

@@ -49,10 +49,11 @@ class Fig4Run:
     def t_plant(self) -> Curve:
         return self.recording.time("plant")
 
-    @property
-    def is_in_step(self) -> bool:
-        """Whether estimator and controller tell of the same instants, as they do in every run that is whole."""
-        return np.array_equal(self.recording.time("estimator"), self.t)
+    @cached_property
+    def is_whole(self) -> bool:
+        """Whether controller and plant were sampled without a gap, and the estimator when the controller was."""
+        together = np.array_equal(self.recording.time("estimator"), self.t)
+        return together and _is_even(self.t) and _is_even(self.t_plant)
 
     @cached_property
     def F_z(self) -> Curve:
@@ -180,11 +181,19 @@ def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4R
         if end < WHOLE:
             note = f" ({recording.note})" if recording.note else ""
             raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
-        if not Fig4Run(recording).is_in_step:
-            raise InputRefused(f"{recording.path}: estimator and controller tell of different times; run it again")
+        if not Fig4Run(recording).is_whole:
+            raise InputRefused(
+                f"{recording.path}: has gaps, or estimator and controller tell of different times; run it again"
+            )
     pair = Fig4Run(force_position), Fig4Run(position)
     if np.isinf(pair[0].trigger_time) and np.isfinite(pair[1].trigger_time):
         raise InputRefused(
             f"{force_position.path} has no force control and {position.path} has: give the force-position run first"
         )
     return pair
+
+
+def _is_even(t: Curve) -> bool:
+    steps = np.diff(t)
+    # recorded in whole nanoseconds
+    return len(steps) > 0 and bool(np.ptp(steps) < 1e-8)
