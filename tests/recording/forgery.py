@@ -88,20 +88,20 @@ def with_content(chunk: bytes, content: bytes) -> bytes:
     return encoded(new)[FRONT.size :]
 
 
-def without(data: list[Record], topic: str, number: int) -> list[Record]:
-    """`data` without the message `number` of `topic`, -1: the last."""
+def without_last(data: list[Record], topic: str) -> list[Record]:
+    """`data` without the last message of `topic`."""
     chunks = {place: records(content_of(body)) for place, (kind, body) in enumerate(data) if kind == Opcode.CHUNK}
     channels = (
         Channel.read(_stream(body)) for inner in chunks.values() for kind, body in inner if kind == Opcode.CHANNEL
     )
     wanted = next(channel.id for channel in channels if channel.topic == topic)
-    place, gone = [
+    place, last = max(
         (place, n)
         for place, inner in chunks.items()
         for n, (kind, body) in enumerate(inner)
         if kind == Opcode.MESSAGE and int.from_bytes(body[:2], "little") == wanted
-    ][number]
-    del chunks[place][gone]
+    )
+    del chunks[place][last]
     changed = with_content(data[place][1], joined(chunks[place]))
     return [*data[:place], (Opcode.CHUNK, changed), *data[place + 1 :]]
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from tests.recording import samples
-from tests.recording.forgery import data_records, sealed, without
+from tests.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
 from twin.recording.reader import read
 from twin.recording.recording import Recording
@@ -55,7 +55,7 @@ def test_a_run_that_lost_an_estimate_has_a_page_without_the_picture_that_needs_i
 ):
     drawn = 'alt="Laid out like Fig. 4'
     assert drawn in page
-    lost = sealed(without(data_records(force_position.path), "/estimator", -1), tmp_path / "run.mcap")
+    lost = sealed(without_last(data_records(force_position.path), "/estimator"), tmp_path / "run.mcap")
     assert drawn not in report_page([ReportRun("fig4", read(lost))])[0]
 
 

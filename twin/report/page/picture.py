@@ -33,7 +33,7 @@ def picture(runs: Sequence[ReportRun], verdict: Verdict) -> Markup | None:
             return None
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
         return _figure(partial(draw_fig5, verdict.fig5), text)
-    if len(runs) == 1 and runs[0].has(*CURVES) and Fig4Run(runs[0].recording).is_whole:
+    if len(runs) == 1 and runs[0].has(*CURVES) and Fig4Run(runs[0].recording).is_in_step:
         from twin.report.page.one_run import draw_one_run
 
         text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."

@@ -10,7 +10,7 @@ from twin.report.page.measures import outcome
 from twin.report.page.run import ReportRun
 from twin.studies.paper.claim import Finding, judged
 from twin.studies.paper.fig4 import QUALITY
-from twin.studies.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs, fig4_runs
+from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs, checked_run, fig4_runs
 from twin.studies.paper.fig5_score import Fig5Score, fig5_score
 from twin.studies.paper.score import failed, fig4_score, tally
 
@@ -58,12 +58,7 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
         score = fig4_score(pair)
         groups.append(Group("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
         groups.append(Group(ON_TRUTH, score.quality))
-    elif (
-        len(runs) == 1
-        and _is_fig4(runs[0], "force_position")
-        and runs[0].end >= WHOLE
-        and (run := Fig4Run(runs[0].recording)).is_whole
-    ):
+    elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # what we ask of the true force concerns this run alone
         groups.append(Group(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
     if fig5 is not None:
@@ -120,6 +115,16 @@ def _pair(runs: Sequence[ReportRun]) -> list[Recording]:
     """The one with force control and the one without; empty if there is not exactly one of each."""
     modes = [[run.recording for run in runs if _is_fig4(run, mode)] for mode in ("force_position", "position")]
     return [one for mode in modes for one in mode] if [len(mode) for mode in modes] == [1, 1] else []
+
+
+def _force_position_run(run: ReportRun) -> Fig4Run | None:
+    """Of Fig. 4; None if it is another, or none that can be judged."""
+    if not _is_fig4(run, "force_position"):
+        return None
+    try:
+        return checked_run(run.recording)
+    except InputRefused:
+        return None
 
 
 def _is_fig4(run: ReportRun, mode: str) -> bool:

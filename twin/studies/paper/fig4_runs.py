@@ -49,11 +49,10 @@ class Fig4Run:
     def t_plant(self) -> Curve:
         return self.recording.time("plant")
 
-    @cached_property
-    def is_whole(self) -> bool:
-        """Whether controller and plant were sampled without a gap, and the estimator when the controller was."""
-        together = np.array_equal(self.recording.time("estimator"), self.t)
-        return together and _is_even(self.t) and _is_even(self.t_plant)
+    @property
+    def is_in_step(self) -> bool:
+        """Whether estimator and controller tell of the same instants, as they do where nothing was lost."""
+        return np.array_equal(self.recording.time("estimator"), self.t)
 
     @cached_property
     def F_z(self) -> Curve:
@@ -168,32 +167,33 @@ def fig4_runs(force_position: Recording, position: Recording, *imperfect: Record
         imperfect: the same two of fig4_imperfect.toml and fig4_imperfect_position.toml, or none.
 
     Raises:
-        InputRefused: one is too short or not whole, or they stand in the wrong order.
+        InputRefused: as `checked_run`, or they stand in the wrong order.
     """
     pairs = [(force_position, position), *([(imperfect[0], imperfect[1])] if imperfect else [])]
     ideal, *others = [_checked_pair(*pair) for pair in pairs]
     return Fig4Runs(*ideal, *others)
 
 
+def checked_run(recording: Recording) -> Fig4Run:
+    """A recording of Fig. 4 that can be judged.
+
+    Raises:
+        InputRefused: it is too short, or has lost estimates.
+    """
+    run = Fig4Run(recording)
+    end = run.t[-1] if len(run.t) else 0.0
+    if end < WHOLE:
+        note = f" ({recording.note})" if recording.note else ""
+        raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
+    if not run.is_in_step:
+        raise InputRefused(f"{recording.path}: estimator and controller tell of different times; run it again")
+    return run
+
+
 def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4Run, Fig4Run]:
-    for recording in (force_position, position):
-        end = recording.time("controller")[-1] if len(recording.time("controller")) else 0.0
-        if end < WHOLE:
-            note = f" ({recording.note})" if recording.note else ""
-            raise InputRefused(f"{recording.path}: ends at {end:.3f} s{note}; Fig. 4 needs {WHOLE} s, run it again")
-        if not Fig4Run(recording).is_whole:
-            raise InputRefused(
-                f"{recording.path}: has gaps, or estimator and controller tell of different times; run it again"
-            )
-    pair = Fig4Run(force_position), Fig4Run(position)
+    pair = checked_run(force_position), checked_run(position)
     if np.isinf(pair[0].trigger_time) and np.isfinite(pair[1].trigger_time):
         raise InputRefused(
             f"{force_position.path} has no force control and {position.path} has: give the force-position run first"
         )
     return pair
-
-
-def _is_even(t: Curve) -> bool:
-    steps = np.diff(t)
-    # recorded in whole nanoseconds
-    return len(steps) > 0 and bool(np.ptp(steps) < 1e-8)
