@@ -10,7 +10,7 @@ from tests.recording.export.readers import csv_columns
 from twin.errors import InputRefused, NotWritten
 from twin.recording.export.csv_file import write_csv
 from twin.recording.export.export import export_recording
-from twin.recording.export.table import Column, Table
+from twin.recording.export.table import NANOSECONDS, Column, Table, row_times
 from twin.recording.reader import read
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -133,6 +133,15 @@ def test_what_cannot_be_exported_is_one_sentence(run: Path, arguments, said: str
         export_recording(run, "csv", **arguments)
     assert "\n" not in str(refused.value)
     assert not list(run.parent.glob("*.csv*"))
+
+
+def test_a_rate_that_only_repeats_samples_is_refused():
+    # 101 samples, a wrong time in the last: 10 Hz would make 5 million rows of them
+    times = 1_000_000 * np.arange(101)
+    assert len(row_times([times], 100_000.0)) == 10_001
+    times[-1] = 500_000 * NANOSECONDS
+    with pytest.raises(InputRefused, match=r"^--rate 10: makes 5000001 rows out of 101 samples, over 500000 s; choose"):
+        row_times([times], 10.0)
 
 
 def test_a_place_that_refuses_is_one_sentence(run: Path):

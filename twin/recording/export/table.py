@@ -12,10 +12,11 @@ from twin.recording.recording import Recording
 NANOSECONDS = 10**9
 LARGEST_RATE = 1e6
 """Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
-
-
 MOST_ROWS = 50_000_000
 """Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
+FEW_ROWS, MOST_REPEATED = 100_000, 1000
+"""More rows than `FEW_ROWS` have to come from samples: with each of them repeated more than `MOST_REPEATED` times, a
+time in the file is wrong or the rate is. Nobody reads such a table, and it fills the memory."""
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
         rate: rows per second of simulated time (Hz); without it, the times of the selected topic with most messages.
 
     Raises:
-        InputRefused: no positive rate, or one too fast for times of whole nanoseconds.
+        InputRefused: no positive rate, or one too fast for times of whole nanoseconds or for the samples there are.
         UnknownSeries: no such signal.
     """
     fields = recording.fields()
@@ -102,4 +103,10 @@ def row_times(times: Sequence[np.ndarray], rate: float | None) -> np.ndarray:
     count = int((last - first) * rate / NANOSECONDS + 1e-9) + 1
     if count > MOST_ROWS:
         raise InputRefused(f"--rate {rate:g}: makes {count} rows, more than {MOST_ROWS}; choose a lower one")
+    samples = max(map(len, times))
+    if count > max(FEW_ROWS, MOST_REPEATED * samples):
+        raise InputRefused(
+            f"--rate {rate:g}: makes {count} rows out of {samples} samples, over {(last - first) / NANOSECONDS:g} s; "
+            "choose a lower one"
+        )
     return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)
