@@ -5,6 +5,7 @@ import importlib
 import io
 import json
 import os
+import pickle
 import subprocess
 import sys
 import threading
@@ -13,15 +14,21 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from unittest import mock
 
+from twin.runs.guard.job import function_called
 from twin.runs.guard.voice import DirectVoice, Listen, Show
 
-GUARDED = ("twin.runs.guard.guard.guarded", "twin.cli.run.guarded", "twin.cli.check_jobs.guarded")
+GUARDED = (
+    "twin.runs.guard.guard.guarded",
+    "twin.cli.run.guarded",
+    "twin.cli.ask.guarded",
+    "twin.studies.check.processes.guarded",
+)
 """Where the commands find the function that runs a job in a process of its own."""
 
 _ONE_JOB = threading.Lock()
 
 # before anything takes the place of that function: they keep what they find under its name
-for name in ("twin.cli.run", "twin.cli.check_jobs", "twin.studies.sweep.reset"):
+for name in ("twin.cli.run", "twin.cli.ask", "twin.studies.check.processes", "twin.studies.sweep.reset"):
     importlib.import_module(name)
 
 
@@ -87,11 +94,10 @@ def _unguarded(
     show: Show = lambda done, total: None,
 ) -> Any:
     """As `twin.runs.guard.guard.guarded`, through JSON likewise, in this process."""
-    module, _, function = job.partition(":")
     voice = DirectVoice(lambda note: listen(_through_json(note)), show)
     # two jobs are two processes otherwise, and need not stand each other in one
     with _ONE_JOB:
-        return _through_json(getattr(importlib.import_module(module), function)(voice, **_through_json(arguments)))
+        return _through_json(function_called(job)(voice, **pickle.loads(pickle.dumps(arguments))))
 
 
 def _through_json(content: Any) -> Any:

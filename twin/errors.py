@@ -55,6 +55,11 @@ class Unreachable(InputRefused, ValueError):
         self.excess = excess
 
 
+def system_sentence(problem: OSError) -> str:
+    """What nobody has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame."""
+    return f"{problem.filename or 'twin'}: {problem.strerror or problem}"
+
+
 def visible(text: str) -> str:
     """`text` on one line, control characters written out."""
     return "".join(c if c.isprintable() else repr(c)[1:-1] for c in text)

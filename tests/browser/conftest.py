@@ -32,14 +32,14 @@ def browser() -> Iterator[Browser]:
 @pytest.fixture(scope="package")
 def one_run(force_position: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report on the force-position run of Fig. 4."""
-    return write_report([force_position.path], tmp_path_factory.mktemp("one") / "report.html").path
+    return Path(write_report([force_position.path], tmp_path_factory.mktemp("one") / "report.html").facts["page"])
 
 
 @pytest.fixture(scope="package")
 def two_runs(force_position: Recording, position: Recording, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The report on both runs of Fig. 4."""
     paths = [force_position.path, position.path]
-    return write_report(paths, tmp_path_factory.mktemp("two") / "report.html").path
+    return Path(write_report(paths, tmp_path_factory.mktemp("two") / "report.html").facts["page"])
 
 
 class Opened:

@@ -8,7 +8,7 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.drive.compiled import compiled_drive
-from twin.cli.faults import MATRIX, PICTURE, ROWS
+from twin.studies.faults.study import MATRIX, PICTURE, ROWS
 
 PRESSING = "experiments/pressing.toml"
 CRASHES_WHEN_RETRACTED = """

@@ -1,9 +1,14 @@
 """The map of the house names every room, and the contracts on imports leave none out."""
 
+import inspect
+import re
 import tomllib
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+from twin.runs.guard.job import function_called
 
 OWNERS = {"fmpy": {"drive"}, "control": {"studies"}, "mcap": {"recording"}}
 """Rooms that may import a package, where not all may."""
@@ -31,3 +36,35 @@ def test_a_package_that_belongs_to_one_room_is_forbidden_to_every_other(root: Pa
     modules = {path.stem for path in (root / "twin").glob("*.py")} - {"__init__", "__main__"}
     named = {source.removeprefix("twin.") for source in contract["source_modules"]}
     assert named == (rooms(root / "twin") | modules) - OWNERS[package]
+
+
+def floors(root: Path) -> list[set[str]]:
+    """Rooms from the top down."""
+    settings = tomllib.loads((root / "pyproject.toml").read_text())
+    contract = settings["tool"]["importlinter"]["contracts"][0]
+    return [{room.strip().removeprefix("twin.") for room in re.split(r"[|:]", layer)} for layer in contract["layers"]]
+
+
+def named_functions(root: Path) -> Iterator[tuple[Path, str]]:
+    """(file, function it names in a text), "module:function"."""
+    for path in (root / "twin").rglob("*.py"):
+        for name in re.findall(r'"(twin(?:\.\w+)+:\w+)"', path.read_text()):
+            yield path.relative_to(root / "twin"), name
+
+
+def test_functions_that_are_named_in_a_text_exist_and_lie_on_no_higher_floor(root: Path):
+    found = list(named_functions(root))
+    # those of the guard, of the commands and of the public names
+    assert len(found) > 20
+    height = {room: number for number, floor in enumerate(floors(root)) for room in floor}
+    for path, name in found:
+        assert callable(function_called(name)), name
+        # the package itself stands above all of its rooms
+        if len(path.parts) > 1:
+            assert height[path.parts[0]] <= height[name.split(".")[1]], f"{path}: {name}"
+
+
+def test_a_study_takes_what_its_command_asks_and_tells_what_it_is_doing(root: Path):
+    for path, name in named_functions(root):
+        if path.parts[0] == "cli" and ".studies." in name:
+            assert "say" in inspect.signature(function_called(name)).parameters, f"{path}: {name}"

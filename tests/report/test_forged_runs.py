@@ -17,10 +17,8 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.run import SUMMARY, execute
 from twin.studies.compare.comparison import compared
 from twin.studies.compare.inputs import both
-from twin.studies.identify.study import Request as Identification
-from twin.studies.identify.study import identification_report
-from twin.studies.replay.study import Request as Replay
-from twin.studies.replay.study import replay_report
+from twin.studies.identify import study as identification
+from twin.studies.replay import study as replaying
 from twin.writing import json_text
 
 SEED = 12
@@ -41,11 +39,11 @@ def export(good: Path, forged: Path, draw: Random) -> object:
 
 
 def identify(good: Path, forged: Path, draw: Random) -> object:
-    return identification_report(Identification(forged, out=forged / "identify"))
+    return identification.identify(forged, out=forged / "identify")
 
 
 def replay(good: Path, forged: Path, draw: Random) -> object:
-    return replay_report(Replay(forged, plant=draw.random() < 0.3, baseline=0.05, out=forged / "replay"))
+    return replaying.replay(forged, plant=draw.random() < 0.3, baseline=0.05, out=forged / "replay")
 
 
 def report(good: Path, forged: Path, draw: Random) -> object:
@@ -120,8 +118,8 @@ def test_a_run_cannot_choose_where_its_reports_go(
     data = with_metadata(data, lambda which, entries: entries | {"name": name} if which == "experiment" else entries)
     sealed(data, tmp_path / "forged" / "run.mcap")
     for command in (
-        lambda: replay_report(Replay(Path("forged"), baseline=0.05)),
-        lambda: identification_report(Identification(Path("forged"))),
+        lambda: replaying.replay(Path("forged"), baseline=0.05),
+        lambda: identification.identify(Path("forged")),
         lambda: write_report([Path("forged")]),
     ):
         with pytest.raises(InputRefused, match="is no name of one"):

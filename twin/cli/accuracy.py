@@ -5,11 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.job import finished
 from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
-from twin.cli.progress import progress
-from twin.writing import json_text
 
 
 def accuracy(
@@ -34,26 +32,5 @@ def accuracy(
 
     Example: twin accuracy experiments/fig4_force_position.toml
     """
-    shown = progress()
-    arguments: dict[str, Any] = {
-        "experiment": str(experiment),
-        "settings": settings or [],
-        "drive": drive,
-        "out": None if out is None else str(out),
-    }
-    try:
-        text, facts = finished(budgeted, arguments, isolate, shown.say)
-    finally:
-        shown.clear()
-    print(json_text(facts) if as_json else text)
-
-
-def budgeted(
-    voice: Any, experiment: str, settings: list[str], drive: str | None, out: str | None
-) -> tuple[str, dict[str, object]]:
-    """(text, facts for JSON) of the budget, and the file of `out`; a job of the guard."""
-    from twin.studies.accuracy.study import accuracy_report
-
-    folder = None if out is None else Path(out)
-    report = accuracy_report(Path(experiment), settings, drive, folder, lambda what: voice.note(say=what))
-    return report.text, report.facts
+    asked: dict[str, Any] = {"experiment": experiment, "settings": settings or [], "drive": drive, "out": out}
+    ask("twin.studies.accuracy.study:budget", asked, as_json, isolate)

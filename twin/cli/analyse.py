@@ -5,12 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.job import finished
 from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, Settings
-from twin.writing import json_text, made_folder, write_json
-
-FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
 
 
 def analyse(
@@ -44,37 +41,12 @@ def analyse(
 
     Example: twin analyse experiments/fig4_force_position.toml
     """
-    folder = made_folder(out or Path("results/analysis") / experiment.stem)
-    arguments: dict[str, Any] = {
-        "experiment": str(experiment),
+    asked: dict[str, Any] = {
+        "experiment": experiment,
         "drive": drive,
         "body": body,
         "settings": settings or [],
         "tried": tried,
-        "out": str(folder),
+        "out": out,
     }
-    facts, text = finished(analysed, arguments, isolate)
-    print(json_text(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
-    if not facts["stable"]:
-        raise SystemExit(1)
-
-
-def analysed(
-    voice: Any, experiment: str, drive: str | None, body: str | None, settings: list[str], tried: bool, out: str
-) -> tuple[dict[str, Any], str]:
-    """(facts for JSON, text) of the loops, and the files of `out`; a job of the guard."""
-    from twin.runs.assembly.load import load_experiment
-    from twin.studies.analyse.map import draw_stability_maps
-    from twin.studies.analyse.picture import draw_analysis
-    from twin.studies.analyse.stability import stability
-    from twin.studies.analyse.text import analysis_text
-
-    done = stability(load_experiment(Path(experiment), settings, drive, body), tried)
-    folder = Path(out)
-    draw_analysis(done, folder / PICTURE)
-    if done.maps:
-        draw_stability_maps(done, folder / MAP)
-    files = [str(folder / name) for name in (PICTURE, *([MAP] if done.maps else []), FACTS)]
-    facts = done.facts() | {"files": files}
-    write_json(folder / FACTS, facts)
-    return facts, analysis_text(done)
+    ask("twin.studies.analyse.study:analyse", asked, as_json, isolate)

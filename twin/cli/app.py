@@ -28,7 +28,7 @@ from twin.cli import (
 from twin.cli.options import as_spelt_now
 from twin.cli.streams import READER_GONE, Unread, standard_streams
 from twin.cli.terminal import guard_terminal
-from twin.errors import InputRefused, NotWritten, TwinError, plain
+from twin.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
 
 INTERRUPTED = 130
 
@@ -99,9 +99,8 @@ def _ended() -> tuple[int | str | None, str]:
         return error.exit_code, str(error)
     except typer.TyperException as mistake:
         return InputRefused.exit_code, _sentence(mistake)
-    # what no command has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame
     except OSError as problem:
-        return NotWritten.exit_code, f"{problem.filename or 'twin'}: {problem.strerror or problem}"
+        return NotWritten.exit_code, system_sentence(problem)
 
 
 def _sentence(mistake: typer.TyperException) -> str:

@@ -1,14 +1,14 @@
 """`twin check`: experiments against their baselines."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
-from twin.errors import InputRefused, plain
-from twin.writing import json_text
+from twin.errors import InputRefused
 
 PICTURES = Path("results/check")
 
@@ -59,34 +59,14 @@ def check(
 
     Example: twin check experiments/step_z_air.toml --drive velocity_servo
     """
-    from twin.cli.check_jobs import finished
-    from twin.studies.check.baseline import FOLDER, baseline_file, baselines_here, write_baseline
-    from twin.studies.check.job import pairs
-    from twin.studies.check.text import check_text
-
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
-    folder = baselines or (FOLDER if update else baselines_here())
-    wanted = pairs(experiments or [], drives or [], folder)
-    done = finished(wanted, folder, reason, jobs if isolate == JobIsolation.RUN else 0)
-    verdicts = [outcome.verdict for outcome in done if outcome.verdict]
-    failures = [outcome for outcome in done if outcome.failure]
-    told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
-    facts = {"verdicts": [verdict.facts() for verdict in verdicts], "failures": told}
-    print(json_text(facts) if as_json else check_text(verdicts, [plain(outcome.failure) for outcome in failures]))
-    places = []
-    moved = [outcome for outcome in done if outcome.text]
-    for outcome in moved:
-        write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
-    if update and verdicts:
-        places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {folder}")
-    if any(verdict.outside for verdict in verdicts):
-        from twin.studies.check.picture import check_pictures
-
-        places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
-    if places and not as_json:
-        print("\n" + "\n".join(places))
-    if failures:
-        raise SystemExit(failures[0].exit_code)
-    if not update and any(verdict.deviations for verdict in verdicts):
-        raise SystemExit(1)
+    asked: dict[str, Any] = {
+        "experiments": experiments or [],
+        "drives": drives or [],
+        "reason": reason if update else "",
+        "baselines": baselines,
+        "out": out,
+        "processes": jobs if isolate == JobIsolation.RUN else 0,
+    }
+    ask("twin.studies.check.study:check_all", asked, as_json)

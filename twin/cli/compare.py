@@ -1,30 +1,15 @@
 """`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
 
-from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, NamedTuple
+from typing import Annotated
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.options import AsJson
-from twin.errors import InputRefused, visible_lines
-from twin.writing import json_text, made_folder, write_json
+from twin.errors import InputRefused
 
-if TYPE_CHECKING:
-    from twin.recording.recording import Recording
-
-FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
-FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
-
-
-class Verdict(NamedTuple):
-    """What a comparison comes to: for people, for programs, as a picture."""
-
-    text: str
-    facts: dict[str, object]
-    failed: list[str]
-    notes: list[str]
-    draw: Callable[[Path], None]
+FIGURES = {"fig4": "twin.studies.paper.study:score_fig4", "fig5": "twin.studies.paper.study:score_fig5"}
 
 
 def compare(
@@ -75,105 +60,19 @@ def compare(
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
     if paper is None:
-        name = "compare"
-        verdict = _tube(runs or [], signal or [], tol or [], column_map or [], (align, by, max_shift), partial)
+        asked = {
+            "paths": runs or [],
+            "signals": signal or [],
+            "tolerances": tol or [],
+            "maps": column_map or [],
+            "align": (align, by, max_shift),
+            "partial": partial,
+            "out": out,
+        }
+        ask("twin.studies.compare.study:compare", asked, as_json)
     elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
     elif signal or tol or column_map or partial or align != "none":
         raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds")
     else:
-        name, verdict = paper, FIGURES[paper](runs or [])
-    folder = out or Path("results") / name
-    picture, facts = folder / f"{name}.png", folder / f"{name}.json"
-    made_folder(folder)
-    verdict.draw(picture)
-    write_json(facts, verdict.facts)
-    if as_json:
-        print(json_text(verdict.facts))
-    else:
-        notes = [f"  note     {note}" for note in verdict.notes]
-        # names in a recording are anybody's
-        print(visible_lines("\n".join([verdict.text, *notes, f"  picture  {picture}\n  verdict  {facts}"])))
-    if verdict.failed:
-        raise SystemExit(1)
-
-
-def _tube(
-    paths: list[Path],
-    signals: list[str],
-    tolerances: list[str],
-    maps: list[str],
-    align: tuple[str, str, float],
-    partial: bool,
-) -> Verdict:
-    if len(paths) != 2:
-        raise InputRefused(
-            f"twin compare: got {len(paths)} path{'s' * (len(paths) != 1)}, expected A and B, or --paper FIGURE"
-        )
-    from twin.studies.compare.alignment import alignment
-    from twin.studies.compare.comparison import compared
-    from twin.studies.compare.inputs import both
-    from twin.studies.compare.picture import draw_comparison
-    from twin.studies.compare.text import comparison_text
-    from twin.studies.compare.tolerance import rules
-
-    found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
-    failed = [row.signal for row in found.outside]
-    lacking, share = found.least_covered
-    if share < 1.0 and not partial:
-        failed.append(lacking)
-    text = comparison_text(found, partial)
-    return Verdict(text, found.facts(), failed, [], lambda path: draw_comparison(found, path))
-
-
-def _fig4(paths: list[Path]) -> Verdict:
-    paths = paths or _latest("fig4", FIG4_EXPERIMENTS)
-    if len(paths) not in (2, 4):
-        raise InputRefused(
-            f"--paper fig4: got {len(paths)} run{'s' * (len(paths) != 1)}, expected two: the run with force control, "
-            f"then the one without; or four: {', '.join(FIG4_EXPERIMENTS)}"
-        )
-    from twin.studies.paper.fig4_picture import draw_fig4
-    from twin.studies.paper.fig4_runs import fig4_runs
-    from twin.studies.paper.score import fig4_score
-    from twin.studies.paper.text import fig4_text
-
-    recordings = _recordings(paths)
-    runs = fig4_runs(*recordings)
-    score = fig4_score(runs)
-    notes = [*(recording.note for recording in recordings if recording.note), *_notes(recordings)]
-    return Verdict(fig4_text(score), score.facts(), score.failed, notes, lambda path: draw_fig4(runs, path))
-
-
-def _fig5(paths: list[Path]) -> Verdict:
-    from twin.studies.paper.fig5_picture import draw_fig5
-    from twin.studies.paper.fig5_score import fig5_score
-    from twin.studies.paper.text import fig5_text
-
-    recordings = _recordings(paths or _latest("fig5", FIG5_EXPERIMENTS))
-    score = fig5_score(recordings)
-    notes = _notes(recordings)
-    return Verdict(fig5_text(score), score.facts(), score.failed, notes, lambda path: draw_fig5(score, path))
-
-
-def _notes(recordings: "list[Recording]") -> list[str]:
-    return [f"{recording.path}: {text}" for recording in recordings for text in recording.deviations]
-
-
-def _latest(figure: str, experiments: Sequence[str]) -> list[Path]:
-    paths = [Path("results") / name for name in experiments]
-    missing = [path.name for path in paths if not path.exists()]
-    if missing:
-        files = " ".join(f"experiments/{name}.toml" for name in missing)
-        raise InputRefused(f"--paper {figure}: no run of {', '.join(missing)} in results/; first: twin run {files}")
-    return paths
-
-
-def _recordings(paths: list[Path]) -> "list[Recording]":
-    from twin.recording.folder import recording_in
-    from twin.recording.reader import read
-
-    return [read(recording_in(path)) for path in paths]
-
-
-FIGURES = {"fig4": _fig4, "fig5": _fig5}
+        ask(FIGURES[paper], {"paths": runs or [], "out": out}, as_json)

@@ -5,11 +5,9 @@ from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.job import finished
 from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
-from twin.cli.progress import progress
-from twin.writing import json_text
 
 
 def converge(
@@ -45,29 +43,13 @@ def converge(
 
     Example: twin converge experiments/fig4_force_position.toml --duration 6
     """
-    shown = progress()
-    arguments: dict[str, Any] = {
-        "experiment": str(experiment),
+    asked: dict[str, Any] = {
+        "experiment": experiment,
         "settings": settings or [],
         "drive": drive,
         "tolerance": tolerance,
         "duration": duration,
         "smooth": smooth,
-        "out": None if out is None else str(out),
+        "out": out,
     }
-    try:
-        text, facts, found = finished(converged, arguments, isolate, shown.say)
-    finally:
-        shown.clear()
-    print(json_text(facts) if as_json else text)
-    if not found:
-        raise SystemExit(1)
-
-
-def converged(voice: Any, experiment: str, out: str | None, **asked: Any) -> tuple[str, dict[str, object], bool]:
-    """(text, facts for JSON, whether a coupling is good enough), and the files of `out`; a job of the guard."""
-    from twin.studies.converge.files import Request, convergence_report
-
-    request = Request(Path(experiment), out=None if out is None else Path(out), **asked)
-    report = convergence_report(request, lambda what: voice.note(say=what))
-    return report.text, report.facts, report.found
+    ask("twin.studies.converge.study:converge", asked, as_json, isolate)

@@ -5,12 +5,12 @@ import os
 import shlex
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.job import finished
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate
 from twin.errors import InputRefused
 from twin.writing import json_text, made_folder, write_text
@@ -116,21 +116,19 @@ def check(
 
     Example: twin drive check velocity_servo
     """
-    from twin.studies.qualify.text import check_text, measures_table
-
     made_folder(out)
-    all_facts = []
+    answers = []
     for fmu in fmus:
-        arguments = {"fmu": fmu, "here": str(Path.cwd()), "out": str(out)}
-        facts = finished(checked, arguments, isolate)
-        all_facts.append(facts)
-        if as_json:
-            print(json_text(facts))
-        elif not as_table:
-            print(f"{check_text(facts)}\n  picture  {facts['picture']}")
+        asked = {"fmu": fmu, "here": Path.cwd(), "out": out}
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
+        answers.append(answer)
+        if as_json or not as_table:
+            show(answer, as_json)
     if as_table and not as_json:
-        print(measures_table(all_facts))
-    if not all(facts["qualified"] for facts in all_facts):
+        from twin.studies.qualify.text import measures_table
+
+        print(measures_table([answer.facts for answer in answers]))
+    if any(answer.exit_code for answer in answers):
         raise SystemExit(1)
 
 
@@ -152,38 +150,8 @@ def compare(
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
-    made_folder(out)
-    arguments: dict[str, Any] = {"fmus": fmus, "experiment": str(experiment), "out": str(out)}
-    facts, text = finished(compared, arguments, isolate)
-    print(json_text(facts) if as_json else f"{text}\npicture  {facts['picture']}")
-    if any(drive["failure"] for drive in facts["drives"]):
-        raise SystemExit(3)
-
-
-def checked(voice: Any, fmu: str, here: str, out: str) -> dict[str, Any]:
-    """Qualify a drive and draw the picture: text in, JSON out, and nothing else loads the FMU; a job of the guard."""
-    from twin.experiment.drive_files import lone_drive
-    from twin.studies.qualify.picture import draw_drive_check
-    from twin.studies.qualify.qualification import qualified
-
-    done = qualified(lone_drive(fmu, Path(here)))
-    picture = Path(out) / f"{Path(done.plan.label).stem}.png"
-    draw_drive_check(done, picture)
-    return done.facts() | {"picture": str(picture)}
-
-
-def compared(voice: Any, fmus: list[str], experiment: str, out: str) -> tuple[dict[str, Any], str]:
-    """(facts for JSON, text) of drives in the same experiment, and the picture; a job of the guard."""
-    from twin.experiment.named import experiment_file
-    from twin.studies.qualify.comparison import comparison_facts, trials
-    from twin.studies.qualify.comparison_picture import draw_drive_compare
-    from twin.studies.qualify.text import compare_text
-
-    file = experiment_file(experiment)
-    done = trials(file, fmus)
-    picture = Path(out) / f"{file.stem}.png"
-    draw_drive_compare(done, f"Drives compared in {file.name}", picture)
-    return comparison_facts(file, done) | {"picture": str(picture)}, compare_text(done)
+    asked = {"fmus": fmus, "experiment": experiment, "out": out}
+    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate)
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:

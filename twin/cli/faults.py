@@ -1,22 +1,14 @@
 """`twin faults`: the matrix of faults of an experiment."""
 
-import sys
-from collections.abc import Callable
-from dataclasses import asdict
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, JobIsolation, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, Settings
 from twin.errors import ComponentFailed
-from twin.writing import growing, json_text, made_folder, write_json
-
-if TYPE_CHECKING:
-    from twin.studies.faults.row import Row
-
-ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
 
 
 def faults(
@@ -55,93 +47,21 @@ def faults(
 
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
     """
-    from twin.studies.faults.picture import draw_fault_matrix
-    from twin.studies.faults.text import fault_matrix_text
-
-    folder = out or Path("results/faults") / experiment.stem
-    arguments = {
-        "experiment": str(experiment),
+    asked: dict[str, Any] = {
+        "experiment": experiment,
         "kinds": kinds or [],
         "onsets": onsets or [],
         "duration": duration,
         "drive": drive,
         "body": body,
         "settings": settings or [],
+        "out": out,
     }
-    made_folder(folder)
-    with growing(folder / ROWS) as append:
-        kept = Kept(folder / ROWS, append)
-        try:
-            _measure(arguments, isolate, kept)
-        finally:
-            if sys.stderr.isatty():
-                print(file=sys.stderr)
-    rows = kept.rows
-    facts = {"experiment": experiment.stem, "rows": [row.facts() for row in rows]}
-    draw_fault_matrix(experiment.stem, rows, folder / PICTURE)
-    write_json(folder / MATRIX, facts)
-    print(json_text(facts) if as_json else f"{fault_matrix_text(experiment.stem, rows)}\n\n  {folder / PICTURE}")
-    if any(row.fails for row in rows):
-        raise SystemExit(1)
-
-
-class Kept:
-    """Rows as they come, each at once in a JSON-lines file, so that a crash costs none of them.
-
-    Args:
-        path: of the file. append: appends to it.
-
-    Attributes:
-        rows: so far.
-    """
-
-    def __init__(self, path: Path, append: Callable[[str], None]):
-        self.rows: list[Row] = []
-        self.path = path
-        self._append = append
-
-    def hear(self, note: dict[str, Any]) -> None:
-        """Take a note of `measured`."""
-        from twin.studies.faults.row import Row
-
-        self.rows.append(Row.of(note["row"]))
-        self._append(json_text(self.rows[-1].facts()) + "\n")
-        if sys.stderr.isatty():
-            print(f"\r{len(self.rows)} of {note['of']} cases", end="", file=sys.stderr, flush=True)
-
-
-def _measure(arguments: dict[str, Any], isolate: JobIsolation, kept: Kept) -> None:
-    from twin.runs.guard.guard import JobDied, guarded
-    from twin.runs.guard.voice import DirectVoice
-
-    if isolate == JobIsolation.NONE:
-        measured(DirectVoice(kept.hear, lambda done, total: None), **arguments)
-        return
     try:
-        guarded("twin.cli.faults:measured", arguments, listen=kept.hear)
-    except JobDied as death:
-        raise ComponentFailed(f"{death}\nKept until then: {kept.path} ({len(kept.rows)} rows).") from None
+        ask("twin.studies.faults.study:break_everything", asked, as_json, isolate)
+    except ComponentFailed as failure:
+        from twin.studies.faults.study import HOME, ROWS
 
-
-def measured(
-    voice: Any,
-    experiment: str,
-    kinds: list[str],
-    onsets: list[float],
-    duration: float | None,
-    drive: str | None,
-    body: str | None,
-    settings: list[str],
-) -> None:
-    """Measure the matrix; a job of the guard. Notes: {"row": a row taken apart, "of": how many there will be}."""
-    from twin.runs.assembly.load import load_experiment
-    from twin.studies.faults.case import cases, known_kinds
-    from twin.studies.faults.matrix import healthy_trial, onsets_of, rows
-
-    chosen = known_kinds(kinds)
-    loaded = load_experiment(Path(experiment), settings, drive, body)
-    voice.loading()
-    healthy = healthy_trial(loaded)
-    planned = cases(loaded, chosen, onsets_of(loaded, healthy, onsets), duration)
-    for row in rows(loaded, healthy, planned):
-        voice.note(row=asdict(row), of=len(planned))
+        rows = (out or HOME / experiment.stem) / ROWS
+        kept = rows.read_text().count("\n") if rows.exists() else 0
+        raise ComponentFailed(f"{failure}\nKept until then: {rows} ({kept} rows)." if kept else str(failure)) from None

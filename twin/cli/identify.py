@@ -1,13 +1,12 @@
 """`twin identify`: springs, zeros, backlash and scale from a calibration."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.options import AsJson, ColumnMap, Settings
-from twin.errors import visible_lines
-from twin.writing import json_text
 
 
 def identify(
@@ -39,12 +38,13 @@ def identify(
 
     Example: twin identify results/fig4_force_position
     """
-    from twin.studies.identify.study import Request, identification_report
-
-    report = identification_report(
-        Request(
-            log, maps or (), experiment, settings or (),
-            height=None if height is None else 1e-3 * height, motor_torque=motor_torque, out=out,
-        )
-    )  # fmt: skip
-    print(json_text(report.facts) if as_json else visible_lines(report.text))
+    asked: dict[str, Any] = {
+        "log": log,
+        "maps": maps or [],
+        "experiment": experiment,
+        "settings": settings or [],
+        "height": None if height is None else 1e-3 * height,
+        "motor_torque": motor_torque,
+        "out": out,
+    }
+    ask("twin.studies.identify.study:identify", asked, as_json)

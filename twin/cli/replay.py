@@ -1,13 +1,12 @@
 """`twin replay`: a robot's log through the twin."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.options import AsJson, ColumnMap, Settings
-from twin.errors import visible_lines
-from twin.writing import json_text
 
 
 def replay(
@@ -43,14 +42,14 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
-    from twin.studies.replay.study import Request, replay_report
-
-    report = replay_report(
-        Request(
-            log, maps or (), experiment, settings or (),
-            plant=plant, baseline=baseline, tolerance=tolerance, out=out,
-        )
-    )  # fmt: skip
-    print(json_text(report.facts) if as_json else visible_lines(report.text))
-    if not report.matches:
-        raise SystemExit(1)
+    asked: dict[str, Any] = {
+        "log": log,
+        "maps": maps or [],
+        "experiment": experiment,
+        "settings": settings or [],
+        "plant": plant,
+        "baseline": baseline,
+        "tolerance": tolerance,
+        "out": out,
+    }
+    ask("twin.studies.replay.study:replay", asked, as_json)

@@ -7,12 +7,9 @@ from typing import Annotated, Any
 
 import typer
 
-from twin.cli.job import finished
+from twin.cli.ask import ask, show
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
-from twin.cli.progress import progress
 from twin.errors import InputRefused, plain
-from twin.runs.guard.remains import seen_from_here
-from twin.writing import json_text
 
 Listener = Callable[[dict[str, Any]], None]
 """Takes a note of `twin.runs.guard.runs.recorded_runs`."""
@@ -42,27 +39,9 @@ def report(
 
     Example: twin report results/fig4_force_position results/fig4_position
     """
-    shown = progress()
-    arguments: dict[str, Any] = {
-        "runs": [str(run) for run in runs],
-        "out": None if out is None else str(out),
-        "budget": budget,
-    }
-    try:
-        # without a budget no FMU is loaded
-        page, headline = finished(reported, arguments, isolate if budget else JobIsolation.NONE, shown.say)
-    finally:
-        shown.clear()
-    _tell(Path(page), headline, as_json)
-
-
-def reported(voice: Any, runs: list[str], out: str | None, budget: bool) -> tuple[str, str]:
-    """(page, headline); a job of the guard."""
-    from twin.report.page.page import write_report
-
-    file = None if out is None else Path(out)
-    done = write_report([Path(run) for run in runs], file, budget, lambda what: voice.note(say=what))
-    return str(done.path), done.headline
+    asked: dict[str, Any] = {"runs": runs, "out": out, "budget": budget}
+    # without a budget no FMU is loaded
+    ask("twin.report.page.page:write_report", asked, as_json, isolate if budget else JobIsolation.NONE)
 
 
 class Reported:
@@ -97,18 +76,9 @@ class Reported:
         from twin.report.page.page import write_report
 
         try:
-            done = write_report(recorded)
-            _tell(done.path, done.headline, self._as_json)
+            show(write_report(recorded), self._as_json)
         except InputRefused as problem:
             if kind is None:
                 raise
             # why the run itself ended is what the user has to hear last
             print(plain(str(problem)), file=sys.stderr)
-
-
-def _tell(path: Path, headline: str, as_json: bool) -> None:
-    page = seen_from_here(path)
-    if as_json:
-        print(json_text({"headline": headline, "page": str(page)}))
-    else:
-        print(f"{headline}\n  page  {page}")

@@ -1,6 +1,5 @@
 """`twin run`: experiments in, recordings out."""
 
-import importlib
 import math
 import os
 import sys
@@ -17,6 +16,7 @@ from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, Settings
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.guard import GRACE, JobDied, guarded
+from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.remains import remains, seen_from_here
 
@@ -141,8 +141,7 @@ def run(
 def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
     from twin.runs.guard.voice import DirectVoice
 
-    module, _, function = job.partition(":")
-    getattr(importlib.import_module(module), function)(DirectVoice(hear, show), **arguments)
+    function_called(job)(DirectVoice(hear, show), **arguments)
 
 
 def _sweep(

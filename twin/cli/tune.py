@@ -1,18 +1,14 @@
 """`twin tune`: gains for given goals."""
 
 import math
-import shlex
 from pathlib import Path
 from typing import Annotated, Any
 
 import typer
 
+from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.job import finished
 from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Isolate, Settings
-from twin.writing import json_text, made_folder, write_json, write_text
-
-FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 
 
 def tune(
@@ -52,55 +48,18 @@ def tune(
 
     Example: twin tune experiments/fig4_force_position.toml
     """
-    folder = made_folder(out or Path("results/tuning") / experiment.stem)
-    arguments: dict[str, Any] = {
-        "experiment": str(experiment),
-        "goals": {
-            "sensitivity": margin,
-            "overshoot": overshoot / 100.0,
-            "bandwidth": None if bandwidth is None else 2.0 * math.pi * bandwidth,
-        },
+    goals = {
+        "sensitivity": margin,
+        "overshoot": overshoot / 100.0,
+        "bandwidth": None if bandwidth is None else 2.0 * math.pi * bandwidth,
+    }
+    asked: dict[str, Any] = {
+        "experiment": experiment,
+        "goals": goals,
         "stiffness": stiffness,
         "drives": drive or [None],
         "body": body,
         "settings": settings or [],
-        "out": str(folder),
+        "out": out,
     }
-    facts, text = finished(tuned_loops, arguments, isolate)
-    print(json_text(facts) if as_json else "\n".join([text, "", *(f"  {file}" for file in facts["files"])]))
-    if not facts["met"]:
-        raise SystemExit(1)
-
-
-def tuned_loops(
-    voice: Any,
-    experiment: str,
-    goals: dict[str, Any],
-    stiffness: str | None,
-    drives: list[str | None],
-    body: str | None,
-    settings: list[str],
-    out: str,
-) -> tuple[dict[str, Any], str]:
-    """(facts for JSON, text) of the gains found, and the files of `out`; a job of the guard."""
-    from twin.experiment.named import experiment_file
-    from twin.runs.assembly.load import load_experiment
-    from twin.studies.tune.fragment import fragment
-    from twin.studies.tune.goals import Goals, stiffness_range
-    from twin.studies.tune.picture import draw_tuning
-    from twin.studies.tune.text import tuning_text
-    from twin.studies.tune.tuned import tuned
-
-    file, folder = experiment_file(experiment), Path(out)
-    asked, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)
-    # of several drives the file's own stays
-    one = [] if len(drives) > 1 else [("--drive", drives[0])]
-    given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
-    options = [word for option, value in given if value is not None for word in (option, value)]
-    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], asked, span)
-    again = shlex.join(["twin", "run", str(folder / GAINS), *options])
-    facts = done.facts() | {"files": [str(folder / name) for name in (GAINS, PICTURE, FACTS)], "again": again}
-    write_text(folder / GAINS, fragment(done, file, folder, options))
-    draw_tuning(done, folder / PICTURE)
-    write_json(folder / FACTS, facts)
-    return facts, "\n".join([tuning_text(done), f"next  {again}"])
+    ask("twin.studies.tune.study:tune", asked, as_json, isolate)

@@ -76,7 +76,7 @@ def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_p
     experiment = load_experiment(root / "experiments/fig4_force_position.toml", settings)
     execute(experiment, tmp_path)
     told: list[str] = []
-    page = write_report([tmp_path], None, True, told.append).path.read_text()
+    page = Path(write_report([tmp_path], None, True, told.append).facts["page"]).read_text()
     budget = accuracy_budget(experiment)
     assert rows(page)["backlash"][2] == f"{budget.of('imperfection')[1].rms:.4f}"
     assert rows(page)["as it is"][2] == f"{budget.as_is.rms:.4f}"

@@ -113,7 +113,7 @@ def test_samples_that_are_no_numbers_are_left_out_of_the_data(tmp_path: Path):
 
 def test_the_page_lands_beside_its_recording(tmp_path: Path):
     pressed(tmp_path)
-    assert write_report([tmp_path]).path == tmp_path / "report.html"
+    assert Path(write_report([tmp_path]).facts["page"]) == tmp_path / "report.html"
     assert (tmp_path / "report.html").read_text(encoding="utf-8").startswith("<!doctype html>")
 
 

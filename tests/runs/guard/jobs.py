@@ -5,8 +5,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused
 from twin.runs.guard.voice import Voice
+from twin.studies.identify.errors import NotIdentifiable
 
 
 def echo(voice: Voice, **arguments: Any) -> dict[str, Any]:
@@ -18,7 +18,12 @@ def echo(voice: Voice, **arguments: Any) -> dict[str, Any]:
 
 def refuse(voice: Voice) -> None:
     """Raises what a user has to be told."""
-    raise InputRefused("drive.fmu: is a teapot")
+    raise NotIdentifiable("drive.fmu: is a teapot")
+
+
+def typed(voice: Voice, **arguments: Any) -> list[str]:
+    """The types of what it got."""
+    return [type(value).__name__ for value in arguments.values()]
 
 
 def blunder(voice: Voice) -> None:

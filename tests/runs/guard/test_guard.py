@@ -13,6 +13,7 @@ from twin.errors import TwinError
 from twin.runs.guard import guard
 from twin.runs.guard.guard import JobDiedLoading, guarded
 from twin.runs.guard.limits import Limits
+from twin.studies.identify.errors import NotIdentifiable
 
 JOBS = "tests.runs.guard.jobs"
 
@@ -25,10 +26,14 @@ def test_a_job_gives_back_its_result_and_its_notes():
     assert notes == [{"name": "numbers"}, {"name": "text"}]
 
 
-def test_an_error_for_the_user_keeps_its_text_and_its_exit_code():
-    with pytest.raises(TwinError) as refused:
+def test_an_error_for_the_user_keeps_its_class_its_text_and_its_exit_code():
+    with pytest.raises(NotIdentifiable) as refused:
         guarded(f"{JOBS}:refuse", {})
-    assert (str(refused.value), refused.value.exit_code) == ("drive.fmu: is a teapot", 2)
+    assert (str(refused.value), refused.value.exit_code) == ("drive.fmu: is a teapot", NotIdentifiable.exit_code)
+
+
+def test_arguments_keep_their_types():
+    assert guarded(f"{JOBS}:typed", {"path": Path("a"), "pair": (1, 2)}) == ["PosixPath", "tuple"]
 
 
 def test_a_mistake_of_ours_shows_its_traceback():

@@ -1,6 +1,5 @@
 """Checks one after the other, and what an update would write."""
 
-from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,8 @@ DRIVE = "ideal_velocity"
 def outcomes(folder: Path, *files: Path, reason: str = "") -> list[Outcome]:
     """Of `files` with one drive; what an update would write is written."""
     notes: list[dict[str, Any]] = []
-    work = [asdict(Pair(str(file), DRIVE)) for file in files]
-    checked(DirectVoice(notes.append, lambda done, total: None), work, str(folder), "2026-01-02", reason)
+    work = [Pair(str(file), DRIVE) for file in files]
+    checked(DirectVoice(notes.append, lambda done, total: None), work, folder, "2026-01-02", reason)
     found = [Outcome.of(note) for note in notes]
     for outcome in found:
         if outcome.text:

@@ -7,10 +7,10 @@ import pytest
 
 from tests.laws.runs import FORCE, shipped
 from twin.runs.assembly.load import load_experiment
+from twin.studies.converge.convergence import Point, Series, Study, convergence, recommended
 from twin.studies.converge.coupling import COUPLINGS
-from twin.studies.converge.files import convergence_facts
 from twin.studies.converge.picture import draw_convergence
-from twin.studies.converge.study import Point, Series, Study, convergence, recommended
+from twin.studies.converge.study import convergence_facts
 from twin.studies.converge.text import convergence_text
 
 

@@ -5,7 +5,7 @@ from functools import cache
 
 from tests.laws.runs import shipped
 from twin.studies.faults.case import cases, known_kinds
-from twin.studies.faults.matrix import healthy_trial, onsets_of, rows
+from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
 from twin.studies.faults.row import Outcome, Row
 
 
@@ -14,7 +14,7 @@ def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[Row]:
     experiment = shipped(name, *overrides)
     healthy = healthy_trial(experiment)
     onsets = onsets_of(experiment, healthy, ())
-    return list(rows(experiment, healthy, cases(experiment, known_kinds(kinds), onsets, None)))
+    return list(matrix_rows(experiment, healthy, cases(experiment, known_kinds(kinds), onsets, None)))
 
 
 @cache

@@ -9,7 +9,7 @@ from twin.errors import InputRefused, SafetyTrip
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.fault_kind import NEVER
 from twin.studies.faults.case import cases
-from twin.studies.faults.matrix import healthy_trial, rows
+from twin.studies.faults.matrix import healthy_trial, matrix_rows
 from twin.studies.faults.text import fault_matrix_table, fault_matrix_text
 
 
@@ -98,7 +98,7 @@ def test_the_duration_ends_the_fault():
     experiment = shipped("pressing")
     healthy = healthy_trial(experiment)
     short, forever = (
-        next(rows(experiment, healthy, cases(experiment, ("belief_eta",), (4.0,), duration)[-1:]))
+        next(matrix_rows(experiment, healthy, cases(experiment, ("belief_eta",), (4.0,), duration)[-1:]))
         for duration in (0.1, None)
     )
     assert short.watched.peak < forever.watched.peak - 1.0

@@ -1,9 +1,8 @@
-from dataclasses import asdict, replace
+from dataclasses import replace
 
 import pytest
 
 from tests.studies.faults.pressing import outcome, row
-from twin.studies.faults.row import Row
 
 BEYOND = 18.1
 
@@ -57,11 +56,6 @@ def test_seeing_in_time_what_was_said_to_be_invisible_is_told():
     assert not row("breathing", 5.0, outcome(8.0, 1.0, "FORCE", 0.5)).as_stated
     assert row("breathing").as_stated
     assert row("drive_runaway", 2.0, SEEN).as_stated
-
-
-def test_a_row_survives_being_taken_apart():
-    whole = row("surface_jump", 5.0, outcome(17.0, 0.02, "FORCE_RATE", 0.015))
-    assert Row.of(asdict(whole)) == whole
 
 
 def test_facts_carry_their_units_and_the_magnitude_its_catalogues_key():

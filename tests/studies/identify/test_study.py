@@ -15,7 +15,7 @@ from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.studies.identify.model_file import model_fragment
-from twin.studies.identify.study import Request, identification_report
+from twin.studies.identify.study import identify
 
 ROBOT = EXPERIMENTS / "calibration.toml"
 NINE_PRESSES = "duration_s=55"
@@ -24,7 +24,7 @@ SIDES = (("m", "motor"), ("l", "arm"))
 
 @pytest.mark.parametrize("name", ["calibration", "fig4_force_position", "calibration_one_pose"])
 def test_the_answer_comes_first_in_80_columns_and_the_files_last(name: str, tmp_path: Path):
-    report = identification_report(Request(ran(name).path, out=tmp_path / "out"))
+    report = identify(ran(name).path, out=tmp_path / "out")
     lines = report.text.splitlines()
     assert lines[0].startswith(f"{name}: k_s eta = 1.0") or lines[0].startswith(f"{name}: k_s eta = 0.99")
     assert [line for line in lines if len(line) > 80 and "/" not in line] == []
@@ -69,7 +69,7 @@ def test_a_robots_own_file_with_a_map_gives_what_the_recording_gave(
     name: str, written: Callable[[Path, np.ndarray], list[str]], tmp_path: Path
 ):
     maps = written(tmp_path / name, table(ran("calibration", NINE_PRESSES)))
-    report = identification_report(Request(tmp_path / name, maps, ROBOT, out=tmp_path / "out"))
+    report = identify(tmp_path / name, maps, ROBOT, out=tmp_path / "out")
     assert report.text.startswith("monday: k_s eta = 1.0")
     facts = json.loads((tmp_path / "out" / "identify.json").read_text())["quantities"]
     of_run = identification("calibration", NINE_PRESSES)
@@ -85,7 +85,7 @@ def test_a_robots_own_file_with_a_map_gives_what_the_recording_gave(
 def test_a_log_that_does_not_name_its_robot_is_refused(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran("calibration_one_pose"))
     with pytest.raises(InputRefused, match="name its experiment with --experiment FILE"):
-        identification_report(Request(log, out=tmp_path / "out"))
+        identify(log, out=tmp_path / "out")
 
 
 def test_the_model_to_paste_is_an_experiments_and_makes_the_estimate_right(tmp_path: Path):

@@ -6,21 +6,22 @@ import pytest
 from tests.studies.replay.logs import ANGLES, EXPERIMENTS, FIG4, ran, softened, write_log
 from twin.errors import InputRefused
 from twin.recording.reader import read
-from twin.studies.replay.study import Report, Request, replay_report
+from twin.studies.answer import Answer
+from twin.studies.replay.study import replay
 
 ROBOT = EXPERIMENTS / f"{FIG4}.toml"
 FORCE = "scale.F_z=scale.F_z"
 
 
-def lines(report: Report) -> list[str]:
+def lines(report: Answer) -> list[str]:
     assert all(len(line) <= 80 for line in report.text.splitlines() if "/" not in line)
     return report.text.splitlines()
 
 
 def test_a_healthy_robots_report_says_so_first_and_where_the_files_are_last(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4), angles=True)
-    report = replay_report(Request(log, [*ANGLES, FORCE], ROBOT, plant=True, out=tmp_path / "out"))
-    assert report.matches
+    report = replay(log, [*ANGLES, FORCE], ROBOT, plant=True, out=tmp_path / "out")
+    assert report.exit_code == 0
     assert lines(report)[0] == "monday: robot and twin match, 0 to 20 s"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["replay.json", "replay.png", "run.mcap"]
     assert lines(report)[-1].endswith(f"{tmp_path / 'out' / 'replay.json'}")
@@ -29,8 +30,8 @@ def test_a_healthy_robots_report_says_so_first_and_where_the_files_are_last(tmp_
 
 def test_a_robot_that_drifts_is_told_with_time_size_and_side(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4, softened((1, 2, 3), 10.0)))
-    report = replay_report(Request(log, (), ROBOT, out=tmp_path / "out"))
-    assert not report.matches
+    report = replay(log, (), ROBOT, out=tmp_path / "out")
+    assert report.exit_code == 1
     assert lines(report)[0] == "monday: robot and twin part since 10.000 s"
     assert "N above the measured force" in lines(report)[1]
     facts = json.loads((tmp_path / "out" / "replay.json").read_text())
@@ -40,8 +41,8 @@ def test_a_robot_that_drifts_is_told_with_time_size_and_side(tmp_path: Path):
 
 def test_with_nothing_independent_to_compare_the_report_claims_nothing(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4), angles=True)
-    report = replay_report(Request(log, ANGLES, ROBOT, out=tmp_path / "out"))
-    assert report.matches
+    report = replay(log, ANGLES, ROBOT, out=tmp_path / "out")
+    assert report.exit_code == 0
     assert lines(report)[0] == "monday: cannot tell whether robot and twin match"
     assert report.facts["verdict"] == "cannot tell"
     assert "nothing" in report.text and "--plant" in report.text
@@ -49,7 +50,7 @@ def test_with_nothing_independent_to_compare_the_report_claims_nothing(tmp_path:
 
 def test_the_same_log_gives_the_same_files(tmp_path: Path):
     for name in "ab":
-        replay_report(Request(ran(FIG4).path, plant=True, out=tmp_path / name))
+        replay(ran(FIG4).path, plant=True, out=tmp_path / name)
     for file in ("run.mcap", "replay.png", "replay.json"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
@@ -57,7 +58,7 @@ def test_the_same_log_gives_the_same_files(tmp_path: Path):
 def test_a_log_that_does_not_say_whose_it_is_needs_an_experiment(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4))
     with pytest.raises(InputRefused, match=r"does not say of which robot it is; name its experiment with --experiment"):
-        replay_report(Request(log, out=tmp_path / "out"))
+        replay(log, out=tmp_path / "out")
     assert not (tmp_path / "out").exists()
 
 
@@ -71,10 +72,10 @@ def test_a_log_that_does_not_say_whose_it_is_needs_an_experiment(tmp_path: Path)
 )
 def test_settings_of_a_recorded_experiment_are_checked(tmp_path: Path, setting: str, said: str):
     with pytest.raises(InputRefused) as refused:
-        replay_report(Request(ran(FIG4).path, settings=[setting], out=tmp_path / "out"))
+        replay(ran(FIG4).path, settings=[setting], out=tmp_path / "out")
     assert said in str(refused.value)
 
 
 def test_a_setting_of_the_recorded_experiment_changes_the_twin(tmp_path: Path):
     settings = ["controller.model.k_s_Nm_per_rad=1.2"]
-    assert not replay_report(Request(ran(FIG4).path, settings=settings, out=tmp_path / "out")).matches
+    assert replay(ran(FIG4).path, settings=settings, out=tmp_path / "out").exit_code == 1

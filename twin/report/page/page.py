@@ -2,7 +2,6 @@
 
 import json
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -18,7 +17,9 @@ from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
 from twin.runs.assembly.recorded import recorded_experiment
+from twin.runs.guard.remains import seen_from_here
 from twin.studies.accuracy.budget import Budget, accuracy_budget
+from twin.studies.answer import Answer
 from twin.writing import finite, made_folder, write_text
 
 ASSETS = files("twin.report.page") / "assets"
@@ -28,26 +29,19 @@ REPORT = "report.html"
 SEVERAL = Path("results/report")
 
 
-@dataclass(frozen=True)
-class Report:
-    """A written report: its file and its first sentence."""
-
-    path: Path
-    headline: str
-
-
 def write_report(
-    paths: Sequence[Path],
+    runs: Sequence[Path],
     out: Path | None = None,
     budget: bool = False,
     say: Callable[[str], None] = lambda what: None,
-) -> Report:
-    """Write the report on the runs meant by `paths`.
+) -> Answer:
+    """Write the report on the runs meant by `runs`.
 
     Args:
-        paths: at least one; see `report_runs`. out: the file; None: report.html beside the recording, of several runs
-            in results/report. budget: run each experiment again without its imperfections, one after the other, for
-            its accuracy budget; `say` is told what is being run.
+        runs: at least one; see `report_runs`.
+        out: the file; None: report.html beside the recording, of several runs in results/report.
+        budget: run each experiment again without its imperfections, one after the other, for its accuracy budget.
+        say: told what is being run.
 
     Raises:
         RecordingRefused: a recording is missing, empty, damaged or foreign.
@@ -55,12 +49,13 @@ def write_report(
         NotWritten: the disk refuses; a page that was there stays.
         ComponentFailed: a component failed while a budget was made.
     """
-    runs = report_runs(paths)
-    path = out or (runs[0].recording.path.parent if len(runs) == 1 else SEVERAL) / REPORT
-    html, headline = report_page(runs, [_budget(run, say) for run in runs] if budget else ())
+    shown = report_runs(runs)
+    path = out or (shown[0].recording.path.parent if len(shown) == 1 else SEVERAL) / REPORT
+    html, headline = report_page(shown, [_budget(run, say) for run in shown] if budget else ())
     made_folder(path.parent)
     write_text(path, html)
-    return Report(path, headline)
+    page = seen_from_here(path)
+    return Answer(f"{headline}\n  page  {page}", {"headline": headline, "page": str(page)})
 
 
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tuple[str, str]:

@@ -6,16 +6,16 @@ so whatever is printed by FMUs or anybody else is sent to standard error first.
 
 import contextlib
 import ctypes
-import importlib
 import json
 import os
+import pickle
 import signal
 import sys
 import threading
-import traceback
 from collections.abc import Iterator
 
-from twin.errors import NotWritten, TwinError
+from twin.runs.guard.failure import failure_report
+from twin.runs.guard.job import function_called
 
 STOP = "stop"
 _PR_SET_PDEATHSIG = 1
@@ -32,9 +32,9 @@ def main() -> None:
     signal.signal(signal.SIGINT, signal.default_int_handler)
     _die_with(parent)
     lines = _lines(orders)
-    module, _, function = next(lines).partition(":")
+    name = next(lines)
     try:
-        job = getattr(importlib.import_module(module), function)
+        job = function_called(name)
         # after the job's own imports: what it needs of them is loaded while the arguments are still being made
         from twin.cosim.simulation import let_watch
         from twin.drive.announcement import listen
@@ -43,19 +43,13 @@ def main() -> None:
         voice = PipeVoice(reports, box)
         listen(voice.announcer.tell)
         let_watch(voice.stepping)
-        arguments = json.loads(next(lines))
+        arguments = pickle.loads(bytes.fromhex(next(lines)))
         threading.Thread(target=_obey, args=(lines,), daemon=True).start()
         last = {"finished": job(voice, **arguments)}
-    except TwinError as error:
-        last = {"failed": [str(error), error.exit_code]}
     except KeyboardInterrupt:
         last = {"interrupted": None}
-    # what nobody has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame
-    except OSError as problem:
-        told = f"{problem.filename or 'twin'}: {problem.strerror or problem}"
-        last = {"failed": [told, NotWritten.exit_code]}
-    except Exception:
-        last = {"failed": [traceback.format_exc(), 1]}
+    except Exception as problem:
+        last = {"failed": failure_report(problem)}
     with contextlib.suppress(BrokenPipeError):
         reports.write(json.dumps(last) + "\n")
         reports.flush()

@@ -8,6 +8,7 @@ from typing import Any
 from twin.errors import ComponentFailed, InputRefused, TwinError, visible
 from twin.runs.guard.account import Account
 from twin.runs.guard.child import STOP
+from twin.runs.guard.failure import error_of
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.process import GuardedProcess, resident_memory
 from twin.runs.guard.sentence import manner, obituary
@@ -36,9 +37,8 @@ def guarded(
     """The result of `job`, run in a process of its own.
 
     Args:
-        job: "module:function"; the function is called as `function(voice, **arguments)`, see
-            `twin.runs.guard.voice.Voice`.
-        arguments: what JSON can hold.
+        job: see `function_called`; it is called as `job(voice, **arguments)`, see `twin.runs.guard.voice.Voice`.
+        arguments: what can be pickled.
         limits: the job is ended if it exceeds one.
         listen: told of every note of the job.
         show: told (ticks done, ticks in all) while a system is being stepped.
@@ -48,7 +48,7 @@ def guarded(
 
     Raises:
         JobDied, JobDiedLoading: in one sentence who, how, where, when, with which inputs, and what to do.
-        TwinError: the job raised one: text and exit code are those.
+        TwinError: the job raised one: class, text and exit code are those.
         KeyboardInterrupt: Ctrl-C; the job has been asked to stop, and ended if it did not.
     """
     with GuardedProcess(job) as process:
@@ -90,14 +90,11 @@ def raise_failure(report: dict[str, Any]) -> None:
     """Raise what ended a job, if `report` says so.
 
     Raises:
-        TwinError: with text and exit code of the one that the job raised.
+        TwinError: of the class, text and exit code of the one that the job raised.
         KeyboardInterrupt: the job was interrupted.
     """
     if "failed" in report:
-        text, exit_code = report["failed"]
-        error = TwinError(text)
-        error.exit_code = exit_code
-        raise error
+        raise error_of(report["failed"])
     if "interrupted" in report:
         raise KeyboardInterrupt
 

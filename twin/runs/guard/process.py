@@ -3,6 +3,7 @@
 import contextlib
 import json
 import os
+import pickle
 import selectors
 import signal
 import subprocess
@@ -25,7 +26,7 @@ class GuardedProcess:
     """A process of its own group that runs one job; a context manager at whose exit nothing of it is left.
 
     Args:
-        job: "module:function", imported at once by the process; it begins when `start` brings its arguments.
+        job: see `function_called`; imported at once by the process, it begins when `start` brings its arguments.
         helper: of a guarded process, that is this one: belongs to its group and prints where it prints.
 
     Attributes:
@@ -93,7 +94,8 @@ class GuardedProcess:
 
     def start(self, arguments: dict[str, Any]) -> None:
         """Let the job begin."""
-        self.order(json.dumps(arguments))
+        # every type arrives as it was; what comes back is JSON, because FMUs live there
+        self.order(pickle.dumps(arguments).hex())
 
     def order(self, line: str) -> None:
         """Send a line; harmless if nobody is there to read it."""

@@ -18,7 +18,10 @@ Show = Callable[[int, int], None]
 
 
 class Voice(Protocol):
-    """How a job speaks. A job is a function `job(voice, **arguments)`; arguments and result are what JSON can hold."""
+    """How a job speaks.
+
+    A job is a function `job(voice, **arguments)`; its notes and its result are what JSON can hold.
+    """
 
     def note(self, **facts: Any) -> None:
         """Tell the one who listens to this job whatever the two have agreed on."""

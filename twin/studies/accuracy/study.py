@@ -1,36 +1,33 @@
-"""An accuracy budget from file to file: facts, rows for a page, and text."""
+"""An accuracy budget, from an experiment's file to facts."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
 from twin.studies.accuracy.budget import Budget, accuracy_budget
 from twin.studies.accuracy.text import accuracy_text
+from twin.studies.answer import Answer
 from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"
 
 
-@dataclass(frozen=True)
-class Report:
-    """What comes of it. text: at most 80 columns; facts: for programs."""
-
-    text: str
-    facts: dict[str, object]
-
-
-def accuracy_report(
+def budget(
     experiment: Path,
-    settings: Sequence[str] = (),
-    drive: str | None = None,
-    out: Path | None = None,
-    say: Callable[[str], None] = lambda what: None,
-) -> Report:
-    """Make the budget of the experiment at a path, and write its facts into `out`, or results/accuracy/EXPERIMENT.
+    settings: Sequence[str],
+    drive: str | None,
+    out: Path | None,
+    say: Callable[[str], None],
+) -> Answer:
+    """The budget of the force error of an experiment, and its facts in `out`, or results/accuracy/EXPERIMENT.
 
-    `say` is told what is being run.
+    Args:
+        experiment: its file or name.
+        settings: see `load_experiment`.
+        drive: see `load_experiment`.
+        out: folder; None: results/accuracy/EXPERIMENT.
+        say: told what is being run.
 
     Raises:
         InputRefused: the experiment, a drive or the folder cannot be used.
@@ -38,10 +35,11 @@ def accuracy_report(
     """
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
-    budget = accuracy_budget(loaded, say)
-    facts = accuracy_facts(budget)
+    found = accuracy_budget(loaded, say)
+    facts = accuracy_facts(found)
+    file = str(folder / FACTS)
     write_json(folder / FACTS, facts)
-    return Report(accuracy_text(budget, str(folder / FACTS)), facts | {"facts": str(folder / FACTS)})
+    return Answer(accuracy_text(found, file), facts | {"facts": file})
 
 
 def accuracy_facts(budget: Budget) -> dict[str, object]:

@@ -91,17 +91,19 @@ def _stored_experiment(name: str) -> Path:
     return located(f"experiments/{name}.toml", Path.cwd())
 
 
-def checked(voice: Any, work: list[dict[str, str]], folder: str, date: str, reason: str) -> None:
+def checked(voice: Any, work: Sequence[Pair], folder: Path, date: str, reason: str) -> None:
     """Check each pair of `work`; a job of the guard. Notes: an `Outcome`, taken apart, per pair, in their order.
 
     Args:
-        work: pairs, taken apart. folder: of the baselines.
-        date, reason: of an update; no reason: nobody asked for one.
+        work: what to check.
+        folder: of the baselines.
+        date: of an update.
+        reason: of an update; "": nobody asked for one.
     """
-    for pair in (Pair(**told) for told in work):
+    for pair in work:
         voice.loading()
         try:
-            outcome = _outcome(pair, Path(folder), date, reason)
+            outcome = _outcome(pair, folder, date, reason)
         except TwinError as error:
             outcome = Outcome(pair, None, failure=str(error), exit_code=error.exit_code)
         voice.note(**asdict(outcome))

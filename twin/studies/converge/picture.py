@@ -10,8 +10,8 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
+from twin.studies.converge.convergence import Series, Study
 from twin.studies.converge.signals import FORCE, Signal
-from twin.studies.converge.study import Series, Study
 from twin.studies.figure import save
 
 # told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by marker

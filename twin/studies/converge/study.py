@@ -1,177 +1,106 @@
-"""Step halving: every coupling at several ticks against one reference."""
+"""A study of the coupling, from an experiment's file to files: picture, facts."""
 
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import asdict
+from math import isfinite
+from pathlib import Path
 
-import numpy as np
+from twin.runs.assembly.load import load_experiment
+from twin.studies.answer import Answer
+from twin.studies.converge.convergence import Series, Study, convergence
+from twin.studies.converge.order import Order
+from twin.studies.converge.picture import draw_convergence
+from twin.studies.converge.signals import SIGNALS
+from twin.studies.converge.text import convergence_text
+from twin.writing import made_folder, write_json
 
-from twin.errors import ComponentFailed, InputRefused
-from twin.experiment.experiment import Experiment
-from twin.experiment.variation import shortened
-from twin.studies.converge.coupling import COUPLINGS, Coupling
-from twin.studies.converge.order import Order, observed_order
-from twin.studies.converge.power import Residual, power_residuals
-from twin.studies.converge.reference import Reference, reference_of
-from twin.studies.converge.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
-from twin.studies.converge.smoothing import Smooth, comparable, smoothed
-
-SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
-"""Ticks to run, in ticks of the experiment; those that periods or drives do not fit are left out."""
-
-
-@dataclass(frozen=True)
-class Point:
-    """One run: tick (s), largest error by signal (SI; infinite if it failed), wall time per simulated time."""
-
-    tick: float
-    errors: dict[str, float]
-    cost: float
+HOME = Path("results") / "converge"
+PICTURE, FACTS = "convergence.png", "convergence.json"
 
 
-@dataclass(frozen=True)
-class Series:
-    """One coupling, from the longest tick to the shortest.
+def converge(
+    experiment: Path,
+    settings: Sequence[str],
+    drive: str | None,
+    tolerance: float,
+    duration: float | None,
+    smooth: bool,
+    out: Path | None,
+    say: Callable[[str], None],
+) -> Answer:
+    """What the coupling of an experiment costs, and files in `out`, or results/converge/EXPERIMENT.
 
-    Attributes:
-        orders: by signal.
-        residuals: of the three joints at the experiment's own tick; none if that run failed.
-    """
-
-    coupling: Coupling
-    points: tuple[Point, ...]
-    orders: dict[str, Order]
-    residuals: tuple[Residual, ...]
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A coupling at a tick that keeps the force within the tolerance."""
-
-    coupling: Coupling
-    point: Point
-
-
-@dataclass(frozen=True)
-class Study:
-    """What came of it.
-
-    Attributes:
-        name: of the experiment. duration, tick: as it was run (s). coupling: the experiment's own.
-        changes: what was taken out of the experiment. reference: what errors are measured against.
-        series: by coupling. left_out: (coupling's name, why).
-        tolerance: of the force (N). choice: None: no run met it, or nothing is pressed.
-    """
-
-    name: str
-    duration: float
-    tick: float
-    coupling: Coupling
-    changes: tuple[str, ...]
-    reference: Reference
-    series: tuple[Series, ...]
-    left_out: tuple[tuple[str, str], ...]
-    tolerance: float
-    choice: Choice | None
-
-    @property
-    def judged(self) -> Signal:
-        """What the study is about: the force; the position in the air, where no coupling can be wrong about a force."""
-        return FORCE if self.reference.pressed else POSITION
-
-
-def convergence(
-    experiment: Experiment,
-    tolerance: float = 0.005,
-    duration: float | None = None,
-    smooth: bool = False,
-    say: Callable[[str], None] = lambda what: None,
-) -> Study:
-    """Run `experiment` in every coupling and at every tick, and say which is good enough.
+    Exit code 1: something is pressed, and no coupling meets the tolerance.
 
     Args:
-        experiment: with a reference, without faults.
-        tolerance: of the pressing force (N).
-        duration: of each run (s); None: the whole experiment.
-        smooth: take backlash and friction out as well.
+        experiment: its file or name.
+        settings: see `load_experiment`.
+        drive: see `load_experiment`.
+        tolerance: see `convergence`.
+        duration: see `convergence`.
+        smooth: see `convergence`.
+        out: folder; None: results/converge/EXPERIMENT.
         say: told what is being run.
 
     Raises:
-        InputRefused: the experiment has faults or tasks, or a drive does not fit.
-        ComponentFailed: a component failed in the experiment as it is, or in the reference.
+        InputRefused: the experiment, a drive or the folder cannot be used.
+        ComponentFailed: a component failed in the experiment as it is.
     """
-    say("reference")
-    whole = comparable(experiment)
-    cut = Smooth(shortened(whole.experiment, duration) if duration else whole.experiment, whole.changes)
-    used = smoothed(cut) if smooth else cut
-    reference = reference_of(used.experiment)
-    series: list[Series] = []
-    left_out: list[tuple[str, str]] = []
-    for coupling in COUPLINGS:
-        say(coupling.name)
-        try:
-            series.append(_series(used.experiment, coupling, reference))
-        except InputRefused as why:
-            # what is never refused is why the experiment itself cannot be run
-            if coupling == COUPLINGS[0]:
-                raise
-            left_out.append((coupling.name, str(why)))
-    cosim = experiment.cosim
-    return Study(
-        name=experiment.name,
-        duration=used.experiment.duration_ticks * cosim.tick,
-        tick=cosim.tick,
-        coupling=Coupling(cosim.scheme, cosim.inputs, cosim.iterations),
-        changes=used.changes,
-        reference=reference,
-        series=tuple(series),
-        left_out=tuple(left_out),
-        tolerance=tolerance,
-        choice=recommended(series, tolerance) if reference.pressed else None,
-    )
+    loaded = load_experiment(experiment, settings, drive)
+    folder = made_folder(out or HOME / loaded.name)
+    done = convergence(loaded, tolerance, duration, smooth, say)
+    files = {"picture": str(folder / PICTURE), "facts": str(folder / FACTS)}
+    facts = convergence_facts(done)
+    draw_convergence(done, folder / PICTURE)
+    write_json(folder / FACTS, facts)
+    met = done.choice is not None or not done.reference.pressed
+    return Answer(convergence_text(done, files), facts | files, 0 if met else 1)
 
 
-def recommended(series: list[Series], tolerance: float) -> Choice | None:
-    """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
-
-    At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
-    of their simplicity, which is also that of their cost; and unlike measured times the order is the same on every
-    machine.
-    """
-    ticks = sorted({point.tick for one in series for point in one.points}, reverse=True)
-    for tick in ticks:
-        for one in series:
-            for point in one.points:
-                shorter = [other for other in one.points if other.tick <= tick]
-                if point.tick == tick and all(other.errors[FORCE.name] <= tolerance for other in shorter):
-                    return Choice(one.coupling, point)
-    return None
-
-
-def _series(experiment: Experiment, coupling: Coupling, reference: Reference) -> Series:
-    points = tuple(_points(experiment, coupling, reference))
-    ticks = [point.tick for point in points]
-    orders = {
-        signal.name: observed_order(
-            ticks, [point.errors[signal.name] for point in points], reference.floor[signal.name]
-        )
-        for signal in SIGNALS
+def convergence_facts(study: Study) -> dict[str, object]:
+    """Everything that a study says in numbers, SI; what does not exist is None."""
+    choice = study.choice
+    return {
+        "experiment": study.name,
+        "duration_s": study.duration,
+        "tick_s": study.tick,
+        "coupling": asdict(study.coupling),
+        "changes": list(study.changes),
+        "reference": study.reference.meaning,
+        "floor": study.reference.floor,
+        "tolerance_N": study.tolerance,
+        "recommended": choice
+        and {"coupling": asdict(choice.coupling), "tick_s": choice.point.tick, "error_N": choice.point.errors["F_z"]},
+        "series": [_series_facts(one) for one in study.series],
+        "left_out": dict(study.left_out),
     }
-    own = coupling.of(experiment, experiment.cosim.tick)
-    ran = any(point.tick == own.cosim.tick and np.isfinite(point.cost) for point in points)
-    return Series(coupling, points, orders, power_residuals(own) if ran else ())
 
 
-def _points(experiment: Experiment, coupling: Coupling, reference: Reference) -> Iterator[Point]:
-    for share in SHARES:
-        try:
-            varied = coupling.of(experiment, share * experiment.cosim.tick)
-            samples, cost = sampled_run(varied)
-        except InputRefused:
-            # at the experiment's own tick it is the coupling that does not fit, not the tick
-            if share == 1.0:
-                raise
-            continue
-        except ComponentFailed:
-            yield Point(share * experiment.cosim.tick, {signal.name: np.inf for signal in SIGNALS}, np.inf)
-            continue
-        yield Point(varied.cosim.tick, largest_errors(samples, reference.samples), cost)
+def _series_facts(one: Series) -> dict[str, object]:
+    return {
+        "coupling": asdict(one.coupling),
+        "points": [
+            {
+                "tick_s": point.tick,
+                "cost_s_per_s": _finite(point.cost),
+                "largest_error": {name: _finite(error) for name, error in point.errors.items()},
+            }
+            for point in one.points
+        ],
+        "order": {signal.name: _order_facts(one.orders[signal.name]) for signal in SIGNALS},
+        "power": [
+            {
+                "mean_W": joint.mean, "peak_W": joint.peak, "created_J": joint.energy,
+                "throughput_J": joint.throughput,
+            }
+            for joint in one.residuals
+        ],
+    }  # fmt: skip
+
+
+def _order_facts(order: Order) -> dict[str, object]:
+    return {"slope": order.slope, "finding": order.finding.value}
+
+
+def _finite(value: float) -> float | None:
+    return value if isfinite(value) else None

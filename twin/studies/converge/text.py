@@ -4,9 +4,9 @@ import textwrap
 from collections.abc import Mapping
 from math import isfinite
 
+from twin.studies.converge.convergence import Point, Series, Study
 from twin.studies.converge.order import Finding, Order
 from twin.studies.converge.signals import FORCE, SIGNALS
-from twin.studies.converge.study import Point, Series, Study
 
 WIDTH = 80
 NAME = 31

@@ -50,7 +50,7 @@ def onsets_of(experiment: Experiment, healthy: Trial, wanted: Sequence[float]) -
     return tuple(wanted) or tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
 
 
-def rows(experiment: Experiment, healthy: Trial, cases: Sequence[Case]) -> Iterator[Row]:
+def matrix_rows(experiment: Experiment, healthy: Trial, cases: Sequence[Case]) -> Iterator[Row]:
     """One row per case, as they come.
 
     Raises:

@@ -1,7 +1,7 @@
 """One row of the matrix: a fault, what it did with the monitor and without, and what that is worth."""
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Self
+from typing import Any, Literal
 
 from twin.experiment.fault_catalogue import CATALOGUE
 
@@ -58,12 +58,6 @@ class Row:
     watched: Outcome
     unwatched: Outcome
     stays: bool = True
-
-    @classmethod
-    def of(cls, values: dict[str, Any]) -> Self:
-        """The row that `dataclasses.asdict` has taken apart."""
-        runs = {run: Outcome(**values[run]) for run in ("watched", "unwatched")}
-        return cls(**{**values, **runs})
 
     @property
     def bound(self) -> float:

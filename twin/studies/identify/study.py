@@ -1,82 +1,65 @@
-"""An identification from files to files: picture, model to paste, facts; and its text."""
+"""An identification, from a log to files: picture, model to paste, facts."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
-from twin.errors import InputRefused
 from twin.recording.folder import claim_run_folder, create_run_folder
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.reader import is_recording, read_log
-from twin.recording.reader import read
+from twin.studies.answer import Answer
 from twin.studies.identify.identification import Identification, identified
 from twin.studies.identify.model_file import model_fragment
 from twin.studies.identify.picture import draw_identification
 from twin.studies.identify.text import identification_text
 from twin.studies.identify.truth import truth
-from twin.studies.replay.model import loaded_model, recorded_model
+from twin.studies.replay.model import model_for
 from twin.writing import write_json, write_text
 
 HOME = Path("results") / "identify"
 PICTURE, MODEL, FACTS = "identify.png", "model.toml", "identify.json"
 
 
-@dataclass(frozen=True)
-class Request:
-    """What a user asks.
+def identify(
+    log: Path,
+    maps: Sequence[str] = (),
+    experiment: Path | None = None,
+    settings: Sequence[str] = (),
+    height: float | None = None,
+    motor_torque: bool = False,
+    out: Path | None = None,
+    say: Callable[[str], None] = lambda what: None,
+) -> Answer:
+    """What a log of presses on a scale says of its robot, and files: picture, model to paste, facts.
 
-    Attributes:
-        log: a recording, another MCAP file or a CSV file. maps: see `column_map`.
-        experiment: that describes the robot; None: the one the recording carries. settings: laid over it.
-        height: of the scale (m), if measured. motor_torque: whether drive/n.tau_motor is measured.
-        out: the folder to write; None: a new one in results/identify/NAME.
-    """
-
-    log: Path
-    maps: Sequence[str] = ()
-    experiment: Path | None = None
-    settings: Sequence[str] = ()
-    height: float | None = None
-    motor_torque: bool = False
-    out: Path | None = None
-
-
-@dataclass(frozen=True)
-class Report:
-    """What comes of it. text: at most 80 columns; facts: for programs."""
-
-    text: str
-    facts: dict[str, object]
-
-
-def identification_report(request: Request) -> Report:
-    """Identify a log, and write picture, model and facts.
+    Args:
+        log: a recording, another MCAP file or a CSV file.
+        maps: see `column_map`.
+        experiment: that describes the robot; None: the one the recording carries.
+        settings: laid over it.
+        height: of the scale (m), if measured.
+        motor_torque: whether drive/n.tau_motor is measured.
+        out: folder; None: a new one in results/identify/NAME.
+        say: told what is being done.
 
     Raises:
         InputRefused: log, map, experiment or folder cannot be used.
         NotIdentifiable: k_s eta cannot be had from the log.
     """
-    log = read_log(request.log, column_map(request.maps))
-    own = is_recording(request.log)
-    if request.experiment is not None:
-        model = loaded_model(request.experiment, request.settings)
-    elif own:
-        model = recorded_model(read(log.path).metadata, log.path, request.settings)
-    else:
-        raise InputRefused(f"{log.path}: does not say of which robot it is; name its experiment with --experiment FILE")
-    one = identified(log, model, request.height, request.motor_torque)
+    curves = read_log(log, column_map(maps))
+    model, own = model_for(curves.path, experiment, settings), is_recording(curves.path)
+    one = identified(curves, model, height, motor_torque)
     # only a run of the twin that is taken for what it was has a truth to be scored by
-    true = truth(model) if own and request.experiment is None else {}
-    name = model.name if own else log.path.stem
-    folder = claim_run_folder(request.out) if request.out else create_run_folder(HOME, name, datetime.now())
-    draw_identification(one, name, folder / PICTURE)
-    write_text(folder / MODEL, model_fragment(one, log.path.name))
-    facts = identification_facts(one, log.path.name, true)
-    write_json(folder / FACTS, facts)
+    true = truth(model) if own and experiment is None else {}
+    name = model.name if own else curves.path.stem
+    folder = claim_run_folder(out) if out else create_run_folder(HOME, name, datetime.now())
     files = {"model": folder / MODEL, "picture": folder / PICTURE, "facts": folder / FACTS}
+    draw_identification(one, name, files["picture"])
+    write_text(files["model"], model_fragment(one, curves.path.name))
+    facts = identification_facts(one, curves.path.name, true)
+    write_json(files["facts"], facts)
     named = {kind: str(path) for kind, path in files.items()}
-    return Report(identification_text(one, name, named, true), facts | named)
+    return Answer(identification_text(one, name, named, true), facts | named)
 
 
 def identification_facts(one: Identification, log: str, true: Mapping[str, float]) -> dict[str, object]:

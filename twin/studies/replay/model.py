@@ -1,6 +1,6 @@
 """What the twin believes of the robot whose log is replayed: the parts of an experiment that a replay needs."""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,8 @@ from twin.experiment.schema import Controller, Cosim, Plant, Scale
 from twin.experiment.source import Source, override
 from twin.plant.body import Motion
 from twin.plant.parameters import PlantParameters
+from twin.recording.logs.reader import is_recording
+from twin.recording.reader import read
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.beliefs import believed
 from twin.runs.assembly.load import load_experiment
@@ -70,6 +72,19 @@ def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
         InputRefused: with every mistake of the experiment.
     """
     return model_of(load_experiment(path, settings))
+
+
+def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> Model:
+    """What a replay needs of the robot whose log is the file `log`: of `experiment`, or else as the log itself tells.
+
+    Raises:
+        InputRefused: it does not tell, or as `loaded_model` and `recorded_model`.
+    """
+    if experiment is not None:
+        return loaded_model(experiment, settings)
+    if is_recording(log):
+        return recorded_model(read(log).metadata, log, settings)
+    raise InputRefused(f"{log}: does not say of which robot it is; name its experiment with --experiment FILE")
 
 
 def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> Model:

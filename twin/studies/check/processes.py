@@ -1,8 +1,7 @@
-"""The checks of `twin check`, shared out among guarded processes."""
+"""Checks shared out among guarded processes."""
 
-import sys
 import threading
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from datetime import date
@@ -17,57 +16,48 @@ from twin.studies.check.job import Outcome, Pair, checked
 JOB = "twin.studies.check.job:checked"
 
 
-def finished(pairs: list[Pair], folder: Path, reason: str, processes: int) -> list[Outcome]:
+def outcomes(
+    pairs: Sequence[Pair], folder: Path, reason: str, processes: int, say: Callable[[str], None]
+) -> list[Outcome]:
     """The outcome of every pair, in their order.
 
     Args:
-        folder: of the baselines. reason: of an update; "": nobody asked for one.
+        pairs: what to check.
+        folder: of the baselines.
+        reason: of an update; "": nobody asked for one.
         processes: how many at a time; 0: this one, where a drive that crashes takes it along.
+        say: told how many are done.
 
     Raises:
         KeyboardInterrupt: after every process has ended.
     """
-    arguments = {"folder": str(folder), "date": date.today().isoformat(), "reason": reason}
-    progress = _Progress(len(pairs))
+    arguments: dict[str, Any] = {"folder": folder, "date": date.today().isoformat(), "reason": reason}
+    found: dict[Pair, Outcome] = {}
+
+    def hear(note: dict[str, Any]) -> None:
+        outcome = Outcome.of(note)
+        found[outcome.pair] = outcome
+        say(f"{len(found)} of {len(pairs)} checks")
+
     if processes == 0:
-        voice = DirectVoice(progress.hear, lambda done, total: None)
-        checked(voice, work=[asdict(pair) for pair in pairs], **arguments)
+        checked(DirectVoice(hear, lambda done, total: None), pairs, **arguments)
     else:
         stop = threading.Event()
         with ThreadPoolExecutor(processes) as pool:
             # every n-th, because drives differ in speed far more than experiments do
             shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
-            running = [pool.submit(_share, share, arguments, progress.hear, stop) for share in shares]
+            running = [pool.submit(_share, share, arguments, hear, stop) for share in shares]
             try:
                 for share in running:
                     share.result()
             except BaseException:
                 stop.set()
                 raise
-    progress.end()
-    return [progress.outcomes[pair] for pair in pairs]
-
-
-class _Progress:
-    """Keeps outcomes as they come, and counts them on a terminal."""
-
-    def __init__(self, total: int):
-        self.outcomes: dict[Pair, Outcome] = {}
-        self._total, self._seen = total, sys.stderr.isatty()
-
-    def hear(self, note: dict[str, Any]) -> None:
-        outcome = Outcome.of(note)
-        self.outcomes[outcome.pair] = outcome
-        if self._seen:
-            print(f"\r{len(self.outcomes)} of {self._total} checks", end="", file=sys.stderr, flush=True)
-
-    def end(self) -> None:
-        if self._seen:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    return [found[pair] for pair in pairs]
 
 
 def _share(
-    pairs: list[Pair], arguments: dict[str, str], hear: Callable[[dict[str, Any]], None], stop: threading.Event
+    pairs: Sequence[Pair], arguments: dict[str, Any], hear: Callable[[dict[str, Any]], None], stop: threading.Event
 ) -> None:
     """Check `pairs` in a process of their own, and in another one what is left when a drive has ended the first."""
     left = list(pairs)
@@ -83,7 +73,7 @@ def _share(
 
     while left and not stop.is_set():
         try:
-            guarded(JOB, {"work": [asdict(pair) for pair in left], **arguments}, listen=take, show=show)
+            guarded(JOB, {"work": left, **arguments}, listen=take, show=show)
         except TwinError as death:
             if not left:
                 raise

@@ -1,0 +1,61 @@
+"""Asks a study and prints its answer. If an FMU crashes meanwhile, the command ends with a sentence."""
+
+from typing import Any
+
+from twin.cli.options import JobIsolation
+from twin.cli.progress import progress
+from twin.errors import ComponentFailed, visible_lines
+from twin.runs.guard.guard import JobDied, JobDiedLoading, guarded
+from twin.studies.answer import JOB, Answer, answered
+from twin.writing import json_text
+
+
+def ask(study: str, asked: dict[str, Any], as_json: bool = False, isolate: JobIsolation = JobIsolation.NONE) -> None:
+    """Print what `study` answers, as text or as JSON, and end with its exit code.
+
+    Args: see `answer_of`.
+
+    Raises:
+        SystemExit: the exit code is not 0.
+    """
+    answer = answer_of(study, asked, isolate)
+    show(answer, as_json)
+    if answer.exit_code:
+        raise SystemExit(answer.exit_code)
+
+
+def answer_of(study: str, asked: dict[str, Any], isolate: JobIsolation = JobIsolation.NONE) -> Answer:
+    """What `study` answers; what it is doing is shown meanwhile.
+
+    Args:
+        study: "module:function", see `answered`.
+        asked: the function's arguments.
+        isolate: what gets a process of its own; a study that steps no FMU needs none.
+
+    Raises:
+        ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
+            whether stepping had begun.
+        TwinError: the study raised one.
+    """
+    shown = progress()
+    arguments: dict[str, Any] = {"study": study, "asked": asked}
+
+    def hear(note: dict[str, Any]) -> None:
+        shown.say(note["say"])
+
+    try:
+        if isolate == JobIsolation.RUN:
+            return Answer(**guarded(JOB, arguments, listen=hear))
+        from twin.runs.guard.voice import DirectVoice
+
+        return Answer(**answered(DirectVoice(hear, lambda done, total: None), **arguments))
+    except (JobDied, JobDiedLoading) as death:
+        raise ComponentFailed(str(death)) from None
+    finally:
+        shown.clear()
+
+
+def show(answer: Answer, as_json: bool) -> None:
+    """Print `answer`."""
+    # names in a recording are anybody's
+    print(json_text(answer.facts) if as_json else visible_lines(answer.text))

@@ -1,0 +1,29 @@
+"""An error on its way from one process to another."""
+
+import importlib
+import traceback
+from typing import Any
+
+from twin.errors import NotWritten, TwinError, system_sentence
+
+
+def failure_report(problem: Exception) -> list[Any]:
+    """What `error_of` makes an error of again: module and class, text, exit code."""
+    if isinstance(problem, TwinError):
+        kind = type(problem)
+        return [kind.__module__, kind.__qualname__, str(problem), problem.exit_code]
+    text = system_sentence(problem) if isinstance(problem, OSError) else traceback.format_exc()
+    return failure_report(NotWritten(text) if isinstance(problem, OSError) else TwinError(text))
+
+
+def error_of(report: list[Any]) -> TwinError:
+    """The error of a `failure_report`: of the same class, with the same text and exit code.
+
+    What else the error carried is not told: whoever needs that asks in the process itself.
+    """
+    module, name, text, exit_code = report
+    kind = getattr(importlib.import_module(module), name, TwinError) if module.startswith("twin.") else TwinError
+    # not called: what its __init__ wants is in the text already
+    error: TwinError = kind.__new__(kind, text)
+    error.exit_code = exit_code
+    return error

@@ -1,0 +1,177 @@
+"""Step halving: every coupling at several ticks against one reference."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from twin.errors import ComponentFailed, InputRefused
+from twin.experiment.experiment import Experiment
+from twin.experiment.variation import shortened
+from twin.studies.converge.coupling import COUPLINGS, Coupling
+from twin.studies.converge.order import Order, observed_order
+from twin.studies.converge.power import Residual, power_residuals
+from twin.studies.converge.reference import Reference, reference_of
+from twin.studies.converge.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
+from twin.studies.converge.smoothing import Smooth, comparable, smoothed
+
+SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
+"""Ticks to run, in ticks of the experiment; those that periods or drives do not fit are left out."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """One run: tick (s), largest error by signal (SI; infinite if it failed), wall time per simulated time."""
+
+    tick: float
+    errors: dict[str, float]
+    cost: float
+
+
+@dataclass(frozen=True)
+class Series:
+    """One coupling, from the longest tick to the shortest.
+
+    Attributes:
+        orders: by signal.
+        residuals: of the three joints at the experiment's own tick; none if that run failed.
+    """
+
+    coupling: Coupling
+    points: tuple[Point, ...]
+    orders: dict[str, Order]
+    residuals: tuple[Residual, ...]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A coupling at a tick that keeps the force within the tolerance."""
+
+    coupling: Coupling
+    point: Point
+
+
+@dataclass(frozen=True)
+class Study:
+    """What came of it.
+
+    Attributes:
+        name: of the experiment. duration, tick: as it was run (s). coupling: the experiment's own.
+        changes: what was taken out of the experiment. reference: what errors are measured against.
+        series: by coupling. left_out: (coupling's name, why).
+        tolerance: of the force (N). choice: None: no run met it, or nothing is pressed.
+    """
+
+    name: str
+    duration: float
+    tick: float
+    coupling: Coupling
+    changes: tuple[str, ...]
+    reference: Reference
+    series: tuple[Series, ...]
+    left_out: tuple[tuple[str, str], ...]
+    tolerance: float
+    choice: Choice | None
+
+    @property
+    def judged(self) -> Signal:
+        """What the study is about: the force; the position in the air, where no coupling can be wrong about a force."""
+        return FORCE if self.reference.pressed else POSITION
+
+
+def convergence(
+    experiment: Experiment,
+    tolerance: float = 0.005,
+    duration: float | None = None,
+    smooth: bool = False,
+    say: Callable[[str], None] = lambda what: None,
+) -> Study:
+    """Run `experiment` in every coupling and at every tick, and say which is good enough.
+
+    Args:
+        experiment: with a reference, without faults.
+        tolerance: of the pressing force (N).
+        duration: of each run (s); None: the whole experiment.
+        smooth: take backlash and friction out as well.
+        say: told what is being run.
+
+    Raises:
+        InputRefused: the experiment has faults or tasks, or a drive does not fit.
+        ComponentFailed: a component failed in the experiment as it is, or in the reference.
+    """
+    say("reference")
+    whole = comparable(experiment)
+    cut = Smooth(shortened(whole.experiment, duration) if duration else whole.experiment, whole.changes)
+    used = smoothed(cut) if smooth else cut
+    reference = reference_of(used.experiment)
+    series: list[Series] = []
+    left_out: list[tuple[str, str]] = []
+    for coupling in COUPLINGS:
+        say(coupling.name)
+        try:
+            series.append(_series(used.experiment, coupling, reference))
+        except InputRefused as why:
+            # what is never refused is why the experiment itself cannot be run
+            if coupling == COUPLINGS[0]:
+                raise
+            left_out.append((coupling.name, str(why)))
+    cosim = experiment.cosim
+    return Study(
+        name=experiment.name,
+        duration=used.experiment.duration_ticks * cosim.tick,
+        tick=cosim.tick,
+        coupling=Coupling(cosim.scheme, cosim.inputs, cosim.iterations),
+        changes=used.changes,
+        reference=reference,
+        series=tuple(series),
+        left_out=tuple(left_out),
+        tolerance=tolerance,
+        choice=recommended(series, tolerance) if reference.pressed else None,
+    )
+
+
+def recommended(series: list[Series], tolerance: float) -> Choice | None:
+    """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
+
+    At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
+    of their simplicity, which is also that of their cost; and unlike measured times the order is the same on every
+    machine.
+    """
+    ticks = sorted({point.tick for one in series for point in one.points}, reverse=True)
+    for tick in ticks:
+        for one in series:
+            for point in one.points:
+                shorter = [other for other in one.points if other.tick <= tick]
+                if point.tick == tick and all(other.errors[FORCE.name] <= tolerance for other in shorter):
+                    return Choice(one.coupling, point)
+    return None
+
+
+def _series(experiment: Experiment, coupling: Coupling, reference: Reference) -> Series:
+    points = tuple(_points(experiment, coupling, reference))
+    ticks = [point.tick for point in points]
+    orders = {
+        signal.name: observed_order(
+            ticks, [point.errors[signal.name] for point in points], reference.floor[signal.name]
+        )
+        for signal in SIGNALS
+    }
+    own = coupling.of(experiment, experiment.cosim.tick)
+    ran = any(point.tick == own.cosim.tick and np.isfinite(point.cost) for point in points)
+    return Series(coupling, points, orders, power_residuals(own) if ran else ())
+
+
+def _points(experiment: Experiment, coupling: Coupling, reference: Reference) -> Iterator[Point]:
+    for share in SHARES:
+        try:
+            varied = coupling.of(experiment, share * experiment.cosim.tick)
+            samples, cost = sampled_run(varied)
+        except InputRefused:
+            # at the experiment's own tick it is the coupling that does not fit, not the tick
+            if share == 1.0:
+                raise
+            continue
+        except ComponentFailed:
+            yield Point(share * experiment.cosim.tick, {signal.name: np.inf for signal in SIGNALS}, np.inf)
+            continue
+        yield Point(varied.cosim.tick, largest_errors(samples, reference.samples), cost)

@@ -1,0 +1,85 @@
+"""Claims of the paper, from recordings to files: picture, facts."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from twin.errors import InputRefused
+from twin.recording.folder import recording_in
+from twin.recording.reader import read
+from twin.recording.recording import Recording
+from twin.studies.answer import Answer, judged
+from twin.studies.paper.fig4_picture import draw_fig4
+from twin.studies.paper.fig4_runs import fig4_runs
+from twin.studies.paper.fig5_picture import draw_fig5
+from twin.studies.paper.fig5_score import fig5_score
+from twin.studies.paper.score import fig4_score
+from twin.studies.paper.text import fig4_text, fig5_text
+
+FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
+FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
+HOME = Path("results")
+
+
+def score_fig4(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Answer:
+    """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
+
+    Exit code 1: a claim fails.
+
+    Args:
+        paths: runs, in the order of `FIG4_EXPERIMENTS`, the first two or all; none: the latest in results/.
+        out: folder; None: results/fig4.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: other runs, or what they hold or the folder cannot be used.
+        NotWritten: the disk refuses.
+    """
+    paths = paths or _latest("fig4", FIG4_EXPERIMENTS)
+    if len(paths) not in (2, 4):
+        raise InputRefused(
+            f"--paper fig4: got {len(paths)} run{'s' * (len(paths) != 1)}, expected two: the run with force control, "
+            f"then the one without; or four: {', '.join(FIG4_EXPERIMENTS)}"
+        )
+    recordings = _recordings(paths)
+    runs = fig4_runs(*recordings)
+    score = fig4_score(runs)
+    notes = [*(recording.note for recording in recordings if recording.note), *_deviations(recordings)]
+    return judged("fig4", out or HOME / "fig4", fig4_text(score), score.facts(), lambda path: draw_fig4(runs, path),
+                  holds=not score.failed, notes=notes)  # fmt: skip
+
+
+def score_fig5(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Answer:
+    """Which claims of Fig. 5 hold in recordings, and files in `out`, or results/fig5.
+
+    Exit code 1: a claim fails.
+
+    Args:
+        paths: runs of tasks; none: the latest of `FIG5_EXPERIMENTS` in results/.
+        out: folder; None: results/fig5.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: what the runs hold or the folder cannot be used.
+        NotWritten: the disk refuses.
+    """
+    recordings = _recordings(paths or _latest("fig5", FIG5_EXPERIMENTS))
+    score = fig5_score(recordings)
+    return judged("fig5", out or HOME / "fig5", fig5_text(score), score.facts(), lambda path: draw_fig5(score, path),
+                  holds=not score.failed, notes=_deviations(recordings))  # fmt: skip
+
+
+def _deviations(recordings: Sequence[Recording]) -> list[str]:
+    return [f"{recording.path}: {text}" for recording in recordings for text in recording.deviations]
+
+
+def _latest(figure: str, experiments: Sequence[str]) -> list[Path]:
+    paths = [Path("results") / name for name in experiments]
+    missing = [path.name for path in paths if not path.exists()]
+    if missing:
+        files = " ".join(f"experiments/{name}.toml" for name in missing)
+        raise InputRefused(f"--paper {figure}: no run of {', '.join(missing)} in results/; first: twin run {files}")
+    return paths
+
+
+def _recordings(paths: Sequence[Path]) -> list[Recording]:
+    return [read(recording_in(path)) for path in paths]

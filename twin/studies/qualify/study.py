@@ -1,0 +1,60 @@
+"""Drives on the bench and in an experiment, from FMUs to pictures and facts."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from twin.experiment.drive_files import lone_drive
+from twin.experiment.named import experiment_file
+from twin.studies.answer import Answer
+from twin.studies.qualify.comparison import comparison_facts, trials
+from twin.studies.qualify.comparison_picture import draw_drive_compare
+from twin.studies.qualify.picture import draw_drive_check
+from twin.studies.qualify.qualification import qualified
+from twin.studies.qualify.text import check_text, compare_text
+from twin.writing import made_folder
+
+
+def qualify(fmu: str, here: Path, out: Path, say: Callable[[str], None]) -> Answer:
+    """What a drive does on the bench, and its picture in `out`.
+
+    Exit code 1: it does not qualify.
+
+    Args:
+        fmu: see `lone_drive`.
+        here: folder it is looked for from.
+        out: folder.
+        say: told what is being done.
+
+    Raises:
+        InputRefused, ComponentFailed: see `qualified`.
+        NotWritten: the disk refuses.
+    """
+    done = qualified(lone_drive(fmu, here))
+    picture = out / f"{Path(done.plan.label).stem}.png"
+    draw_drive_check(done, picture)
+    facts = done.facts() | {"picture": str(picture)}
+    return Answer(f"{check_text(facts)}\n  picture  {picture}", facts, 0 if facts["qualified"] else 1)
+
+
+def compare_drives(fmus: Sequence[str], experiment: Path, out: Path, say: Callable[[str], None]) -> Answer:
+    """What truly happens in an experiment with one drive after the other, and the picture in `out`.
+
+    Exit code 3: a run failed.
+
+    Args:
+        fmus: drives.
+        experiment: its file or name.
+        out: folder.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: a drive does not fit; none has run.
+        NotWritten: the disk refuses.
+    """
+    folder, file = made_folder(out), experiment_file(experiment)
+    done = trials(file, list(fmus))
+    picture = folder / f"{file.stem}.png"
+    draw_drive_compare(done, f"Drives compared in {file.name}", picture)
+    facts = comparison_facts(file, done) | {"picture": str(picture)}
+    failed = any(trial.failure for trial in done)
+    return Answer(f"{compare_text(done)}\npicture  {picture}", facts, 3 if failed else 0)

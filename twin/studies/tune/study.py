@@ -1,0 +1,64 @@
+"""Tuning, from an experiment's file to files: gains to run with, picture, facts."""
+
+import shlex
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+from twin.experiment.named import experiment_file
+from twin.runs.assembly.load import load_experiment
+from twin.studies.answer import Answer
+from twin.studies.tune.fragment import fragment
+from twin.studies.tune.goals import Goals, stiffness_range
+from twin.studies.tune.picture import draw_tuning
+from twin.studies.tune.text import tuning_text
+from twin.studies.tune.tuned import tuned
+from twin.writing import made_folder, write_json, write_text
+
+HOME = Path("results") / "tuning"
+FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
+
+
+def tune(
+    experiment: Path,
+    goals: dict[str, Any],
+    stiffness: str | None,
+    drives: Sequence[str | None],
+    body: str | None,
+    settings: Sequence[str],
+    out: Path | None,
+    say: Callable[[str], None],
+) -> Answer:
+    """The gains of the laws of an experiment that meet goals, and files in `out`, or results/tuning/EXPERIMENT.
+
+    Exit code 1: they are not met.
+
+    Args:
+        experiment: its file or name.
+        goals: fields of `Goals`.
+        stiffness: see `stiffness_range`.
+        drives: with each of which the gains have to do; None: the experiment's own.
+        body: see `load_experiment`.
+        settings: see `load_experiment`.
+        out: folder; None: results/tuning/EXPERIMENT.
+        say: told what is being done.
+
+    Raises:
+        InputRefused, ComponentFailed: see `tuned`; or the folder cannot be used.
+    """
+    folder = made_folder(out or HOME / experiment.stem)
+    file = experiment_file(experiment)
+    wanted, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)
+    # of several drives the file's own stays
+    one = [] if len(drives) > 1 else [("--drive", drives[0])]
+    given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
+    options = [word for option, value in given if value is not None for word in (option, value)]
+    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], wanted, span)
+    files = [str(folder / name) for name in (GAINS, PICTURE, FACTS)]
+    again = shlex.join(["twin", "run", str(folder / GAINS), *options])
+    facts = done.facts() | {"files": files, "again": again}
+    write_text(folder / GAINS, fragment(done, file, folder, options))
+    draw_tuning(done, folder / PICTURE)
+    write_json(folder / FACTS, facts)
+    text = "\n".join([tuning_text(done), f"next  {again}", "", *(f"  {file}" for file in files)])
+    return Answer(text, facts, 0 if done.met else 1)
