@@ -1,4 +1,5 @@
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -31,3 +32,8 @@ def test_a_press_winds_the_springs_up_as_the_robot_at_rest_has_them(p_B, F_z):
     # rounding; where a spring is unloaded the dead zone's side is open
     assert press_wind_up(BELIEF, p_B, F_z) >= np.abs(theta_m - BELIEF.N * theta_l).max() - 1e-12
     assert press_wind_up(BELIEF, p_B, F_z) <= np.abs(theta_m - BELIEF.N * theta_l).max() + BELIEF.backlash + 1e-12
+
+
+@pytest.mark.filterwarnings("error::RuntimeWarning")
+def test_a_count_on_a_spring_of_absurd_stiffness_is_worth_more_than_any_limit():
+    assert resolution(BELIEF._replace(k_s=1e306), np.array([0.0, 0.0, -0.1]), DT).force_rate == np.inf

@@ -45,16 +45,16 @@ def resolution(belief: Belief, p_B: ArrayLike, dt: float) -> Resolution:
     J = jacobian(geometry(belief), p_B)
     motor, joint = 2.0 * np.pi / belief.motor_counts, 2.0 * np.pi / belief.joint_counts
     wind_up = motor + belief.N * joint
-    force = load_torque(belief.k_s, belief.N, belief.eta, wind_up) * np.linalg.norm(J, axis=1).sum()
-    position = joint * np.linalg.norm(np.linalg.inv(J), axis=0).sum()
+    force = float(load_torque(belief.k_s, belief.N, belief.eta, wind_up)) * float(np.linalg.norm(J, axis=1).sum())
+    position = joint * float(np.linalg.norm(np.linalg.inv(J), axis=0).sum())
     return Resolution(
         wind_up=wind_up,
         motor_speed=motor / dt,
         jump=wind_up / dt,
-        force=float(force),
-        force_rate=float(force / dt),
-        position=float(position),
-        velocity=float(position / dt),
+        force=force,
+        force_rate=force / dt,
+        position=position,
+        velocity=position / dt,
     )
 
 
