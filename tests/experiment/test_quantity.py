@@ -36,3 +36,8 @@ def test_per_degree_is_the_reciprocal_of_degrees():
 @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4))
 def test_arrays_are_converted_item_by_item(values: list[float]):
     assert in_si((tuple(values),), "mm") == (tuple(value / 1000 for value in values),)
+
+
+def test_a_number_that_overflows_in_si_units_is_refused():
+    with pytest.raises(ValueError, match="finite in SI units"):
+        in_si(1e308, "per_mm")

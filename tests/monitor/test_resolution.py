@@ -36,4 +36,4 @@ def test_a_press_winds_the_springs_up_as_the_robot_at_rest_has_them(p_B, F_z):
 
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_a_count_on_a_spring_of_absurd_stiffness_is_worth_more_than_any_limit():
-    assert resolution(BELIEF._replace(k_s=1e306), np.array([0.0, 0.0, -0.1]), DT).force_rate == np.inf
+    assert resolution(BELIEF._replace(k_s=1e307), np.array([0.0, 0.0, -0.1]), DT).force_rate == np.inf

@@ -27,6 +27,9 @@ def in_si(value: Any, unit: str) -> Any:
     """`value` (a number or nested tuples of numbers) given in `unit`, in SI.
 
     Powers of ten are applied as one correctly rounded division, so that -101 mm is exactly the float -0.101.
+
+    Raises:
+        ValueError: it is too large for that.
     """
     if isinstance(value, tuple):
         return tuple(in_si(item, unit) for item in value)
@@ -38,7 +41,9 @@ def in_si(value: Any, unit: str) -> Any:
         scale = scale * factor if position < divide else scale / factor
     scaled = value * scale.numerator / scale.denominator
     if "deg" in words:
-        return math.radians(scaled) if words.index("deg") < divide else math.degrees(scaled)
+        scaled = math.radians(scaled) if words.index("deg") < divide else math.degrees(scaled)
+    if not math.isfinite(scaled):
+        raise ValueError("expected a number that is finite in SI units, too")
     return scaled
 
 
