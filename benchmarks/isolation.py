@@ -16,12 +16,12 @@ from twin.runs.assembly.drives import DrivePlan, Start, drive
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.isolated_drive import IsolatedDrives
 from twin.runs.guard.limits import Limits
-from twin.runs.guard.voice import DirectVoice
+from twin.runs.guard.reporter import DirectReporter
 from twin.runs.loop import simulate
 from twin.runs.run import SLICE_TICKS
 
 ROUNDS = 9
-VOICE = DirectVoice(lambda note: None, lambda done, total: None)
+VOICE = DirectReporter(lambda note: None, lambda done, total: None)
 
 
 def measurements(path: Path) -> list[Measurement]:

@@ -15,7 +15,7 @@ from typing import Any, NamedTuple
 from unittest import mock
 
 from twin.runs.guard.job import function_called
-from twin.runs.guard.voice import DirectVoice, Listen, Show
+from twin.runs.guard.reporter import DirectReporter, Listen, Show
 
 GUARDED = (
     "twin.runs.guard.guard.guarded",
@@ -94,10 +94,10 @@ def _unguarded(
     show: Show = lambda done, total: None,
 ) -> Any:
     """As `twin.runs.guard.guard.guarded`, through JSON likewise, in this process."""
-    voice = DirectVoice(lambda note: listen(_through_json(note)), show)
+    reporter = DirectReporter(lambda note: listen(_through_json(note)), show)
     # two jobs are two processes otherwise, and need not stand each other in one
     with _ONE_JOB:
-        return _through_json(function_called(job)(voice, **pickle.loads(pickle.dumps(arguments))))
+        return _through_json(function_called(job)(reporter, **pickle.loads(pickle.dumps(arguments))))
 
 
 def _through_json(content: Any) -> Any:

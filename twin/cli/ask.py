@@ -5,7 +5,7 @@ from typing import Any
 from twin.cli.options import JobIsolation
 from twin.cli.progress import progress
 from twin.errors import ComponentFailed, visible_lines
-from twin.runs.guard.guard import JobDied, JobDiedLoading, guarded
+from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.studies.answer import JOB, Answer, answered
 from twin.writing import json_text
 
@@ -46,11 +46,11 @@ def answer_of(study: str, asked: dict[str, Any], isolate: JobIsolation = JobIsol
     try:
         if isolate == JobIsolation.RUN:
             return Answer(**guarded(JOB, arguments, listen=hear))
-        from twin.runs.guard.voice import DirectVoice
+        from twin.runs.guard.reporter import DirectReporter
 
-        return Answer(**answered(DirectVoice(hear, lambda done, total: None), **arguments))
-    except (JobDied, JobDiedLoading) as death:
-        raise ComponentFailed(str(death)) from None
+        return Answer(**answered(DirectReporter(hear, lambda done, total: None), **arguments))
+    except (JobEnded, JobEndedLoading) as failure:
+        raise ComponentFailed(str(failure)) from None
     finally:
         shown.clear()
 

@@ -10,7 +10,7 @@ from twin.cli.progress import progress
 from twin.errors import plain
 from twin.recording.folder import LATEST
 from twin.report.run_text import run_facts, run_text
-from twin.runs.guard.remains import seen_from_here
+from twin.runs.guard.recorded import seen_from_here
 from twin.writing import json_text
 
 

@@ -15,10 +15,10 @@ from twin.cli.display import Display
 from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, Settings
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
-from twin.runs.guard.guard import GRACE, JobDied, guarded
+from twin.runs.guard.guard import GRACE, JobEnded, guarded
 from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import Limits
-from twin.runs.guard.remains import remains, seen_from_here
+from twin.runs.guard.recorded import recorded_until_then, seen_from_here
 
 JOB = "twin.runs.guard.runs:recorded_runs"
 LIVE_JOB = "twin.runs.live.runs:served_runs"
@@ -127,8 +127,8 @@ def run(
                 patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
                 limits = Limits(patience, limit_wall, 1e6 * limit_memory)
                 guarded(job, arguments, limits, hear, display.show)
-        except JobDied as death:
-            raise ComponentFailed(f"{death}\n{remains(display.folder)}") from None
+        except JobEnded as failure:
+            raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None
         except KeyboardInterrupt:
             if display.folder is None:
                 raise
@@ -139,9 +139,9 @@ def run(
 
 
 def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
-    from twin.runs.guard.voice import DirectVoice
+    from twin.runs.guard.reporter import DirectReporter
 
-    function_called(job)(DirectVoice(hear, show), **arguments)
+    function_called(job)(DirectReporter(hear, show), **arguments)
 
 
 def _sweep(

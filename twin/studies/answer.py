@@ -9,7 +9,7 @@ from twin.runs.guard.job import function_called
 from twin.writing import made_folder, write_json
 
 if TYPE_CHECKING:
-    from twin.runs.guard.voice import Voice
+    from twin.runs.guard.reporter import Reporter
 
 JOB = "twin.studies.answer:answered"
 
@@ -59,7 +59,7 @@ def judged(
     return Answer("\n".join(lines), facts, 0 if holds else 1)
 
 
-def answered(voice: "Voice", study: str, asked: dict[str, Any]) -> dict[str, Any]:
+def answered(reporter: "Reporter", study: str, asked: dict[str, Any]) -> dict[str, Any]:
     """The answer of a study, taken apart; a job of the guard.
 
     Notes {"say": what is being done}.
@@ -68,4 +68,4 @@ def answered(voice: "Voice", study: str, asked: dict[str, Any]) -> dict[str, Any
         study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing.
         asked: its arguments.
     """
-    return vars(function_called(study)(**asked, say=lambda what: voice.note(say=what)))
+    return vars(function_called(study)(**asked, say=lambda what: reporter.note(say=what)))

@@ -12,7 +12,7 @@ from twin.cosim.simulation import NOBODY, Simulation
 from twin.cosim.system import System
 from twin.runs.guard.account import Account
 from twin.runs.guard.black_box import INPUTS_AT, Announcer, BlackBox, Call
-from twin.runs.guard.voice import PipeVoice
+from twin.runs.guard.reporter import PipeReporter
 
 
 def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
@@ -20,7 +20,7 @@ def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
     first = delay("first", Port("x", 2), 1, np.array([1.5, -2.5]))
     second = delay("second", Port("x", 2), 1, np.array([0.25, 4.0]))
     system = System([first, second], [("second.x", "first.x"), ("first.x", "second.x")], 1e-3)
-    memory = PipeVoice(io.StringIO(), box.fd).stepping(system, 10)
+    memory = PipeReporter(io.StringIO(), box.fd).stepping(system, 10)
     assert box.mark() == (0, NOBODY)
     Simulation(system, 10, slice_ticks=1, memory=memory).advance()
     # tick 0: `first` read what `second` starts with, `second` what `first` then gave
@@ -33,7 +33,7 @@ def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
 def test_an_account_knows_the_component_that_the_mark_points_to():
     box, pipe, account = BlackBox(), io.StringIO(), Account()
     system = System([delay("only", Port("x", 1, "N"), 1, np.zeros(1))], [("only.x", "only.x")], 1e-3)
-    memory = PipeVoice(pipe, box.fd).stepping(system, 10)
+    memory = PipeReporter(pipe, box.fd).stepping(system, 10)
     account.take(json.loads(pipe.getvalue()))
     assert not account.busy(box)
     memory.mark[:] = 3, 0

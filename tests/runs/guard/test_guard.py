@@ -11,7 +11,7 @@ import pytest
 
 from twin.errors import TwinError
 from twin.runs.guard import guard
-from twin.runs.guard.guard import JobDiedLoading, guarded
+from twin.runs.guard.guard import JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits
 from twin.studies.identify.errors import NotIdentifiable
 
@@ -43,14 +43,14 @@ def test_a_mistake_of_ours_shows_its_traceback():
 
 
 def test_exit_code_0_without_a_result_is_a_death():
-    with pytest.raises(JobDiedLoading) as died:
+    with pytest.raises(JobEndedLoading) as died:
         guarded(f"{JOBS}:vanish", {})
     said = "the process of this job ended the process with exit(0) between two steps, before the first step."
     assert str(died.value) == f"{said} It printed last: 'so long'."
 
 
 def test_a_job_is_ended_at_its_time_limit():
-    with pytest.raises(JobDiedLoading, match="the time limit of 2 s was over"):
+    with pytest.raises(JobEndedLoading, match="the time limit of 2 s was over"):
         guarded(f"{JOBS}:linger", {"farewell": ""}, Limits(wall=2.0))
 
 

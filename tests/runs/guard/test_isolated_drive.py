@@ -16,10 +16,10 @@ from twin.runs.assembly.drives import planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.guard import guarded
 from twin.runs.guard.isolated_drive import IsolatedDrives
+from twin.runs.guard.reporter import DirectReporter
 from twin.runs.guard.runs import recorded_runs
-from twin.runs.guard.voice import DirectVoice
 
-VOICE = DirectVoice(lambda note: None, lambda done, total: None)
+VOICE = DirectReporter(lambda note: None, lambda done, total: None)
 
 
 def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):

@@ -6,7 +6,7 @@ import pytest
 
 from twin.runs.guard.account import Account
 from twin.runs.guard.black_box import Announcer, BlackBox
-from twin.runs.guard.sentence import manner, obituary
+from twin.runs.guard.sentence import failure_sentence, manner
 
 
 @pytest.mark.parametrize(
@@ -27,9 +27,9 @@ def test_a_call_that_has_returned_is_not_blamed():
     box, account = BlackBox(), Account()
     announcer = Announcer(box.fd)
     announcer.tell("acme.fmu", "drive_1", "fmi2Instantiate")
-    blamed = obituary(account, box, "crashed", None, "")
+    blamed = failure_sentence(account, box, "crashed", None, "")
     announcer.tell("acme.fmu", "drive_1", "")
-    cleared = obituary(account, box, "crashed", None, "")
+    cleared = failure_sentence(account, box, "crashed", None, "")
     box.close()
     assert blamed.startswith(
         "acme.fmu (drive_1) crashed in fmi2Instantiate, before the first step. acme.fmu is not fit"
@@ -39,6 +39,6 @@ def test_a_call_that_has_returned_is_not_blamed():
 
 def test_only_the_end_of_what_was_printed_is_quoted():
     box = BlackBox()
-    text = obituary(Account(), box, "crashed", None, "first line\n" + 1000 * "x" + "end\n\n")
+    text = failure_sentence(Account(), box, "crashed", None, "first line\n" + 1000 * "x" + "end\n\n")
     box.close()
     assert text.endswith(f"It printed last: '{197 * 'x'}end'.")

@@ -10,12 +10,12 @@ import pytest
 from tests.laws.runs import shipped
 from tests.runs.live.viewer import Viewer
 from twin.errors import InputRefused
-from twin.runs.guard.voice import DirectVoice
+from twin.runs.guard.reporter import DirectReporter
 from twin.runs.live.runs import served_runs
 from twin.runs.live.server import LiveServer
 from twin.runs.run import execute
 
-SILENT = DirectVoice(lambda note: None, lambda done, total: None)
+SILENT = DirectReporter(lambda note: None, lambda done, total: None)
 
 
 def test_a_port_that_is_taken_is_refused_in_one_sentence_before_anything_runs():

@@ -7,7 +7,7 @@ import pytest
 
 from tests.studies.check.files import step_file
 from twin.errors import InputRefused
-from twin.runs.guard.voice import DirectVoice
+from twin.runs.guard.reporter import DirectReporter
 from twin.studies.check import check
 from twin.studies.check.baseline import Entry, baseline_file, read_baseline, write_baseline
 from twin.studies.check.job import Outcome, Pair, checked, pairs
@@ -20,7 +20,7 @@ def outcomes(folder: Path, *files: Path, reason: str = "") -> list[Outcome]:
     """Of `files` with one drive; what an update would write is written."""
     notes: list[dict[str, Any]] = []
     work = [Pair(str(file), DRIVE) for file in files]
-    checked(DirectVoice(notes.append, lambda done, total: None), work, folder, "2026-01-02", reason)
+    checked(DirectReporter(notes.append, lambda done, total: None), work, folder, "2026-01-02", reason)
     found = [Outcome.of(note) for note in notes]
     for outcome in found:
         if outcome.text:

@@ -17,7 +17,7 @@ from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
 from twin.runs.assembly.recorded import recorded_experiment
-from twin.runs.guard.remains import seen_from_here
+from twin.runs.guard.recorded import seen_from_here
 from twin.studies.accuracy.budget import Budget, accuracy_budget
 from twin.studies.answer import Answer
 from twin.writing import finite, made_folder, write_text

@@ -1,8 +1,8 @@
 """Memory that outlives the process which writes it: who was being called or stepped, when, with which inputs.
 
 A file without a name, open in two processes. The writer maps it and pays a store per value (see
-`twin.runs.guard.voice.PipeVoice`), so the reader is not woken by what it need not know unless the writer dies; it asks
-the operating system for the bytes when it wants to know.
+`twin.runs.guard.reporter.PipeReporter`), so the reader is not woken by what it need not know unless the writer dies;
+it asks the operating system for the bytes when it wants to know.
 
 Layout, native byte order: tick int64, component int64; from byte `_CALL_AT` on a call outside the steps, its number and
 length int64 and its text; from byte `INPUTS_AT` on the inputs of all components, float64.

@@ -38,14 +38,14 @@ def main() -> None:
         # after the job's own imports: what it needs of them is loaded while the arguments are still being made
         from twin.cosim.simulation import let_watch
         from twin.drive.announcement import listen
-        from twin.runs.guard.voice import PipeVoice
+        from twin.runs.guard.reporter import PipeReporter
 
-        voice = PipeVoice(reports, box)
-        listen(voice.announcer.tell)
-        let_watch(voice.stepping)
+        reporter = PipeReporter(reports, box)
+        listen(reporter.announcer.tell)
+        let_watch(reporter.stepping)
         arguments = pickle.loads(bytes.fromhex(next(lines)))
         threading.Thread(target=_obey, args=(lines,), daemon=True).start()
-        last = {"finished": job(voice, **arguments)}
+        last = {"finished": job(reporter, **arguments)}
     except KeyboardInterrupt:
         last = {"interrupted": None}
     except Exception as problem:

@@ -11,7 +11,7 @@ from twin.runs.guard.child import STOP
 from twin.runs.guard.failure import error_of
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.process import GuardedProcess, resident_memory
-from twin.runs.guard.sentence import manner, obituary
+from twin.runs.guard.sentence import failure_sentence, manner
 
 POLL = 0.05
 """How often (s) limits are looked at and progress is shown."""
@@ -19,11 +19,11 @@ GRACE = 5.0
 """How long (s) a job may take to stop by itself when asked to."""
 
 
-class JobDied(ComponentFailed):
+class JobEnded(ComponentFailed):
     """The job's process crashed, ended itself or was ended for a limit, after stepping had begun."""
 
 
-class JobDiedLoading(InputRefused):
+class JobEndedLoading(InputRefused):
     """The same before the first step: a component could not even be made."""
 
 
@@ -37,7 +37,7 @@ def guarded(
     """The result of `job`, run in a process of its own.
 
     Args:
-        job: see `function_called`; it is called as `job(voice, **arguments)`, see `twin.runs.guard.voice.Voice`.
+        job: see `function_called`; it is called as `job(reporter, **arguments)`, see `Reporter`.
         arguments: what can be pickled.
         limits: the job is ended if it exceeds one.
         listen: told of every note of the job.
@@ -47,7 +47,7 @@ def guarded(
         What the function returned, through JSON. An end without this is a failure, whatever the exit status.
 
     Raises:
-        JobDied, JobDiedLoading: in one sentence who, how, where, when, with which inputs, and what to do.
+        JobEnded, JobEndedLoading: in one sentence who, how, where, when, with which inputs, and what to do.
         TwinError: the job raised one: class, text and exit code are those.
         KeyboardInterrupt: Ctrl-C; the job has been asked to stop, and ended if it did not.
     """
@@ -117,39 +117,39 @@ class Watch:
         """Look once.
 
         Raises:
-            JobDied, JobDiedLoading: the process has ended without a word, or exceeded a limit and has been ended.
+            JobEnded, JobEndedLoading: the process has ended without a word, or exceeded a limit and has been ended.
         """
         limits, process = self.limits, self.process
         if process.gone:
-            raise self._death(manner(process.end()))
+            raise self._failure(manner(process.end()))
         doing = (process.box.mark(), process.box.call())
         if doing != self._doing or not self.account.busy(process.box):
             self._doing, self._since = doing, time.monotonic()
         elif time.monotonic() - self._since > limits.step:
-            raise self._death(
+            raise self._failure(
                 f"did not return within {limits.step:g} s",
                 "If it is slow rather than stuck, raise --limit-step; else choose another FMU.",
             )
         for name, pid in self.account.helpers.items():
             if resident_memory(pid) > limits.memory:
-                raise self._death(
+                raise self._failure(
                     f"grew to the limit of {limits.memory / 1e6:g} MB of memory",
                     "It leaks: tell its maker; --limit-memory sets the limit.",
                     name,
                 )
         if process.memory > limits.memory:
-            raise self._death(
+            raise self._failure(
                 f"was at work when the process reached the limit of {limits.memory / 1e6:g} MB of memory",
                 "`--isolate drive` shows which drive grows; --limit-memory sets the limit.",
             )
         if process.age > limits.wall:
-            raise self._death(
+            raise self._failure(
                 f"was at work when the time limit of {limits.wall:g} s was over",
                 "Simulate less, or raise --limit-wall.",
             )
 
-    def _death(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
+    def _failure(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
         """The error that tells of the end of the process; ends it first, so that nothing changes any more."""
         self.process.end()
-        text = obituary(self.account, self.process.box, manner, remedy, self.process.printed, culprit)
-        return JobDied(text) if self.account.stepped else JobDiedLoading(text)
+        text = failure_sentence(self.account, self.process.box, manner, remedy, self.process.printed, culprit)
+        return JobEnded(text) if self.account.stepped else JobEndedLoading(text)

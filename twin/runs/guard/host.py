@@ -10,10 +10,10 @@ from twin.cosim.component import Component
 from twin.runs.assembly.drives import drive, planned
 from twin.runs.guard.called import called_function
 from twin.runs.guard.page import IDLE, STOPPED, Page, serve
-from twin.runs.guard.voice import PipeVoice
+from twin.runs.guard.reporter import PipeReporter
 
 
-def hosted_drive(voice: PipeVoice, packed: str) -> None:
+def hosted_drive(reporter: PipeReporter, packed: str) -> None:
     """Serve the drive that `packed` describes.
 
     Notes: {"ports"} when the drive can be asked, {"explained"} after a bad status.
@@ -27,16 +27,16 @@ def hosted_drive(voice: PipeVoice, packed: str) -> None:
     name, table, switched, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
     plan = planned(table)
     component = drive(name, plan.switchable() if switched else plan, tick, theta_m, tau_load)
-    page = Page(voice.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
+    page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     # no question: compiles, or loads from the cache, before the first one comes
     number = _served(page, component, 1)[0]
-    voice.note(ports=_described(component))
+    reporter.note(ports=_described(component))
     os.sched_setaffinity(0, {processor})
     status = IDLE
     while status != STOPPED:
         number, status = _served(page, component, number)
         if status not in (IDLE, STOPPED):
-            voice.note(explained=component.explain(status))
+            reporter.note(explained=component.explain(status))
     component.close()
 
 

@@ -20,12 +20,12 @@ from twin.errors import InputRefused, TwinError
 from twin.runs.assembly.drives import DrivePlan, Start
 from twin.runs.guard.called import Elsewhere
 from twin.runs.guard.futex import kernel
-from twin.runs.guard.guard import POLL, JobDied, Watch, raise_failure
+from twin.runs.guard.guard import POLL, JobEnded, Watch, raise_failure
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask
 from twin.runs.guard.process import GuardedProcess
+from twin.runs.guard.reporter import Reporter
 from twin.runs.guard.sentence import manner
-from twin.runs.guard.voice import Voice
 
 JOB = "twin.runs.guard.host:hosted_drive"
 
@@ -34,7 +34,7 @@ class IsolatedDrives:
     """Makes drives that live elsewhere; a context manager at whose exit their processes are gone.
 
     Args:
-        voice: told of each process, so that the supervisor watches its memory.
+        reporter: told of each process, so that the supervisor watches its memory.
         step: longest time of one call into a drive (s).
         count: processes to start at once, because they take a while.
 
@@ -44,10 +44,10 @@ class IsolatedDrives:
 
     one_process = False
 
-    def __init__(self, voice: Voice, step: float, count: int = 3):
+    def __init__(self, reporter: Reporter, step: float, count: int = 3):
         # raises where this cannot work, before anything is started
         kernel()
-        self._voice, self._limits = voice, Limits(step=step)
+        self._reporter, self._limits = reporter, Limits(step=step)
         self._processors = os.sched_getaffinity(0)
         self._idle = [GuardedProcess(JOB, helper=True) for _ in range(count)]
         self._all = list(self._idle)
@@ -71,7 +71,7 @@ class IsolatedDrives:
         processor = ctypes.CDLL(None).sched_getcpu()
         os.sched_setaffinity(0, {processor})
         process = self._idle.pop(0)
-        self._voice.helper(name, process.pid)
+        self._reporter.helper(name, process.pid)
         process.start({"packed": packed(name, plan, tick, theta_m, tau_load, processor)})
         watch = Watch(process, self._limits)
         try:
@@ -140,7 +140,7 @@ class IsolatedDrive(Elsewhere):
         """Free the drive and end its process.
 
         Raises:
-            JobDied: it crashed or hung while being freed.
+            JobEnded: it crashed or hung while being freed.
         """
         if self._process.gone or self._process.ended:
             return
@@ -155,8 +155,8 @@ class IsolatedDrive(Elsewhere):
                     return
             try:
                 self._watch.raise_if_over()
-            except TwinError as death:
-                raise JobDied(str(death)) from None
+            except TwinError as failure:
+                raise JobEnded(str(failure)) from None
 
 
 def packed(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start, processor: int) -> str:

@@ -9,16 +9,16 @@ from twin.experiment.experiment import Experiment
 from twin.recording.folder import claim_run_folder, create_run_folder
 from twin.runs.assembly.load import load_experiment
 from twin.runs.estimate import refuse_endless
-from twin.runs.guard.guard import JobDied
+from twin.runs.guard.guard import JobEnded
 from twin.runs.guard.limits import Limits
-from twin.runs.guard.remains import remains
-from twin.runs.guard.voice import Voice
+from twin.runs.guard.recorded import recorded_until_then
+from twin.runs.guard.reporter import Reporter
 from twin.runs.run import Run, execute
 from twin.runs.viewer import Viewer
 
 
 def recorded_runs(
-    voice: Voice,
+    reporter: Reporter,
     experiments: list[str],
     settings: list[str],
     drive: str | None,
@@ -52,24 +52,24 @@ def recorded_runs(
         refuse_endless(loaded, factor)
     unexpected: list[str] = []
     for experiment in loaded:
-        voice.loading()
+        reporter.loading()
         folder = (
             claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), experiment.name, datetime.now())
         )
         duration = experiment.duration_ticks * experiment.cosim.tick
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
-        voice.note(experiment=experiment.name, folder=str(folder), duration=duration)
+        reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
         if isolate_drives:
-            run = _with_isolated_drives(voice, experiment, folder, limit_step, factor, viewer)
+            run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer)
         else:
-            run = execute(experiment, folder, voice.progress, timed=True, factor=factor, viewer=viewer)
+            run = execute(experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer)
         facts = asdict(run) | {"recording": str(run.recording), "real_time_factor": run.real_time_factor}
         remarks = [run.punctuality.sentence] if run.punctuality else []
         if run.changed:
             remarks.append("changed while it ran: the experiment's file alone does not repeat it")
         facts["remarks"] = remarks
-        voice.note(run=facts)
+        reporter.note(run=facts)
         if run.trip and not experiment.faults:
             unexpected.append(f"{experiment.name}: {run.trip}")
     if unexpected:
@@ -77,13 +77,20 @@ def recorded_runs(
 
 
 def _with_isolated_drives(
-    voice: Voice, experiment: Experiment, folder: Path, limit_step: float, factor: float | None, viewer: Viewer | None
+    reporter: Reporter,
+    experiment: Experiment,
+    folder: Path,
+    limit_step: float,
+    factor: float | None,
+    viewer: Viewer | None,
 ) -> Run:
     # its compiled code takes a while to load
     from twin.runs.guard.isolated_drive import IsolatedDrives
 
-    with IsolatedDrives(voice, limit_step) as drives:
+    with IsolatedDrives(reporter, limit_step) as drives:
         try:
-            return execute(experiment, folder, voice.progress, timed=True, maker=drives, factor=factor, viewer=viewer)
-        except JobDied as death:
-            raise ComponentFailed(f"{death}\n{remains(folder)}") from None
+            return execute(
+                experiment, folder, reporter.progress, timed=True, maker=drives, factor=factor, viewer=viewer
+            )
+        except JobEnded as failure:
+            raise ComponentFailed(f"{failure}\n{recorded_until_then(folder)}") from None

@@ -1,4 +1,4 @@
-"""The sentence about a job that could not say goodbye."""
+"""The sentence about a job whose process ended without a result."""
 
 import signal
 
@@ -25,7 +25,7 @@ def manner(status: int) -> str:
     return f"crashed ({name}, {(signal.strsignal(-status) or 'unknown').lower()})"
 
 
-def obituary(
+def failure_sentence(
     account: Account, box: BlackBox, manner: str, remedy: str | None, printed: str, culprit: str | None = None
 ) -> str:
     """Who ended the job: file, instance, function, simulated time, last inputs, remedy.

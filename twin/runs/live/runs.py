@@ -3,11 +3,11 @@
 from typing import Any
 
 from twin.errors import InputRefused
+from twin.runs.guard.reporter import Reporter
 from twin.runs.guard.runs import recorded_runs
-from twin.runs.guard.voice import Voice
 
 
-def served_runs(voice: Voice, port: int, origins: list[str], **arguments: Any) -> None:
+def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: Any) -> None:
     """Run experiments as `recorded_runs` does while viewers watch; each begins when somebody does.
 
     Notes: {"serving": address} when a run waits for its first viewer; {"refused": sentence} about a connection that
@@ -29,10 +29,10 @@ def served_runs(voice: Voice, port: int, origins: list[str], **arguments: Any) -
         raise InputRefused("--live: websockets is not installed; pip install 'twin[live]'") from None
 
     def announce(address: str) -> None:
-        voice.note(serving=address)
+        reporter.note(serving=address)
 
     def warn(sentence: str) -> None:
-        voice.note(refused=sentence)
+        reporter.note(refused=sentence)
 
     with LiveServer(port, announce, warn, origins) as server:
-        recorded_runs(voice, **arguments, viewer=server)
+        recorded_runs(reporter, **arguments, viewer=server)

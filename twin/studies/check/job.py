@@ -91,7 +91,7 @@ def _stored_experiment(name: str) -> Path:
     return located(f"experiments/{name}.toml", Path.cwd())
 
 
-def checked(voice: Any, work: Sequence[Pair], folder: Path, date: str, reason: str) -> None:
+def checked(reporter: Any, work: Sequence[Pair], folder: Path, date: str, reason: str) -> None:
     """Check each pair of `work`; a job of the guard. Notes: an `Outcome`, taken apart, per pair, in their order.
 
     Args:
@@ -101,12 +101,12 @@ def checked(voice: Any, work: Sequence[Pair], folder: Path, date: str, reason: s
         reason: of an update; "": nobody asked for one.
     """
     for pair in work:
-        voice.loading()
+        reporter.loading()
         try:
             outcome = _outcome(pair, folder, date, reason)
         except TwinError as error:
             outcome = Outcome(pair, None, failure=str(error), exit_code=error.exit_code)
-        voice.note(**asdict(outcome))
+        reporter.note(**asdict(outcome))
 
 
 def _outcome(pair: Pair, folder: Path, date: str, reason: str) -> Outcome:

@@ -10,7 +10,7 @@ from typing import Any
 
 from twin.errors import TwinError
 from twin.runs.guard.guard import guarded
-from twin.runs.guard.voice import DirectVoice
+from twin.runs.guard.reporter import DirectReporter
 from twin.studies.check.job import Outcome, Pair, checked
 
 JOB = "twin.studies.check.job:checked"
@@ -40,7 +40,7 @@ def outcomes(
         say(f"{len(found)} of {len(pairs)} checks")
 
     if processes == 0:
-        checked(DirectVoice(hear, lambda done, total: None), pairs, **arguments)
+        checked(DirectReporter(hear, lambda done, total: None), pairs, **arguments)
     else:
         stop = threading.Event()
         with ThreadPoolExecutor(processes) as pool:
@@ -74,7 +74,7 @@ def _share(
     while left and not stop.is_set():
         try:
             guarded(JOB, {"work": left, **arguments}, listen=take, show=show)
-        except TwinError as death:
+        except TwinError as failure:
             if not left:
                 raise
-            take(asdict(Outcome(left[0], None, failure=str(death), exit_code=death.exit_code)))
+            take(asdict(Outcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))

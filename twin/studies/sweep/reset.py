@@ -8,7 +8,7 @@ from pathlib import Path
 from twin.errors import InputRefused
 from twin.runs.guard.guard import guarded
 from twin.runs.guard.limits import Limits
-from twin.runs.guard.voice import Voice
+from twin.runs.guard.reporter import Reporter
 from twin.studies.sweep.plan import Plan, Task, texts
 
 JOB = "twin.studies.sweep.reset:problems"
@@ -30,7 +30,7 @@ def refuse_unproved(plan: Plan, limits: Limits) -> None:
         raise InputRefused("\n".join(f'{plan.name}: reuse = "reset": {problem}' for problem in dict.fromkeys(found)))
 
 
-def problems(voice: Voice, experiment: str, runs: list[tuple[str | None, list[str]]]) -> list[str]:
+def problems(reporter: Reporter, experiment: str, runs: list[tuple[str | None, list[str]]]) -> list[str]:
     """A sentence for every drive that must not be used again.
 
     Args:
@@ -41,7 +41,7 @@ def problems(voice: Voice, experiment: str, runs: list[tuple[str | None, list[st
     from twin.studies.qualify.lifecycle import reset_finding
 
     told = []
-    voice.loading()
+    reporter.loading()
     for drive, settings in runs:
         tables = {table.model_dump_json(): table for table in load_experiment(Path(experiment), settings, drive).drives}
         for plan in map(planned, tables.values()):

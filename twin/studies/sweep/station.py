@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import TwinError
-from twin.runs.guard.guard import POLL, JobDied, JobDiedLoading, Watch, raise_failure
+from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watch, raise_failure
 from twin.runs.guard.process import GuardedProcess
 from twin.studies.sweep.engine import Job
 from twin.studies.sweep.measures import Finding
@@ -55,10 +55,10 @@ class Station:
             worker = self._worker = self._worker or _Worker(self._job)
             try:
                 facts = worker.facts(task, record, stopping)
-            except (JobDied, JobDiedLoading) as death:
+            except (JobEnded, JobEndedLoading) as failure:
                 self._leave()
                 if fresh and record != "failures":
-                    return _fatal(death)
+                    return _fatal(failure)
                 record = "all" if record == "failures" else record
             else:
                 # a fresh process is better than to charge a run with what others left in this one
@@ -96,7 +96,7 @@ class _Worker:
         """As `Station.facts`.
 
         Raises:
-            JobDied, JobDiedLoading: the process has ended, and who did it.
+            JobEnded, JobEndedLoading: the process has ended, and who did it.
         """
         order = {"run": task.run, "drive": task.drive, "settings": task.settings, "record": record}
         os.write(self._orders, json.dumps(order).encode() + b"\n")
@@ -110,5 +110,5 @@ class _Worker:
         return None
 
 
-def _fatal(death: TwinError) -> dict[str, Any]:
-    return Finding("failed", str(death), {}, float("nan"), float("nan")).facts
+def _fatal(failure: TwinError) -> dict[str, Any]:
+    return Finding("failed", str(failure), {}, float("nan"), float("nan")).facts

@@ -5,11 +5,11 @@ import shutil
 from pathlib import Path
 
 from twin.drive.reuse import keep_instances
-from twin.runs.guard.voice import Voice
+from twin.runs.guard.reporter import Reporter
 from twin.studies.sweep.trial import record, trial
 
 
-def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
+def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
     """Run every order; what is imported, compiled or unpacked for one is there for the next.
 
     Notes: {"finding": facts of `Finding`} after each.
@@ -30,15 +30,15 @@ def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str,
             order = json.loads(line)
             what = Path(experiment), order["drive"], order["settings"]
             own = Path(folder) / f"{order['run']:06d}"
-            voice.loading()
+            reporter.loading()
             if order["record"] != "none":
                 # what an earlier attempt left of the same run
                 shutil.rmtree(own, ignore_errors=True)
             if order["record"] == "all":
                 record(*what, own)
-                voice.loading()
+                reporter.loading()
             finding = trial(*what, claims)
             if order["record"] == "failures" and finding.status != "done":
-                voice.loading()
+                reporter.loading()
                 record(*what, own)
-            voice.note(finding=finding.facts)
+            reporter.note(finding=finding.facts)

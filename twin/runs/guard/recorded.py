@@ -3,7 +3,7 @@
 from pathlib import Path
 
 
-def remains(folder: Path | None) -> str:
+def recorded_until_then(folder: Path | None) -> str:
     """A sentence about the recording in `folder` (None: there is no folder yet)."""
     # the supervisor loads no numerics unless something goes wrong
     from twin.recording.extent import last_time

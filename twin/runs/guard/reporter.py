@@ -17,10 +17,10 @@ Listen = Callable[[dict[str, Any]], None]
 Show = Callable[[int, int], None]
 
 
-class Voice(Protocol):
+class Reporter(Protocol):
     """How a job speaks.
 
-    A job is a function `job(voice, **arguments)`; its notes and its result are what JSON can hold.
+    A job is a function `job(reporter, **arguments)`; its notes and its result are what JSON can hold.
     """
 
     def note(self, **facts: Any) -> None:
@@ -36,7 +36,7 @@ class Voice(Protocol):
         """The component `name` lives in the process `pid`."""
 
 
-class DirectVoice:
+class DirectReporter:
     """For a job in the same process: nobody watches, so only notes and progress have a hearer."""
 
     def __init__(self, listen: Listen, show: Show):
@@ -52,7 +52,7 @@ class DirectVoice:
         """Nothing to say: its memory is not limited."""
 
 
-class PipeVoice:
+class PipeReporter:
     """For a job in a guarded process: a JSON object per line, and the black box.
 
     Args:
