@@ -25,7 +25,7 @@ what they may be."""
 class ChangeTable(Section):
     """[[change]]: a value of [controller] that changes while the experiment runs."""
 
-    t: float = quantity("t_s", gt=0, examples=[8.0], description="when it changes")
+    t: float = quantity("t_s", "when it changes", gt=0, examples=[8.0])
     key: str = Field(examples=["controller.force.reference_N"], description="what changes")
     value: float = Field(examples=[6.0], description="its new value, in the unit of the key")
 

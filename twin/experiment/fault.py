@@ -45,9 +45,9 @@ class FaultTable(Section):
 
     kind: str
     target: str | None = Field(None, description="what breaks; without it the kind's first")
-    onset: float = quantity("onset_s", ge=0, description="when it begins")
+    onset: float = quantity("onset_s", "when it begins", ge=0)
     duration: float | None = quantity(
-        "duration_s", None, gt=0, examples=[2.0], description="how long it lasts; without it to the end"
+        "duration_s", "how long it lasts; without it to the end", None, gt=0, examples=[2.0]
     )
     seed: int = Field(0, ge=0, lt=2**63, description="of what is random in it")
 
@@ -56,12 +56,12 @@ def table_of(known: Kind) -> type[FaultTable]:
     """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
-        own["magnitude"] = (float, quantity(known.magnitude_key, **known.bounds, description="how much"))
+        own["magnitude"] = (float, quantity(known.magnitude_key, "how much", **known.bounds))
     if known.has_share:
         # more than every second sample could not be single ones
         own["share"] = (float, Field(gt=0, le=0.5, description="of the samples that it hits"))
     if known.mechanism == "parameter":
-        own["ramp"] = (float | None, quantity("ramp_s", None, gt=0, description="time in which it grows"))
+        own["ramp"] = (float | None, quantity("ramp_s", "time in which it grows", None, gt=0))
     return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)
 
 

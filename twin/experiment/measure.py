@@ -19,8 +19,8 @@ class Window(Section):
     """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
 
     name: str = Field(examples=["z"], description="what its numbers are called by: small letters, digits, _")
-    begin: float = quantity("begin_s", 0.0, ge=0, description="from when on")
-    until: float | None = quantity("until_s", None, gt=0, examples=[3.5], description="until when; without it the end")
+    begin: float = quantity("begin_s", "from when on", 0.0, ge=0)
+    until: float | None = quantity("until_s", "until when; without it the end", None, gt=0, examples=[3.5])
 
     @field_validator("name")
     @classmethod
@@ -76,7 +76,7 @@ class Lag(Led):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag; at most half the window")
+    longest: float = quantity("longest_s", "the most that it may lag; at most half the window", 2.0, gt=0)
 
 
 class Spread(Watched):
