@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, create_model
 
 from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.fault_kind import Kind
-from twin.experiment.mistakes import sentences
+from twin.experiment.mistakes import checked, numbered
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.ticks import whole_ticks
 
@@ -75,11 +75,8 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
     Returns:
         Those that are right.
     """
-    if not isinstance(tables, tuple):
-        mistakes.append("[fault]: a single table; faults are an array of tables, write [[fault]]")
-        return ()
     faults = []
-    for number, table in enumerate(tables, start=1):
+    for number, table in numbered(tables, "fault", mistakes):
         found: list[str] = []
         fault = _checked(number, table, tick, found)
         mistakes += found
@@ -103,14 +100,13 @@ def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault
     model = table_of(known)
     wrong = [key for key in table if key.startswith("magnitude") and key != known.magnitude_key]
     mistakes += [f"[[fault]] {number} {key}: {name} takes {known.magnitude_key or 'no magnitude'}" for key in wrong]
-    try:
-        values = model.model_validate({key: value for key, value in table.items() if key not in wrong})
-    except ValidationError as error:
-        told = [text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in sentences(error, model, "[fault]")]
-        instead = f"missing key '{known.magnitude_key}'"
-        mistakes += [text for text in told if not (wrong and text.endswith(instead))]
-        return None
-    return _in_ticks(number, known, values.model_dump(), tick, mistakes)
+    told: list[str] = []
+    values = checked(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", told)
+    instead = f"missing key '{known.magnitude_key}'"
+    mistakes += [
+        text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in told if not (wrong and text.endswith(instead))
+    ]
+    return None if values is None else _in_ticks(number, known, values.model_dump(), tick, mistakes)
 
 
 def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, mistakes: list[str]) -> Fault:

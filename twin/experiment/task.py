@@ -2,9 +2,9 @@
 
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from twin.experiment.mistakes import sentences
+from twin.experiment.mistakes import checked_kind, numbered
 from twin.experiment.quantity import Section, quantity
 
 Pair = tuple[float, float]
@@ -90,19 +90,7 @@ def checked_tasks(tables: Any, mistakes: list[str]) -> dict[int, Task]:
     """
     if tables is None:
         return {}
-    if not isinstance(tables, tuple):
-        mistakes.append("[task]: a single table; tasks are an array of tables, write [[task]]")
-        return {}
-    if not tables:
+    if tables == ():
         mistakes.append("[[task]]: an empty array; expected at least one task, or [reference] with way points")
-    tasks = {}
-    for number, table in enumerate(tables, start=1):
-        kind = table.get("kind") if isinstance(table, dict) else None
-        if not isinstance(kind, str) or kind not in KINDS:
-            mistakes.append(f"[task {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
-            continue
-        try:
-            tasks[number] = KINDS[kind].model_validate(table)
-        except ValidationError as error:
-            mistakes += sentences(error, KINDS[kind], f"task {number}")
-    return tasks
+    found = {n: checked_kind(KINDS, table, f"task {n}", mistakes) for n, table in numbered(tables, "task", mistakes)}
+    return {number: task for number, task in found.items() if task is not None}
