@@ -13,14 +13,14 @@ from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
 class Law(IntEnum):
-    """What becomes of a count."""
+    """What becomes of a count; by the names in an experiment's file, in capitals."""
 
     BIAS = 0
     DRIFT = 1
     QUANTISATION = 2
-    HOLD = 3
-    ZERO = 4
-    NAN = 5
+    DROPOUT_HOLD = 3
+    DROPOUT_ZERO = 4
+    DROPOUT_NAN = 5
     STUCK = 6
     GLITCH = 7
     FLIP = 8
@@ -148,4 +148,4 @@ class CountFault(NativeComponent):
         m["counts"], m["share"], m["random"] = counts, share, random
         out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
         super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
-        self.finite = law != Law.NAN
+        self.finite = law != Law.DROPOUT_NAN
