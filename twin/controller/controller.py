@@ -16,6 +16,7 @@ from twin.controller.reference import reference_position
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record, record_of
 
 INPUTS = (
     Port("p_B", 3, "m", "estimated platform position"),
@@ -56,21 +57,18 @@ class Law(NamedTuple):
     corner: float
 
 
-LAW = np.dtype([(name, "f8") for name in Law._fields], align=True)
-MEMORY = np.dtype(
-    [
-        ("law", LAW),
-        ("force", PID),
-        ("position", PID, (3,)),
-        ("lead", "f8", (3,)),
-        ("F_z", "f8"),
-        ("triggered", "i8"),
-        ("segment", "i8"),
-        ("way_points", "i8"),
-        ("times", "i8"),
-        ("points", "i8"),
-    ],
-    align=True,
+LAW = record_of(Law)
+MEMORY = record(
+    law=LAW,
+    force=PID,
+    position=(PID, (3,)),
+    lead="3f8",
+    F_z="f8",
+    triggered="i8",
+    segment="i8",
+    way_points="i8",
+    times="i8",
+    points="i8",
 )
 
 

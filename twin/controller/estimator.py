@@ -7,6 +7,7 @@ from twin.controller.belief import BELIEF, Belief
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import address_of, doubles_at, step_function
 from twin.cosim.port import Port, port_record
+from twin.cosim.record import record
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian_row
@@ -25,9 +26,7 @@ OUTPUTS = (
 ESTIMATE = port_record(OUTPUTS[:-1])
 """All of them but `valid`."""
 ESTIMATES = ESTIMATE.itemsize // 8
-MEMORY = np.dtype(
-    [("belief", BELIEF), ("gravity_compensation", "i8"), ("estimated", "i8"), ("newest", ESTIMATE)], align=True
-)
+MEMORY = record(belief=BELIEF, gravity_compensation="i8", estimated="i8", newest=ESTIMATE)
 NO_POSE = 2
 
 

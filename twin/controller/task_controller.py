@@ -22,6 +22,7 @@ from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import pointer_to, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
 TASK_OUTPUTS = (
@@ -48,24 +49,21 @@ class Touch(NamedTuple):
     learning: float
 
 
-MEMORY = np.dtype(
-    [
-        ("law", LAW),
-        ("forward", FEED_FORWARD),
-        ("damper", DAMPER),
-        ("force", PID),
-        ("position", PID, (3,)),
-        ("machine", MACHINE),
-        ("phases", "i8"),
-        ("count", "i8"),
-        ("F_z", "f8"),
-        ("F_rate", "f8"),
-        ("dp_z", "f8"),
-        ("p", "f8", (3,)),
-        ("v", "f8", (3,)),
-        ("lead", "f8", (3,)),
-    ],
-    align=True,
+MEMORY = record(
+    law=LAW,
+    forward=FEED_FORWARD,
+    damper=DAMPER,
+    force=PID,
+    position=(PID, (3,)),
+    machine=MACHINE,
+    phases="i8",
+    count="i8",
+    F_z="f8",
+    F_rate="f8",
+    dp_z="f8",
+    p="3f8",
+    v="3f8",
+    lead="3f8",
 )
 _phases_at = pointer_to(from_dtype(PHASE))
 

@@ -6,13 +6,14 @@ from twin.controller.pid import PID, Gains, accept, loop, proposal
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 
 INPUTS = (
     Port("omega_ref", 1, "rad/s", "commanded motor speed"),
     Port("omega_m", 1, "rad/s", "motor speed, as the drive reports it"),
 )
 COMMAND = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
-MEMORY = np.dtype([("pid", PID), ("limit", "f8")], align=True)
+MEMORY = record(pid=PID, limit="f8")
 
 
 @step_function(MEMORY, INPUTS, (COMMAND,))

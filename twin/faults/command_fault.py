@@ -6,9 +6,10 @@ from numba import carray
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
-MEMORY = np.dtype([("window", WINDOW), ("size", "i8"), ("limit", "f8")], align=True)
+MEMORY = record(window=WINDOW, size="i8", limit="f8")
 
 
 @step_function(MEMORY)

@@ -8,6 +8,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 from twin.faults.randomness import drawn
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
@@ -33,19 +34,8 @@ _BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP 
 ENCODER_CHANNELS = 3
 COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
 
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("law", "i8"),
-        ("element", "i8"),
-        ("partner", "i8"),
-        ("counts", "f8"),
-        ("share", "f8"),
-        ("held", "f8"),
-        ("spiked", "i8"),
-        ("random", "u8"),
-    ],
-    align=True,
+MEMORY = record(
+    window=WINDOW, law="i8", element="i8", partner="i8", counts="f8", share="f8", held="f8", spiked="i8", random="u8"
 )
 """`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
 

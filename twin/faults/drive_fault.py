@@ -9,6 +9,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
@@ -47,19 +48,7 @@ def inputs(monitored: bool) -> tuple[Port, ...]:
 
 FAILED = 2
 
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("law", "i8"),
-        ("omega", "f8"),
-        ("stop", "f8"),
-        ("drive", "f8"),
-        ("offset", "f8"),
-        ("theta_m", "f8"),
-        ("omega_m", "f8"),
-    ],
-    align=True,
-)
+MEMORY = record(window=WINDOW, law="i8", omega="f8", stop="f8", drive="f8", offset="f8", theta_m="f8", omega_m="f8")
 """`omega`: speed of a runaway (rad/s). `stop`: angle beyond
 which a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
 `theta_m`, `omega_m`: the real shaft."""

@@ -12,28 +12,26 @@ from numba import carray, njit, types
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, pointer_to, step_function
 from twin.cosim.port import Port, width
+from twin.cosim.record import record
 from twin.faults.randomness import drawn
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 NEVER = 1 << 62
 """The tick at which a lost message arrives."""
 
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("size", "i8"),
-        ("sender_period", "i8"),
-        ("least", "i8"),
-        ("most", "i8"),
-        ("share", "f8"),
-        ("sent", "i8"),
-        ("capacity", "i8"),
-        ("messages", "i8"),
-        ("arrivals", "i8"),
-        ("present", "i8"),
-        ("random", "u8"),
-    ],
-    align=True,
+MEMORY = record(
+    window=WINDOW,
+    size="i8",
+    sender_period="i8",
+    least="i8",
+    most="i8",
+    share="f8",
+    sent="i8",
+    capacity="i8",
+    messages="i8",
+    arrivals="i8",
+    present="i8",
+    random="u8",
 )
 """A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
 n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all

@@ -8,21 +8,11 @@ from numba import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("address", "i8"),
-        ("nominal", "f8"),
-        ("chained", "i8"),
-        ("factor", "f8"),
-        ("added", "f8"),
-        ("ramp", "i8"),
-    ],
-    align=True,
-)
+MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
 """`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
 
 

@@ -6,6 +6,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 from twin.monitor.belief import BELIEF, Belief
 from twin.monitor.checks import (
     INVALID_SAMPLE,
@@ -44,30 +45,27 @@ OUTPUTS = (
     Port("contact_time", 1, "s", "duration of the present contact"),
     Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
 )
-MEMORY = np.dtype(
-    [
-        ("belief", BELIEF),
-        ("limits", LIMITS),
-        ("limit", "f8", (REASONS,)),
-        ("rest", "f8", (REASONS,)),
-        ("period", "i8"),
-        ("sample_interval", "i8"),
-        ("tick", "i8"),
-        ("first_tick", "i8"),
-        ("first_sample", "i8"),
-        ("sample", "i8"),
-        ("seen", SEEN),
-        ("timers", TIMERS),
-        ("values", "f8", (REASONS,)),
-        ("joints", "i8", (REASONS,)),
-        ("sent", "f8", (3,)),
-        ("reason", "i8"),
-        ("trip_tick", "i8"),
-        ("trip_value", "f8"),
-        ("trip_joint", "i8"),
-        ("retraction", RETRACTION),
-    ],
-    align=True,
+MEMORY = record(
+    belief=BELIEF,
+    limits=LIMITS,
+    limit=("f8", (REASONS,)),
+    rest=("f8", (REASONS,)),
+    period="i8",
+    sample_interval="i8",
+    tick="i8",
+    first_tick="i8",
+    first_sample="i8",
+    sample="i8",
+    seen=SEEN,
+    timers=TIMERS,
+    values=("f8", (REASONS,)),
+    joints=("i8", (REASONS,)),
+    sent="3f8",
+    reason="i8",
+    trip_tick="i8",
+    trip_value="f8",
+    trip_joint="i8",
+    retraction=RETRACTION,
 )
 
 

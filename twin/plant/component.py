@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, port_record
+from twin.cosim.record import record
 from twin.plant.contact import normal_force, settled_bristle, touch
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection, spring_stiffness
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
@@ -47,16 +48,13 @@ def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
     return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
-MEMORY = np.dtype(
-    [
-        ("parameters", PARAMETERS),
-        ("substeps", "i8"),
-        ("x", "f8", (STATES,)),
-        ("last", "f8", (STATES,)),
-        ("k", "f8", (4, STATES)),
-        ("stage", "f8", (STATES,)),
-    ],
-    align=True,
+MEMORY = record(
+    parameters=PARAMETERS,
+    substeps="i8",
+    x=("f8", (STATES,)),
+    last=("f8", (STATES,)),
+    k=("f8", (4, STATES)),
+    stage=("f8", (STATES,)),
 )
 
 

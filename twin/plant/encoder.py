@@ -9,6 +9,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 from twin.plant.noise import normal
 
 INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
@@ -17,10 +18,8 @@ OUTPUTS = (
     Port("count_l", 3, "1", "joint encoder counts", "int"),
     Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
 )
-READER = np.dtype([("counts_per_rad", "f8"), ("zero", "f8"), ("noise", "f8")], align=True)
-MEMORY = np.dtype(
-    [("motor", READER, (3,)), ("joint", READER, (3,)), ("random", "u8", (1,)), ("sample", "i8")], align=True
-)
+READER = record(counts_per_rad="f8", zero="f8", noise="f8")
+MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=("u8", (1,)), sample="i8")
 
 
 @njit(cache=True)

@@ -5,10 +5,11 @@ import numpy as np
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record
 
 INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
 OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
-MEMORY = np.dtype([("resolution", "f8")], align=True)
+MEMORY = record(resolution="f8")
 
 
 @step_function(MEMORY, INPUTS, OUTPUTS)

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.controller import program as programs
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator
@@ -14,10 +15,18 @@ from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.delay import delay
 from twin.experiment.experiment import Experiment
 from twin.experiment.monitor import Monitor as MonitorTable
+from twin.experiment.task import Approach, Task
 from twin.monitor.component import Monitor
 from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
 from twin.runs.assembly.build import Build, Makers
-from twin.runs.assembly.program import program_of
+
+PROGRAMS: dict[str, type[programs.Task]] = {
+    "press": programs.Press,
+    "tap": programs.Tap,
+    "roll": programs.Roll,
+    "push": programs.Push,
+}
+"""By the kind of a [[task]], whose keys they have, too."""
 
 
 def estimator(experiment: Experiment) -> Estimator:
@@ -64,6 +73,12 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         experiment.start,
         ticks,
     )
+
+
+def program_of(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
+    """The phases of `tasks`; `contact_force` (N) counts as touching."""
+    manner = programs.Approach(contact_force=contact_force, **dict(approach))
+    return programs.program(manner, [PROGRAMS[task.kind](**task.model_dump(exclude={"kind"})) for task in tasks])
 
 
 def safety_monitor(experiment: Experiment, table: MonitorTable) -> Monitor:
