@@ -50,8 +50,12 @@ class Source:
             if isinstance(value, dict) and "value" in value and value.keys() <= {"value", "source"}:
                 target[key] = _frozen(value["value"])
                 self.origins[dotted] = str(value.get("source", origin))
-            elif isinstance(value, dict) and isinstance(target.get(key), tuple):
-                target[key] = self._with_items(value, origin, dotted, target[key])
+            elif isinstance(value, dict) and isinstance(items := target.get(key), tuple):
+                # of an array by their number from 1: tables are laid over, numbers replaced
+                if any(isinstance(item, dict) for item in items):
+                    self._put_items(value, origin, dotted, items)
+                else:
+                    target[key] = with_numbers(value, items, f"{origin}: {dotted}")
             elif isinstance(value, dict):
                 inner = target.get(key)
                 target[key] = inner if isinstance(inner, dict) else {}
@@ -65,13 +69,6 @@ class Source:
             else:
                 target[key] = _frozen(value)
                 self.origins[dotted] = origin
-
-    def _with_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> tuple[Any, ...]:
-        """`into` with `items` laid over its own, by their number from 1; tables are laid over, numbers replaced."""
-        if any(isinstance(item, dict) for item in into):
-            self._put_items(items, origin, dotted, into)
-            return into
-        return with_numbers(items, into, f"{origin}: {dotted}")
 
     def _put_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
         """Lay the tables `items` over those of an array, by their number from 1."""
@@ -126,7 +123,13 @@ def override(source: Source, texts: Iterable[str]) -> None:
         parts = key.strip().split(".")
         if not equals or not key.strip() or len(parts) > DEEPEST:
             raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
-        source.put(_nested(parts, _value(value.strip())), "set on the command line")
+        node: Any = value.strip()
+        # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
+        with contextlib.suppress(InputRefused):
+            node = toml_of(f"value = {node}", "")["value"]
+        for part in reversed(parts):
+            node = {part: node}
+        source.put(node, "set on the command line")
 
 
 def replace_drive(source: Source, fmu: str) -> None:
@@ -210,20 +213,6 @@ def _tables(path: Path) -> dict[str, Any]:
 def _parsed(text: str, where: str) -> Mapping[str, Any]:
     """The tables that `text` writes, not to be changed: a sweep reads the same files for each of its runs."""
     return toml_of(text, where)
-
-
-def _value(text: str) -> Any:
-    try:
-        return toml_of(f"value = {text}", "")["value"]
-    # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
-    except InputRefused:
-        return text
-
-
-def _nested(keys: list[str], value: Any) -> dict[str, Any]:
-    for key in reversed(keys):
-        value = {key: value}
-    return value
 
 
 def _frozen(value: Any) -> Any:

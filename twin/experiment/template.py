@@ -64,9 +64,11 @@ def commented_experiment(name: str, base: Path) -> str:
     Raises:
         InputRefused: a file of the repository is not there.
     """
-    own = read_source(base)
-    others = _values_of_others(base)
-    page = _Page(own, _values_of_body_and_robot(base), others)
+    own, filled, others = read_source(base), read_source(base), Source()
+    fill_from_body(filled, base.parent)
+    for other in OTHERS:
+        others.put(read_source(located(other, base.parent)).values, "")
+    page = _Page(own, filled.values, others.values)
     models: dict[str, type[BaseModel]] = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
     lines = [
         f"#:schema {SCHEMA_FILE}",
@@ -82,13 +84,18 @@ def commented_experiment(name: str, base: Path) -> str:
     for table, model in models.items():
         if table not in ("robot", "plant"):
             lines += page.table(table, model)
-    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", TASKS, others["task"])]
-    lines += ["", f"# {BREAKS}", *page.item("fault", table_of(CATALOGUE[FAULT]), _fault(), "#", {})]
+    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", TASKS, others.values["task"])]
+    kind = CATALOGUE[FAULT]
+    assert kind.magnitudes is not None and kind.magnitude_key is not None
+    fault = {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
+    lines += ["", f"# {BREAKS}", *page.item("fault", table_of(kind), fault, "#", {})]
     lines += ["", f"# {CHANGES}", *page.array("change", {None: ChangeTable}, (CHANGE,))]
     lines += ["", f"# {MEASURED}", *page.array("measure", MEASURES, (MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     lines += page.keys("robot", schema.Robot, {}, {})
-    true, origins = _values_beside_robot(own, base, "plant"), page.origins("plant")
+    robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, "plant") or {}
+    true = {key: value for key, value in (at(own.values, "plant") or {}).items() if robot.get(key) != value}
+    origins = page.origins("plant")
     lines += ["", f"# {TRUE}", f"{'' if true else '#'}[plant]", *page.keys("plant", schema.Plant, true, origins)]
     lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k not in _plain_keys(schema.Plant)]
     return "\n".join(lines) + "\n"
@@ -156,31 +163,6 @@ class _Page:
             value, mark = (own[key], "") if key in own else (instead, "#")
             lines += [f"# {_meaning(info)}", _line(key, value, mark, origins.get(key))]
         return lines
-
-
-def _values_of_body_and_robot(base: Path) -> Table:
-    source = read_source(base)
-    fill_from_body(source, base.parent)
-    return source.values
-
-
-def _values_beside_robot(own: Source, base: Path, table: str) -> Table:
-    """What `own` says in `table` that the robot's file does not."""
-    robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, table) or {}
-    return {key: value for key, value in (at(own.values, table) or {}).items() if robot.get(key) != value}
-
-
-def _values_of_others(base: Path) -> Table:
-    others = Source()
-    for name in OTHERS:
-        others.put(read_source(located(name, base.parent)).values, "")
-    return others.values
-
-
-def _fault() -> Table:
-    kind = CATALOGUE[FAULT]
-    assert kind.magnitudes is not None and kind.magnitude_key is not None
-    return {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
 
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:

@@ -50,7 +50,8 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
         hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
         raise RecordingRefused(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
-        raise RecordingRefused(f"{path}: not a recording that twin wrote: {_told(error)}") from error
+        told = error.args[0] if isinstance(error, LookupError) and error.args else error
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: {told}") from error
 
 
 def last_time(path: Path) -> float | None:
@@ -107,10 +108,6 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     else:
         note = _shortfall(streams, metadata)
     return Recording(path, streams, contents.events, metadata, not note, note)
-
-
-def _told(error: Exception) -> str:
-    return str(error.args[0]) if isinstance(error, LookupError) and error.args else str(error)
 
 
 def _compare(scan: Scan, contents: Contents) -> None:

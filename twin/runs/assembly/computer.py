@@ -14,7 +14,6 @@ from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.delay import delay
 from twin.experiment.experiment import Experiment
-from twin.experiment.monitor import Monitor as MonitorTable
 from twin.experiment.task import Approach, Task
 from twin.monitor.component import Monitor
 from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
@@ -81,12 +80,6 @@ def program_of(approach: Approach, contact_force: float, tasks: Sequence[Task]) 
     return programs.program(manner, [PROGRAMS[task.kind](**task.model_dump(exclude={"kind"})) for task in tasks])
 
 
-def safety_monitor(experiment: Experiment, table: MonitorTable) -> Monitor:
-    """Who watches, as [monitor] says."""
-    bounds = monitor_limits(table, experiment.controller.speed_limit)
-    return Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)
-
-
 def estimators(build: Build) -> Makers:
     """What makes the estimator."""
     return {"estimator": lambda: estimator(build.experiment)}
@@ -105,5 +98,9 @@ def delays(build: Build) -> Makers:
 
 def monitors(build: Build) -> Makers:
     """What makes the safety monitor, if anybody watches."""
-    table = build.experiment.monitor
-    return {} if table is None else {"monitor": lambda: safety_monitor(build.experiment, table)}
+    experiment = build.experiment
+    if experiment.monitor is None:
+        return {}
+    limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
+    periods = experiment.controller_ticks, experiment.monitor_ticks
+    return {"monitor": lambda: Monitor(monitor_belief(experiment.robot), limits, *periods)}
