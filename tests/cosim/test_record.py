@@ -3,7 +3,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.cosim.record import record, record_of
+from twin.cosim.record import memory_of, record, record_of
 
 
 class Law(IntEnum):
@@ -35,3 +35,11 @@ def test_every_field_lies_where_a_compiler_would_put_it():
     assert {name: (field[0].shape, field[1]) for name, field in outer.fields.items()} == {
         "flag": ((), 0), "place": ((3,), 8), "inners": ((2,), 32),
     }  # fmt: skip
+
+
+def test_memory_holds_what_is_said_and_zero_besides():
+    reader = record(gain="f8", zero="f8")
+    memory = memory_of(record(readers=(reader, (2,)), seed="u8", place="3f8"), readers=[(2.0, 1.0)] * 2, seed=2**64 - 1)
+    assert memory["readers"]["gain"].tolist() == [[2.0, 2.0]]
+    assert memory["seed"].tolist() == [2**64 - 1]
+    assert memory["place"].tolist() == [[0.0, 0.0, 0.0]]

@@ -17,6 +17,14 @@ def record(**fields: Any) -> np.dtype:
     return np.dtype(list(fields.items()), align=True)
 
 
+def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
+    """A record of that kind in an array of its own, (1,), with `values` in its fields and 0 in all others."""
+    memory = np.zeros(1, dtype=kind)
+    for name, value in values.items():
+        memory[name][0] = value
+    return memory
+
+
 def record_of(values: type, **more: Any) -> np.dtype:
     """A record of the fields of `values`, a NamedTuple of real numbers, triples of them, and whole numbers; and `more`.
 

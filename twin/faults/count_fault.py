@@ -8,7 +8,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.cosim.record import record
+from twin.cosim.record import memory_of, record
 from twin.faults.randomness import drawn
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
@@ -131,11 +131,8 @@ class CountFault(NativeComponent):
         random: int,
         period: int,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        m = memory[0]
-        memory["window"][0] = window(span, period)
-        m["law"], m["element"], m["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
-        m["counts"], m["share"], m["random"] = counts, share, random
+        memory = memory_of(MEMORY, window=window(span, period), counts=counts, share=share, random=random)
+        memory["law"], memory["element"], memory["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
         out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
         super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
         self.finite = law != Law.DROPOUT_NAN

@@ -9,7 +9,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.cosim.record import record
+from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
@@ -136,11 +136,7 @@ class DriveFault(NativeComponent):
         label: str,
         target: str,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(span, period)
-        m = memory[0]
-        m["law"], m["omega"] = law, omega
-        m["drive"] = m["theta_m"] = theta_m
+        memory = memory_of(MEMORY, window=window(span, period), law=law, omega=omega, drive=theta_m, theta_m=theta_m)
         initial = np.array([theta_m, 0.0, 0.0])
         super().__init__(name, inputs(monitored), OUTPUTS, False, step_of(monitored), memory, initial, period)
         self.label, self.target = label, target

@@ -8,7 +8,7 @@ from numba import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
-from twin.cosim.record import record
+from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
@@ -56,10 +56,7 @@ class ParameterFault(NativeComponent):
         ramp: int,
         chained: bool,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(span, 1)
-        m = memory[0]
-        m["address"], m["nominal"], m["chained"], m["ramp"] = cell.ctypes.data, cell[0], chained, ramp
-        m["factor"], m["added"] = factor, added
+        memory = memory_of(MEMORY, window=window(span, 1), factor=factor, added=added, ramp=ramp, chained=chained)
+        memory["address"], memory["nominal"] = cell.ctypes.data, cell[0]
         value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
         super().__init__(name, (), (value, ACTIVE), True, step, memory, keep=owner)

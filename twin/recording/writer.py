@@ -132,10 +132,7 @@ class Writer:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`.
 
         Args:
-            tick: when.
-            level: `debug`, `info`, `warning`, `error` or `fatal`.
-            text: one sentence.
-            name: the component it happened in.
+            level, text, name: as of `Event`.
 
         Raises:
             ValueError: an unknown level.

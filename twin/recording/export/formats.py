@@ -47,7 +47,6 @@ def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, 
     """Write `table` to `path`: column `t` in s, then one column per number, each with `unit` and `meaning`.
 
     Args:
-        path: of the file. table: what goes into it.
         metadata: of the recording, name -> key -> text; each name becomes one JSON text of the file's own metadata.
 
     Raises:
@@ -77,7 +76,7 @@ def write_matlab(path: Path, recording: Recording, signals: Sequence[str], rate:
     `table.table`.
 
     Args:
-        path: of the file. recording: a run's. signals: names `topic.field`, each with at least one message.
+        signals: names `topic.field`, each with at least one message.
         rate: rows per second of simulated time (Hz).
 
     Raises:

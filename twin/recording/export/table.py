@@ -12,8 +12,6 @@ from twin.recording.recording import Recording
 NANOSECONDS = 10**9
 LARGEST_RATE = 1e6
 """Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
-
-
 MOST_ROWS = 50_000_000
 """Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
 
@@ -54,7 +52,6 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
     component holds between its samples. Rows begin when every signal has a value.
 
     Args:
-        recording: a run's.
         signals: names `topic.field`, each with at least one message.
         rate: rows per second of simulated time (Hz); without it, the times of the selected topic with most messages.
 

@@ -19,9 +19,6 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
     experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken.
 
-    Args:
-        metadata: of the recording. where: the recording.
-
     Raises:
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
             not found.
