@@ -58,24 +58,14 @@ class _Waiting:
         sys.meta_path.remove(self)  # type: ignore[arg-type]
         spec = importlib.util.find_spec(fullname)
         if spec is not None and spec.loader is not None:
-            spec.loader = _Changing(spec.loader, self._folder)  # type: ignore[assignment]
+            execute = spec.loader.exec_module
+
+            def execute_and_change(module: ModuleType) -> None:
+                execute(module)
+                _change(module, self._folder)
+
+            spec.loader.exec_module = execute_and_change  # type: ignore[method-assign]
         return spec
-
-
-class _Changing:
-    """Loads the module as `loader` does, and changes it then."""
-
-    def __init__(self, loader: Any, folder: Path):
-        self._loader, self._folder = loader, folder
-
-    def create_module(self, spec: "ModuleSpec") -> ModuleType | None:
-        return self._loader.create_module(spec)
-
-    def exec_module(self, module: ModuleType) -> None:
-        self._loader.exec_module(module)
-        if module.__spec__ is not None:
-            module.__spec__.loader = self._loader
-        _change(module, self._folder)
 
 
 def _change(caching: Any, folder: Path) -> None:

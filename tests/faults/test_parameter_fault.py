@@ -13,8 +13,7 @@ from twin.cosim.wiring import wires
 from twin.experiment.fault import NEVER, Fault
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
-from twin.runs.assembly.faults.components import PARAMETERS
-from twin.runs.assembly.faults.inject import inject
+from twin.runs.assembly.faults.inject import PARAMETERS, inject
 
 ONSET, END, LAST = 40, 80, 120
 NOMINAL = {

@@ -13,7 +13,8 @@ from tests.conftest import examples
 from twin.errors import InputRefused
 from twin.recording.errors import RecordingRefused, UnknownSeries
 from twin.recording.layout import Field, Topic
-from twin.recording.reader import read
+from twin.recording.reader import last_time, read
+from twin.recording.recording import Recording
 from twin.recording.schema import descriptor_set
 from twin.recording.series import Event
 from twin.recording.writer import Writer
@@ -172,3 +173,23 @@ def test_a_recording_of_another_tool_is_refused(tmp_path: Path) -> None:
         writer.finish()
     with pytest.raises(RecordingRefused, match=r"foreign\.mcap: not a recording that twin wrote"):
         read(path)
+
+
+def test_the_last_time_is_that_of_the_last_message(force_position: Recording):
+    assert last_time(force_position.path) == force_position.time("plant")[-1]
+
+
+@pytest.mark.parametrize("share", [0.01, 0.3, 0.9])
+def test_a_torn_recording_reaches_to_its_last_complete_chunk(force_position: Recording, tmp_path: Path, share: float):
+    whole = force_position.path.read_bytes()
+    torn = tmp_path / "run.mcap.partial"
+    torn.write_bytes(whole[: int(share * len(whole))])
+    recording = read(torn)
+    ends = [recording.time(topic)[-1] for topic, stream in recording.streams.items() if len(stream.records)]
+    assert last_time(torn) == max(ends)
+
+
+def test_a_recording_without_a_chunk_reaches_nowhere(force_position: Recording, tmp_path: Path):
+    torn = tmp_path / "run.mcap.partial"
+    torn.write_bytes(force_position.path.read_bytes()[:100])
+    assert last_time(torn) is None

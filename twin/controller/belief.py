@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
+from twin.cosim.record import record_of
 
 
 class Belief(NamedTuple):
@@ -34,10 +34,4 @@ class Belief(NamedTuple):
     backlash: float = 0.0
 
 
-BELIEF = np.dtype(
-    [
-        (name, "f8", (3,)) if name.endswith("_zero") else (name, "f8")
-        for name in Belief._fields
-    ],
-    align=True,
-)  # fmt: skip
+BELIEF = record_of(Belief)

@@ -12,10 +12,10 @@ import numpy as np
 from numba import carray, njit
 
 from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
-from twin.controller.reference import reference_position
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record, record_of
 
 INPUTS = (
     Port("p_B", 3, "m", "estimated platform position"),
@@ -56,22 +56,45 @@ class Law(NamedTuple):
     corner: float
 
 
-LAW = np.dtype([(name, "f8") for name in Law._fields], align=True)
-MEMORY = np.dtype(
-    [
-        ("law", LAW),
-        ("force", PID),
-        ("position", PID, (3,)),
-        ("lead", "f8", (3,)),
-        ("F_z", "f8"),
-        ("triggered", "i8"),
-        ("segment", "i8"),
-        ("way_points", "i8"),
-        ("times", "i8"),
-        ("points", "i8"),
-    ],
-    align=True,
+LAW = record_of(Law)
+MEMORY = record(
+    law=LAW,
+    force=PID,
+    position=(PID, (3,)),
+    lead="3f8",
+    F_z="f8",
+    triggered="i8",
+    segment="i8",
+    way_points="i8",
+    times="i8",
+    points="i8",
 )
+
+
+@njit(cache=True)
+def reference_position(times, points, segment, t):
+    """Point (m) of the trajectory at `t` (s), and the segment it lies in.
+
+    Args:
+        times: (n,) ascending, s. points: (n, 3), m.
+        segment: any index at or before the right one; pass the one returned last.
+
+    Returns:
+        (x, y, z, segment). Before the first way point the first, after the last the last.
+    """
+    last = times.shape[0] - 1
+    while segment < last and t >= times[segment + 1]:
+        segment += 1
+    if segment == last or t <= times[0]:
+        return points[segment, 0], points[segment, 1], points[segment, 2], segment
+    share = (t - times[segment]) / (times[segment + 1] - times[segment])
+    a, b = points[segment], points[segment + 1]
+    return (
+        a[0] + share * (b[0] - a[0]),
+        a[1] + share * (b[1] - a[1]),
+        a[2] + share * (b[2] - a[2]),
+        segment,
+    )
 
 
 @njit(cache=True)
@@ -139,12 +162,8 @@ class Controller(NativeComponent):
         period: int = 1,
     ):
         times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["law"][0] = tuple(law)
-        memory["force"][0] = loop(force)
-        memory["position"][0] = [loop(position)] * 3
-        memory["way_points"] = len(times_)
-        memory["times"], memory["points"] = times_.ctypes.data, points_.ctypes.data
+        memory = memory_of(MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
+        memory["way_points"], memory["times"], memory["points"] = len(times_), times_.ctypes.data, points_.ctypes.data
         kept = (times_, points_)
         super().__init__("controller", INPUTS, OUTPUTS, True, step, memory, period=period, keep=kept)
 

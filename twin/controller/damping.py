@@ -9,10 +9,10 @@ high-pass leaves steady forces alone.
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from twin.controller.pid import low_pass_share
+from twin.cosim.record import record_of
 
 
 class Damping(NamedTuple):
@@ -22,9 +22,7 @@ class Damping(NamedTuple):
     corner: float
 
 
-DAMPER = np.dtype(
-    [(name, "f8") for name in Damping._fields] + [("slow", "f8", (3,)), ("started", "i8")], align=True
-)  # fmt: skip
+DAMPER = record_of(Damping, slow="3f8", started="i8")
 
 
 def damper(damping: Damping) -> tuple:

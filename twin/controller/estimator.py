@@ -7,6 +7,7 @@ from twin.controller.belief import BELIEF, Belief
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import address_of, doubles_at, step_function
 from twin.cosim.port import Port, port_record
+from twin.cosim.record import memory_of, record
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.jacobian import jacobian_row
@@ -25,9 +26,7 @@ OUTPUTS = (
 ESTIMATE = port_record(OUTPUTS[:-1])
 """All of them but `valid`."""
 ESTIMATES = ESTIMATE.itemsize // 8
-MEMORY = np.dtype(
-    [("belief", BELIEF), ("gravity_compensation", "i8"), ("estimated", "i8"), ("newest", ESTIMATE)], align=True
-)
+MEMORY = record(belief=BELIEF, gravity_compensation="i8", estimated="i8", newest=ESTIMATE)
 NO_POSE = 2
 
 
@@ -86,9 +85,7 @@ class Estimator(NativeComponent):
     """
 
     def __init__(self, belief: Belief, gravity_compensation: bool = True, period: int = 1):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["belief"][0] = tuple(belief)
-        memory["gravity_compensation"] = gravity_compensation
+        memory = memory_of(MEMORY, belief=tuple(belief), gravity_compensation=gravity_compensation)
         super().__init__("estimator", INPUTS, OUTPUTS, True, step, memory, period=period)
 
     def explain(self, status: int) -> str:

@@ -9,8 +9,9 @@ omega mu F/(K_xy kp), and the circle would come out too large.
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
+
+from twin.cosim.record import record_of
 
 REST_SPEED = 1e-3
 """Speed (m/s) below which the friction fades out, for it has no direction at rest."""
@@ -25,7 +26,7 @@ class FeedForward(NamedTuple):
     lag: float
 
 
-FEED_FORWARD = np.dtype([(name, "f8") for name in FeedForward._fields], align=True)
+FEED_FORWARD = record_of(FeedForward)
 
 
 @njit(cache=True)

@@ -7,36 +7,34 @@ from numba import njit
 
 from twin.controller.motion import motion, motion_time, smooth
 from twin.controller.phase import PhaseKind, Until
+from twin.cosim.record import record
 
-MACHINE = np.dtype(
-    [
-        ("index", "i8"),
-        ("passes", "i8"),
-        ("entered", "f8"),
-        ("total", "f8"),
-        ("length", "f8"),
-        ("start", "f8", (3,)),
-        ("end", "f8", (3,)),
-        ("p", "f8", (3,)),
-        ("v", "f8", (3,)),
-        ("F_start", "f8"),
-        ("F_ref", "f8"),
-        ("contact_force", "f8"),
-        ("lost", "f8"),
-        ("patience", "f8"),
-        ("tapped", "f8"),
-        ("touching", "i8"),
-        ("z_before", "f8"),
-        ("F_before", "f8"),
-        ("z_felt", "f8"),
-        ("depth", "f8"),
-        ("calibrated", "i8"),
-        ("z_turn", "f8"),
-        ("z_lowest", "f8"),
-        ("t_turn", "f8"),
-        ("learning", "f8"),
-    ],
-    align=True,
+MACHINE = record(
+    index="i8",
+    passes="i8",
+    entered="f8",
+    total="f8",
+    length="f8",
+    start="3f8",
+    end="3f8",
+    p="3f8",
+    v="3f8",
+    F_start="f8",
+    F_ref="f8",
+    contact_force="f8",
+    lost="f8",
+    patience="f8",
+    tapped="f8",
+    touching="i8",
+    z_before="f8",
+    F_before="f8",
+    z_felt="f8",
+    depth="f8",
+    calibrated="i8",
+    z_turn="f8",
+    z_lowest="f8",
+    t_turn="f8",
+    learning="f8",
 )
 """State of the machine, SI.
 

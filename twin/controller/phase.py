@@ -4,7 +4,7 @@ import math
 from enum import IntEnum
 from typing import NamedTuple
 
-import numpy as np
+from twin.cosim.record import record_of
 
 
 class PhaseKind(IntEnum):
@@ -82,11 +82,4 @@ class Phase(NamedTuple):
     times: int = 1
 
 
-_WHOLE = ("kind", "task", "force_on", "until", "next", "otherwise", "again", "times")
-PHASE = np.dtype(
-    [
-        (name, "i8") if name in _WHOLE else (name, "f8", (3,)) if name == "target" else (name, "f8")
-        for name in Phase._fields
-    ],
-    align=True,
-)  # fmt: skip
+PHASE = record_of(Phase)

@@ -3,8 +3,9 @@
 import math
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
+
+from twin.cosim.record import record_of
 
 
 class Gains(NamedTuple):
@@ -16,9 +17,7 @@ class Gains(NamedTuple):
     derivative_corner: float = 0.0
 
 
-PID = np.dtype(
-    [(name, "f8") for name in (*Gains._fields, "integral", "derivative", "error")] + [("started", "i8")], align=True
-)
+PID = record_of(Gains, integral="f8", derivative="f8", error="f8", started="i8")
 
 
 def loop(gains: Gains) -> tuple:

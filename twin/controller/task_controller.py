@@ -22,6 +22,7 @@ from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import pointer_to, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
 TASK_OUTPUTS = (
@@ -48,24 +49,21 @@ class Touch(NamedTuple):
     learning: float
 
 
-MEMORY = np.dtype(
-    [
-        ("law", LAW),
-        ("forward", FEED_FORWARD),
-        ("damper", DAMPER),
-        ("force", PID),
-        ("position", PID, (3,)),
-        ("machine", MACHINE),
-        ("phases", "i8"),
-        ("count", "i8"),
-        ("F_z", "f8"),
-        ("F_rate", "f8"),
-        ("dp_z", "f8"),
-        ("p", "f8", (3,)),
-        ("v", "f8", (3,)),
-        ("lead", "f8", (3,)),
-    ],
-    align=True,
+MEMORY = record(
+    law=LAW,
+    forward=FEED_FORWARD,
+    damper=DAMPER,
+    force=PID,
+    position=(PID, (3,)),
+    machine=MACHINE,
+    phases="i8",
+    count="i8",
+    F_z="f8",
+    F_rate="f8",
+    dp_z="f8",
+    p="3f8",
+    v="3f8",
+    lead="3f8",
 )
 _phases_at = pointer_to(from_dtype(PHASE))
 
@@ -141,14 +139,10 @@ class TaskController(NativeComponent):
         period: int = 1,
     ):
         table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
-        memory = np.zeros(1, dtype=MEMORY)
-        m = memory[0]
-        m["law"], m["forward"] = tuple(law), tuple(feed_forward)
-        m["damper"] = damper(damping)
-        m["force"] = loop(force)
-        m["position"] = [loop(position)] * 3
-        m["phases"], m["count"] = table.ctypes.data, len(table)
-        machine = m["machine"]
+        memory = memory_of(MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
+        memory["forward"][0], memory["damper"][0] = tuple(feed_forward), damper(damping)
+        memory["phases"], memory["count"] = table.ctypes.data, len(table)
+        machine = memory[0]["machine"]
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning

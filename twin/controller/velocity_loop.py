@@ -1,18 +1,17 @@
 """Our velocity loop for drives that take torque, current or voltage: a discrete PI at its own rate."""
 
-import numpy as np
-
 from twin.controller.pid import PID, Gains, accept, loop, proposal
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 
 INPUTS = (
     Port("omega_ref", 1, "rad/s", "commanded motor speed"),
     Port("omega_m", 1, "rad/s", "motor speed, as the drive reports it"),
 )
 COMMAND = Port("command", 1, "SI", "what the drive takes: torque, current or voltage")
-MEMORY = np.dtype([("pid", PID), ("limit", "f8")], align=True)
+MEMORY = record(pid=PID, limit="f8")
 
 
 @step_function(MEMORY, INPUTS, (COMMAND,))
@@ -34,7 +33,5 @@ class VelocityLoop(NativeComponent):
     """
 
     def __init__(self, gains: Gains, limit: float, command: Port, period: int = 1):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["pid"][0] = loop(gains)
-        memory["limit"] = limit
+        memory = memory_of(MEMORY, pid=loop(gains), limit=limit)
         super().__init__("velocity_loop", INPUTS, (command,), True, step, memory, period=period)

@@ -73,9 +73,9 @@ class Instance:
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
         self.folder, self.settings, self._inputs = folder, settings, inputs
-        self._fmu = self._loaded(name, folder)
+        self._fmu = self._loaded()
         self._instantiate()
-        self._initialise(settings, inputs)
+        self._initialise()
 
     @property
     def handle(self) -> int:
@@ -112,7 +112,7 @@ class Instance:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
         self._called("Reset", self._fmu.reset)
-        self._initialise(self.settings, self._inputs)
+        self._initialise()
 
     def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting]) -> None:
         """FMI's reset, then initialised with other values, with nothing to say of the time before.
@@ -166,26 +166,26 @@ class Instance:
     def _calling(self, function: str) -> AbstractContextManager[None]:
         return announced(self.description.path.name, self.name, f"fmi{self.description.version}{function}")
 
-    def _loaded(self, name: str, folder: Path) -> Any:
-        model = self.description.model
-        kind = FMU2Drive if self.description.version == 2 else FMU3Drive
-        here = os.getcwd()
+    def _loaded(self) -> Any:
+        description, here = self.description, os.getcwd()
+        kind = FMU2Drive if description.version == 2 else FMU3Drive
         try:
-            with announced(self.description.path.name, name, "the loading of its binary"):
+            with announced(description.path.name, self.name, "the loading of its binary"):
                 return kind(
-                    guid=model.guid,
-                    unzipDirectory=str(folder),
-                    modelIdentifier=self.description.identifier,
-                    instanceName=name,
+                    guid=description.model.guid,
+                    unzipDirectory=str(self.folder),
+                    modelIdentifier=description.identifier,
+                    instanceName=self.name,
                 )
         # FMPy raises bare Exception for a library that does not load or lacks a function, ctypes AttributeError
         except Exception as problem:
-            raise InputRefused(f"{self.description.path}: its binary does not load: {problem}") from None
+            raise InputRefused(f"{description.path}: its binary does not load: {problem}") from None
         # FMPy goes to the library's folder to load it, and stays there if that fails
         finally:
             os.chdir(here)
 
     def _instantiate(self) -> None:
+        heard: dict[str, Any] = {"logMessage": lambda environment, status, category, said: self.hear(status, said)}
         try:
             if self.description.version == 2:
                 from fmpy.logging import addLoggerProxy
@@ -197,11 +197,9 @@ class Instance:
                 callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
                 callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
                 addLoggerProxy(byref(callbacks))
-                with self._calling("Instantiate"):
-                    self._fmu.instantiate(callbacks=callbacks, loggingOn=False)
-            else:
-                with self._calling("Instantiate"):
-                    self._fmu.instantiate(logMessage=self._log_3, loggingOn=False)
+                heard = {"callbacks": callbacks}
+            with self._calling("Instantiate"):
+                self._fmu.instantiate(**heard, loggingOn=False)
         # FMPy turns a NULL instance into a bare Exception
         except Exception:
             self._fmu.component = None
@@ -211,18 +209,17 @@ class Instance:
                 f"{self.description.model.guid} in modelDescription.xml may not be the binary's own: export it again"
             )
 
-    def _initialise(self, settings: Sequence[Setting], inputs: Sequence[Setting]) -> None:
+    def _initialise(self) -> None:
+        start = {"startTime": 0.0}
         try:
-            self.write(settings)
+            self.write(self.settings)
             if self.description.version == 2:
                 with self._calling("SetupExperiment"):
-                    self._fmu.setupExperiment(startTime=0.0)
-                with self._calling("EnterInitializationMode"):
-                    self._fmu.enterInitializationMode()
-            else:
-                with self._calling("EnterInitializationMode"):
-                    self._fmu.enterInitializationMode(startTime=0.0)
-            self.write(inputs)
+                    self._fmu.setupExperiment(**start)
+                start = {}
+            with self._calling("EnterInitializationMode"):
+                self._fmu.enterInitializationMode(**start)
+            self.write(self._inputs)
             with self._calling("ExitInitializationMode"):
                 self._fmu.exitInitializationMode()
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
@@ -261,9 +258,6 @@ class Instance:
 
     def _said(self) -> str:
         return f" (it said: {'; '.join(self.messages)})" if self.messages else ""
-
-    def _log_3(self, environment: Any, status: int, category: bytes, message: bytes) -> None:
-        self.hear(status, message)
 
     def hear(self, status: int, message: bytes | None) -> None:
         """Keep what it logged, if it is a warning or worse."""

@@ -12,7 +12,6 @@ import stat
 import sys
 import tempfile
 import zipfile
-from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
@@ -64,10 +63,9 @@ def unpacked(file: Path, digest: str) -> Path:
     except OSError as problem:
         raise InputRefused(f"{file}: cannot be unpacked to {home}: {problem.strerror}; {REMEDY}") from None
     if mended:
-        print(
-            f"twin: {file.name}: unpacked files had been changed ({_listed(mended)}): taken from the FMU again",
-            file=sys.stderr,
-        )
+        listed = ", ".join(mended[:3]) + (f" and {len(mended) - 3} more" if len(mended) > 3 else "")
+        told = f"twin: {file.name}: unpacked files had been changed ({listed}): taken from the FMU again"
+        print(told, file=sys.stderr)
     return folder / CONTENT
 
 
@@ -178,7 +176,3 @@ def _put(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, content: Path) -> Non
     finally:
         with contextlib.suppress(FileNotFoundError):
             os.unlink(beside)
-
-
-def _listed(names: Sequence[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")

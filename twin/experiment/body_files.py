@@ -1,13 +1,12 @@
 """From [contact] body = "back" to a complete [contact]: the body's file fills in what the experiment does not say."""
 
-import copy
 import difflib
 import os
 from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.experiment.source import Source, forget_contact, located, read_source
+from twin.experiment.source import Source, forget, laid_over, located, read_source
 
 FOLDERS = ("bodies", "experiments/bodies")
 CHANGED_ON_THE_COMMAND_LINE = "set on the command line"
@@ -32,16 +31,14 @@ def fill_from_body(source: Source, folder: Path) -> None:
     filling = body.values.get("contact")
     if body.values.keys() != {"contact"} or not isinstance(filling, dict) or "body" in filling:
         raise InputRefused(f"{path}: expected one table [contact], without 'body'")
-    source.values["contact"] = _filled(contact, filling)
+    source.values["contact"] = laid_over(filling, contact)
     source.origins = {**body.origins, **source.origins}
 
 
 def replace_body(source: Source, name: str) -> None:
     """Make body `name` what the robot presses on; of the [contact] before only the height stays."""
-    before = source.values.get("contact")
-    height = {"height_mm": before["height_mm"]} if isinstance(before, dict) and "height_mm" in before else {}
-    forget_contact(source, keep=("contact.height_mm",))
-    source.values["contact"] = {"body": name, **height}
+    forget(source, "contact", keep=("height_mm",))
+    source.values["contact"] = {"body": name, **source.values.get("contact", {})}
     source.origins["contact.body"] = CHANGED_ON_THE_COMMAND_LINE
 
 
@@ -59,12 +56,3 @@ def _file(name: Any, folder: Path) -> Path:
     close = difflib.get_close_matches(name, known, 1, cutoff=0.5)
     hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
     raise InputRefused(f'[contact] body = "{name}": no such body; {hint}')
-
-
-def _filled(table: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:
-    """`table`, with what it does not say from `base`, tables key by key."""
-    filled = copy.deepcopy(base)
-    for key, value in table.items():
-        both = isinstance(value, dict) and isinstance(filled.get(key), dict)
-        filled[key] = _filled(value, filled[key]) if both else value
-    return filled

@@ -4,12 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import Field
 
 from twin.errors import InputRefused
-from twin.experiment.mistakes import sentences, unknown
+from twin.experiment.mistakes import checked, numbered, unknown
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.schema import ForceLoop, PositionLoop
+from twin.experiment.source import at
 from twin.experiment.ticks import whole_ticks
 
 CHANGEABLE: dict[str, tuple[type[Section], str]] = {
@@ -25,7 +26,7 @@ what they may be."""
 class ChangeTable(Section):
     """[[change]]: a value of [controller] that changes while the experiment runs."""
 
-    t: float = quantity("t_s", gt=0, examples=[8.0], description="when it changes")
+    t: float = quantity("t_s", "when it changes", gt=0, examples=[8.0])
     key: str = Field(examples=["controller.force.reference_N"], description="what changes")
     value: float = Field(examples=[6.0], description="its new value, in the unit of the key")
 
@@ -54,8 +55,8 @@ def changeable(tables: Mapping[str, Any]) -> dict[str, float]:
     """
     found = {}
     for key, (table, _) in CHANGEABLE.items():
-        number = _at(tables, key)
-        acts = table is not ForceLoop or _at(tables, "controller.mode") == "force_position"
+        number = at(tables, key)
+        acts = table is not ForceLoop or at(tables, "controller.mode") == "force_position"
         if acts and number is not None:
             found[key] = number
     return found
@@ -75,11 +76,11 @@ def changed_value(key: str, number: object, tables: Mapping[str, Any]) -> float:
         raise InputRefused(f"{key}: no value; expected a number")
     table, attribute = CHANGEABLE[key]
     path, _, name = key.rpartition(".")
-    try:
-        checked = table.model_validate({**_at(tables, path), name: number})
-    except ValidationError as error:
-        raise InputRefused("; ".join(sentences(error, table, path))) from None
-    return getattr(checked, attribute)
+    mistakes: list[str] = []
+    changed = checked(table, {**at(tables, path), name: number}, path, mistakes)
+    if mistakes:
+        raise InputRefused("; ".join(mistakes))
+    return getattr(changed, attribute)
 
 
 def checked_changes(
@@ -91,15 +92,10 @@ def checked_changes(
         tables: what the file says; () if nothing. values: the tables of the experiment. tick, duration: s.
         mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
     """
-    if not isinstance(tables, tuple):
-        mistakes.append("[change]: a single table; changes are an array of tables, write [[change]]")
-        return ()
     changes: dict[tuple[int, str], Change] = {}
-    for number, table in enumerate(tables, start=1):
-        try:
-            wanted = ChangeTable.model_validate(table)
-        except ValidationError as error:
-            mistakes += sentences(error, ChangeTable, f"change {number}")
+    for number, table in numbered(tables, "change", mistakes):
+        wanted = checked(ChangeTable, table, f"change {number}", mistakes)
+        if wanted is None:
             continue
         try:
             change = _checked(wanted, values, tick, duration)
@@ -124,11 +120,3 @@ def _checked(wanted: ChangeTable, values: Mapping[str, Any], tick: float, durati
     if at is None:
         raise InputRefused(f"t_s = {wanted.t:g}: not a whole number of ticks of {tick:g} s")
     return Change(at, wanted.key, wanted.value, changed_value(wanted.key, wanted.value, values))
-
-
-def _at(tables: Mapping[str, Any], key: str) -> Any:
-    """The value at the dotted `key`; None if there is none."""
-    node: Any = tables
-    for name in key.split("."):
-        node = node.get(name) if isinstance(node, Mapping) else None
-    return node

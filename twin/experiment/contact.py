@@ -23,19 +23,19 @@ NEEDED = {
 class Breathing(Section):
     """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
 
-    amplitude: float = quantity("amplitude_mm", ge=0, examples=[1.0], description="half the way from breath to breath")
-    rate: float = quantity("rate_per_min", gt=0, examples=[15.0], description="breaths per time")
-    start: float = quantity("start_s", 0.0, ge=0, description="first breath")
-    end: float | None = quantity("end_s", None, ge=0, examples=[20.0], description="last breath")
+    amplitude: float = quantity("amplitude_mm", "half the way from breath to breath", ge=0, examples=[1.0])
+    rate: float = quantity("rate_per_min", "breaths per time", gt=0, examples=[15.0])
+    start: float = quantity("start_s", "first breath", 0.0, ge=0)
+    end: float | None = quantity("end_s", "last breath", None, ge=0, examples=[20.0])
 
 
 class Shift(Section):
     """[contact.shift]: the person moves once; if an end is given, back again from then on."""
 
-    by: tuple[float, float, float] = quantity("by_mm", examples=[[0.0, 0.0, 2.0]], description="how far (x, y, z)")
-    start: float = quantity("start_s", ge=0, examples=[5.0], description="when it moves")
-    rise: float = quantity("rise_s", gt=0, examples=[0.5], description="how long it takes")
-    end: float | None = quantity("end_s", None, ge=0, examples=[20.0], description="when it moves back")
+    by: tuple[float, float, float] = quantity("by_mm", "how far (x, y, z)", examples=[[0.0, 0.0, 2.0]])
+    start: float = quantity("start_s", "when it moves", ge=0, examples=[5.0])
+    rise: float = quantity("rise_s", "how long it takes", gt=0, examples=[0.5])
+    end: float | None = quantity("end_s", "when it moves back", None, ge=0, examples=[20.0])
 
 
 class Contact(Section):
@@ -52,53 +52,41 @@ class Contact(Section):
         None, examples=["back"], description="a file of bodies/ that fills in what this table does not say"
     )
     kind: Literal["scale", "skin"] = Field(description="for people")
-    height: float = quantity("height_mm", description="z of the surface's highest point, or of the plane at x = y = 0")
-    tilt: float = quantity("tilt_deg", gt=-45, lt=45, description="tilt about y")
-    tilt_x: float = quantity("tilt_x_deg", 0.0, gt=-45, lt=45, description="tilt about x")
-    radius: float | None = quantity(
-        "radius_mm", None, gt=0, examples=[60.0], description="radius of a sphere or cylinder"
-    )
+    height: float = quantity("height_mm", "z of the surface's highest point, or of the plane at x = y = 0")
+    tilt: float = quantity("tilt_deg", "tilt about y", gt=-45, lt=45)
+    tilt_x: float = quantity("tilt_x_deg", "tilt about x", 0.0, gt=-45, lt=45)
+    radius: float | None = quantity("radius_mm", "radius of a sphere or cylinder", None, gt=0, examples=[60.0])
     shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = Field("plane", description="shape of the surface")
-    stiffness: float = quantity("stiffness_N_per_m", ge=0, description="stiffness; the laws say at which depth")
+    stiffness: float = quantity("stiffness_N_per_m", "stiffness; the laws say at which depth", ge=0)
     damping: float | None = quantity(
         "damping_s_per_m",
+        "Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
         None,
         ge=0,
         examples=[3.0],
-        description="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
     )
     exponent: float | None = Field(None, ge=1, le=5, examples=[1.5], description="Hunt-Crossley: force over depth")
     reference_depth: float | None = quantity(
         "reference_depth_mm",
+        "Hunt-Crossley with an exponent: depth at which the stiffness holds",
         None,
         gt=0,
         examples=[4.0],
-        description="Hunt-Crossley with an exponent: depth at which the stiffness holds",
     )
-    damper: float | None = quantity(
-        "damper_N_s_per_m", None, ge=0, examples=[10.0], description="Kelvin-Voigt: viscous damper"
-    )
+    damper: float | None = quantity("damper_N_s_per_m", "Kelvin-Voigt: viscous damper", None, ge=0, examples=[10.0])
     touch_depth: float | None = quantity(
-        "touch_depth_mm",
-        None,
-        gt=0,
-        examples=[1.0],
-        description="Kelvin-Voigt: depth over which damper and spring take hold",
+        "touch_depth_mm", "Kelvin-Voigt: depth over which damper and spring take hold", None, gt=0, examples=[1.0]
     )
     stiffening: float | None = quantity(
-        "stiffening_per_mm",
-        None,
-        gt=0,
-        examples=[0.2],
-        description="exponential: relative growth of the stiffness per depth",
+        "stiffening_per_mm", "exponential: relative growth of the stiffness per depth", None, gt=0, examples=[0.2]
     )
     # law and shape stand after the keys they decide on: a field's check sees the fields before it
     law: Literal["hunt_crossley", "kelvin_voigt", "exponential"] = Field(
         "hunt_crossley", description="law of the normal force"
     )
     friction: float = Field(ge=0, description="Coulomb coefficient")
-    bristle: float = quantity("bristle_N_per_m", gt=0, description="lateral stiffness while sticking")
-    bristle_damping: float = quantity("bristle_damping_N_s_per_m", ge=0, description="lateral damping while sticking")
+    bristle: float = quantity("bristle_N_per_m", "lateral stiffness while sticking", gt=0)
+    bristle_damping: float = quantity("bristle_damping_N_s_per_m", "lateral damping while sticking", ge=0)
     breathing: Breathing | None = None
     shift: Shift | None = None
 

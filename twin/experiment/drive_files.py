@@ -11,7 +11,7 @@ from pydantic import ValidationError
 from twin.errors import InputRefused
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
-from twin.experiment.source import located, read_source
+from twin.experiment.source import laid_over, located, read_source
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -37,7 +37,7 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
         if not isinstance(own, dict):
             raise InputRefused(f"[drive.{joint}] = {own!r}: expected a table")
         other_drive = "fmu" in own or "parts" in own
-        tables.append(_complete(own if other_drive else _laid_over(common, own), folder))
+        tables.append(_complete(own if other_drive else laid_over(common, own), folder))
     return tables
 
 
@@ -78,7 +78,7 @@ def _complete(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS
                 raise InputRefused(f"{mapping}: more than {MOST_MAPPINGS} mappings name one another; expected an .fmu")
             del table["fmu"]
             named = _complete(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
-            table = _laid_over(named, table)
+            table = laid_over(named, table)
         else:
             table["fmu"] = str(_archive(path, folder))
     parts = table.get("parts")
@@ -103,12 +103,3 @@ def _archive(path: Path, folder: Path) -> Path:
         hint = f"did you mean '{close[0]}'?" if close else "expected an .fmu file or a folder of fmus/"
         raise InputRefused(f"{path}: no such drive; {hint}")
     return path
-
-
-def _laid_over(base: dict[str, Any], table: dict[str, Any]) -> dict[str, Any]:
-    """`table` over `base`, tables key by key."""
-    merged = copy.deepcopy(base)
-    for key, value in table.items():
-        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
-        merged[key] = _laid_over(merged[key], value) if both else copy.deepcopy(value)
-    return merged

@@ -19,7 +19,7 @@ class Head(Section):
     """The keys of an experiment that stand in no table."""
 
     title: str = Field(min_length=1, description="for people")
-    duration: float = quantity("duration_s", gt=0, description="simulated time")
+    duration: float = quantity("duration_s", "simulated time", gt=0)
     seed: int = Field(0, ge=0, lt=2**63, description="seed of the encoders' noise")
 
 

@@ -4,12 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field, ValidationError, create_model
+from pydantic import Field, create_model
 
 from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.fault_kind import Kind
-from twin.experiment.mistakes import sentences
+from twin.experiment.mistakes import checked, numbered
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.ticks import whole_ticks
 
@@ -45,9 +45,9 @@ class FaultTable(Section):
 
     kind: str
     target: str | None = Field(None, description="what breaks; without it the kind's first")
-    onset: float = quantity("onset_s", ge=0, description="when it begins")
+    onset: float = quantity("onset_s", "when it begins", ge=0)
     duration: float | None = quantity(
-        "duration_s", None, gt=0, examples=[2.0], description="how long it lasts; without it to the end"
+        "duration_s", "how long it lasts; without it to the end", None, gt=0, examples=[2.0]
     )
     seed: int = Field(0, ge=0, lt=2**63, description="of what is random in it")
 
@@ -56,12 +56,12 @@ def table_of(known: Kind) -> type[FaultTable]:
     """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
-        own["magnitude"] = (float, quantity(known.magnitude_key, **known.bounds, description="how much"))
+        own["magnitude"] = (float, quantity(known.magnitude_key, "how much", **known.bounds))
     if known.has_share:
         # more than every second sample could not be single ones
         own["share"] = (float, Field(gt=0, le=0.5, description="of the samples that it hits"))
     if known.mechanism == "parameter":
-        own["ramp"] = (float | None, quantity("ramp_s", None, gt=0, description="time in which it grows"))
+        own["ramp"] = (float | None, quantity("ramp_s", "time in which it grows", None, gt=0))
     return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)
 
 
@@ -75,11 +75,8 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
     Returns:
         Those that are right.
     """
-    if not isinstance(tables, tuple):
-        mistakes.append("[fault]: a single table; faults are an array of tables, write [[fault]]")
-        return ()
     faults = []
-    for number, table in enumerate(tables, start=1):
+    for number, table in numbered(tables, "fault", mistakes):
         found: list[str] = []
         fault = _checked(number, table, tick, found)
         mistakes += found
@@ -103,14 +100,13 @@ def _checked(number: int, table: Any, tick: float, mistakes: list[str]) -> Fault
     model = table_of(known)
     wrong = [key for key in table if key.startswith("magnitude") and key != known.magnitude_key]
     mistakes += [f"[[fault]] {number} {key}: {name} takes {known.magnitude_key or 'no magnitude'}" for key in wrong]
-    try:
-        values = model.model_validate({key: value for key, value in table.items() if key not in wrong})
-    except ValidationError as error:
-        told = [text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in sentences(error, model, "[fault]")]
-        instead = f"missing key '{known.magnitude_key}'"
-        mistakes += [text for text in told if not (wrong and text.endswith(instead))]
-        return None
-    return _in_ticks(number, known, values.model_dump(), tick, mistakes)
+    told: list[str] = []
+    values = checked(model, {key: value for key, value in table.items() if key not in wrong}, "[fault]", told)
+    instead = f"missing key '{known.magnitude_key}'"
+    mistakes += [
+        text.replace("[[fault]]", f"[[fault]] {number}", 1) for text in told if not (wrong and text.endswith(instead))
+    ]
+    return None if values is None else _in_ticks(number, known, values.model_dump(), tick, mistakes)
 
 
 def _in_ticks(number: int, known: Kind, values: Mapping[str, Any], tick: float, mistakes: list[str]) -> Fault:

@@ -41,6 +41,8 @@ def experiment_json_schema() -> Node:
     defined["Drive"] = _table(schema.Drive, defined)
     joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINTS}
     drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}
+    changed = {"enum": list(CHANGEABLE), "description": "What changes."}
+    changes = "What of the controller changes on the way."
     extends = {"type": "string", "description": "A file whose values hold wherever this one says nothing."}
     return {
         "$schema": DIALECT,
@@ -56,7 +58,7 @@ def experiment_json_schema() -> Node:
                 _by_kind(TASKS, defined), "What the robot does, one task after the other; instead of [reference]."
             ),
             "fault": _array(_faults(defined), "What breaks."),
-            "change": _array([_change(defined)], "What of the controller changes on the way."),
+            "change": _array([_complete(ChangeTable, {"key": changed}, defined)], changes),
             "measure": _array(_by_kind(MEASURES, defined), "What twin check measures."),
         },
         "$defs": defined,
@@ -72,11 +74,6 @@ class _Untitled(GenerateJsonSchema):
 
 def _by_kind(kinds: Mapping[str, type[BaseModel]], defined: Node) -> list[Node]:
     return [_complete(model, {"kind": {"const": kind}}, defined) for kind, model in kinds.items()]
-
-
-def _change(defined: Node) -> Node:
-    key = {"enum": list(CHANGEABLE), "description": "What changes."}
-    return _complete(ChangeTable, {"key": key}, defined)
 
 
 def _faults(defined: Node) -> list[Node]:
@@ -124,7 +121,13 @@ def _value(node: Node) -> Node:
         return bare
     if bare.get("type") == "object":
         return {**bare, "additionalProperties": _value(bare["additionalProperties"]), **told}
-    return {"anyOf": [bare, _sourced(bare)], **told}
+    sourced = {
+        "type": "object",
+        "properties": {"value": bare, "source": {"type": "string"}},
+        "required": ["value"],
+        "additionalProperties": False,
+    }
+    return {"anyOf": [bare, sourced], **told}
 
 
 def _without_null(node: Node) -> Node:
@@ -138,12 +141,3 @@ def _without_null(node: Node) -> Node:
     if "items" in node:
         node = {**node, "items": _without_null(node["items"])}
     return node
-
-
-def _sourced(value: Node) -> Node:
-    return {
-        "type": "object",
-        "properties": {"value": value, "source": {"type": "string"}},
-        "required": ["value"],
-        "additionalProperties": False,
-    }

@@ -1,13 +1,12 @@
 """[[measure]]: what `twin check` measures of an experiment and holds against what it was."""
 
 import re
-from collections.abc import Mapping
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError, field_validator
+from pydantic import Field, field_validator
 from pydantic.config import JsonDict
 
-from twin.experiment.mistakes import sentences
+from twin.experiment.mistakes import checked_kind, numbered
 from twin.experiment.quantity import Section, quantity
 
 SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
@@ -19,8 +18,8 @@ class Window(Section):
     """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
 
     name: str = Field(examples=["z"], description="what its numbers are called by: small letters, digits, _")
-    begin: float = quantity("begin_s", 0.0, ge=0, description="from when on")
-    until: float | None = quantity("until_s", None, gt=0, examples=[3.5], description="until when; without it the end")
+    begin: float = quantity("begin_s", "from when on", 0.0, ge=0)
+    until: float | None = quantity("until_s", "until when; without it the end", None, gt=0, examples=[3.5])
 
     @field_validator("name")
     @classmethod
@@ -39,10 +38,12 @@ class Watched(Window):
         json_schema_extra=_PATTERN,
     )
 
-    @field_validator("signal")
+    @field_validator("signal", "reference", check_fields=False)
     @classmethod
     def _named(cls, signal: str) -> str:
-        return _signal(signal)
+        if not SIGNAL.fullmatch(signal):
+            raise ValueError("expected a recorded signal such as plant.p_B[2] or -plant.F_ee_B[2]")
+        return signal
 
 
 class Led(Watched):
@@ -53,11 +54,6 @@ class Led(Watched):
         description="the signal that it should be, likewise",
         json_schema_extra=_PATTERN,
     )
-
-    @field_validator("reference")
-    @classmethod
-    def _reference(cls, signal: str) -> str:
-        return _signal(signal)
 
 
 class Step(Led):
@@ -76,7 +72,7 @@ class Lag(Led):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = quantity("longest_s", 2.0, gt=0, description="the most that it may lag; at most half the window")
+    longest: float = quantity("longest_s", "the most that it may lag; at most half the window", 2.0, gt=0)
 
 
 class Spread(Watched):
@@ -116,19 +112,10 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
         tables: what the file says; () if nothing. duration: of the experiment (s).
         mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
     """
-    if not isinstance(tables, tuple):
-        mistakes.append("[measure]: a single table; measures are an array of tables, write [[measure]]")
-        return ()
     measures: list[Measure] = []
-    for number, table in enumerate(tables, start=1):
-        kind = table.get("kind") if isinstance(table, Mapping) else None
-        if not isinstance(kind, str) or kind not in KINDS:
-            mistakes.append(f"[measure {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
-            continue
-        try:
-            measure = KINDS[kind].model_validate(table)
-        except ValidationError as error:
-            mistakes += sentences(error, KINDS[kind], f"measure {number}")
+    for number, table in numbered(tables, "measure", mistakes):
+        measure = checked_kind(KINDS, table, f"measure {number}", mistakes)
+        if measure is None:
             continue
         until = duration if measure.until is None else measure.until
         if until > duration:
@@ -145,9 +132,3 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
             mistakes.append(f'[measure {number}] name = "{measure.name}": another measure has that name')
         measures.append(measure)
     return tuple(measures)
-
-
-def _signal(signal: str) -> str:
-    if not SIGNAL.fullmatch(signal):
-        raise ValueError("expected a recorded signal such as plant.p_B[2] or -plant.F_ee_B[2]")
-    return signal

@@ -1,7 +1,8 @@
 """Validation errors as sentences: where, what we got, what was expected."""
 
 import difflib
-from typing import Any, get_args
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
 
@@ -22,6 +23,34 @@ _BOUNDS = {
     "less_than": ("lt", "<"),
     "less_than_equal": ("le", "<="),
 }
+
+Model = TypeVar("Model", bound=BaseModel)
+
+
+def checked(model: type[Model], table: Any, name: str, mistakes: list[str]) -> Model | None:
+    """[name] as `model` reads it; None after adding a sentence for each mistake in it to `mistakes`."""
+    try:
+        return model.model_validate(table)
+    except ValidationError as error:
+        mistakes += sentences(error, model, name)
+        return None
+
+
+def checked_kind(kinds: Mapping[str, type[Model]], table: Any, name: str, mistakes: list[str]) -> Model | None:
+    """As `checked`, by the model of `kinds` that the key `kind` of the table says."""
+    kind = table.get("kind") if isinstance(table, Mapping) else None
+    if not isinstance(kind, str) or kind not in kinds:
+        mistakes.append(f"[{name}] kind = {kind!r}: expected {', '.join(map(repr, kinds))}")
+        return None
+    return checked(kinds[kind], table, name, mistakes)
+
+
+def numbered(tables: Any, name: str, mistakes: list[str]) -> Iterable[tuple[int, Any]]:
+    """The tables of the array [[name]], counted from 1; none, and a sentence, if it is a single table."""
+    if isinstance(tables, tuple):
+        return enumerate(tables, start=1)
+    mistakes.append(f"[{name}]: a single table; {name}s are an array of tables, write [[{name}]]")
+    return ()
 
 
 def sentences(error: ValidationError, model: type[BaseModel], table: str) -> list[str]:
@@ -55,7 +84,8 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
     while len(path) > 1:
         step = path.pop(0)
         tables.append(step)
-        owner = _section(owner, step) or owner
+        fields = {info.alias or name: info.annotation for name, info in owner.model_fields.items()}
+        owner = model_in(fields.get(step)) or owner
     where, key = f"[{'.'.join(tables)}]", path[0] if path else ""
     kind, got = detail["type"], detail["input"]
     if kind == "extra_forbidden":
@@ -77,14 +107,10 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
     return f"{shown}: expected {_EXPECTED.get(kind) or detail['msg'][0].lower() + detail['msg'][1:]}"
 
 
-def _section(model: type[BaseModel], key: str) -> type[BaseModel] | None:
-    for name, info in model.model_fields.items():
-        if (info.alias or name) == key:
-            candidates = (info.annotation, *get_args(info.annotation))
-            for kind in candidates:
-                if isinstance(kind, type) and issubclass(kind, BaseModel):
-                    return kind
-    return None
+def model_in(annotation: Any) -> type[BaseModel] | None:
+    """The model that a field's `annotation` is, or may be; None if it is no table."""
+    kinds = (annotation, *get_args(annotation))
+    return next((kind for kind in kinds if isinstance(kind, type) and issubclass(kind, BaseModel)), None)
 
 
 def _shown(value: Any) -> str:

@@ -15,12 +15,12 @@ _SCALES = {
 }
 
 
-def quantity(key: str, default: Any = ..., **constraints: Any) -> Any:
+def quantity(key: str, meaning: str, default: Any = ..., **constraints: Any) -> Any:
     """A field whose TOML key is `key` = attribute name + "_" + unit; `default` and `constraints` are in that unit.
 
     The unit is written as in `kp_mm_per_N`, `b_j_Nm_s_per_rad`: words joined by "_", those after "per" divide.
     """
-    return Field(default, alias=key, **constraints)
+    return Field(default, alias=key, description=meaning, **constraints)
 
 
 def in_si(value: Any, unit: str) -> Any:

@@ -13,32 +13,32 @@ from twin.experiment.source import SHAPES
 class Circle(Section):
     """[reference.circle]: level circles, counter-clockwise seen from above, at constant speed from `start_s` on."""
 
-    centre: Triple = quantity("centre_mm", examples=[[0.0, 0.0, -90.0]], description="of the circle in frame B")
-    radius: float = quantity("radius_mm", gt=0, examples=[15.0], description="of the circle, which begins at +x")
-    rate: float = quantity("rate_Hz", gt=0, examples=[0.2], description="turns per time")
+    centre: Triple = quantity("centre_mm", "of the circle in frame B", examples=[[0.0, 0.0, -90.0]])
+    radius: float = quantity("radius_mm", "of the circle, which begins at +x", gt=0, examples=[15.0])
+    rate: float = quantity("rate_Hz", "turns per time", gt=0, examples=[0.2])
     turns: float = Field(gt=0, examples=[1.0], description="number of turns")
-    start: float = quantity("start_s", 0.0, ge=0, description="how long it rests before")
+    start: float = quantity("start_s", "how long it rests before", 0.0, ge=0)
 
 
 class Chirp(Section):
     """[reference.chirp]: a sine along one axis whose frequency grows linearly with time."""
 
-    point: Triple = quantity("point_mm", examples=[[0.0, 0.0, -90.0]], description="about which it swings, in frame B")
+    point: Triple = quantity("point_mm", "about which it swings, in frame B", examples=[[0.0, 0.0, -90.0]])
     direction: Literal["x", "y", "z"] = Field(examples=["z"], description="axis of frame B along which it swings")
-    amplitude: float = quantity("amplitude_mm", gt=0, examples=[2.0], description="of the sine")
-    begin: float = quantity("begin_Hz", gt=0, examples=[0.1], description="frequency at the beginning")
-    end: float = quantity("end_Hz", gt=0, examples=[2.0], description="frequency at the end")
-    duration: float = quantity("duration_s", gt=0, examples=[10.0], description="of the sweep")
-    start: float = quantity("start_s", 0.0, ge=0, description="how long it rests before")
+    amplitude: float = quantity("amplitude_mm", "of the sine", gt=0, examples=[2.0])
+    begin: float = quantity("begin_Hz", "frequency at the beginning", gt=0, examples=[0.1])
+    end: float = quantity("end_Hz", "frequency at the end", gt=0, examples=[2.0])
+    duration: float = quantity("duration_s", "of the sweep", gt=0, examples=[10.0])
+    start: float = quantity("start_s", "how long it rests before", 0.0, ge=0)
 
 
 class JointStep(Section):
     """[reference.joint_step]: a step of the platform after which one joint alone has another angle."""
 
-    point: Triple = quantity("point_mm", examples=[[0.0, 0.0, -90.0]], description="where the platform is before")
+    point: Triple = quantity("point_mm", "where the platform is before", examples=[[0.0, 0.0, -90.0]])
     joint: Literal[1, 2, 3] = Field(examples=[1], description="which moves")
-    step: float = quantity("step_deg", examples=[2.0], description="by how much; positive lowers the platform")
-    start: float = quantity("start_s", gt=0, examples=[0.5], description="when")
+    step: float = quantity("step_deg", "by how much; positive lowers the platform", examples=[2.0])
+    start: float = quantity("start_s", "when", gt=0, examples=[0.5])
 
     @field_validator("step")
     @classmethod
@@ -52,14 +52,14 @@ class Reference(Section):
     """[reference]: way points, straight lines at constant speed between them; or one shape."""
 
     t: tuple[float, ...] | None = quantity(
-        "t_s", None, min_length=1, examples=[[0.0, 2.0]], description="times of the way points, ascending"
+        "t_s", "times of the way points, ascending", None, min_length=1, examples=[[0.0, 2.0]]
     )
     p: tuple[Triple, ...] | None = quantity(
         "p_mm",
+        "positions (x, y, z) of the way points in frame B",
         None,
         min_length=1,
         examples=[[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]]],
-        description="positions (x, y, z) of the way points in frame B",
     )
     circle: Circle | None = None
     chirp: Chirp | None = None

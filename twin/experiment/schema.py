@@ -12,38 +12,34 @@ Triple = tuple[float, float, float]
 class Model(Section):
     """What both the robot's maker and its controller know of a robot: Fig. 2, Eq. 18-20, the encoders."""
 
-    a: float = quantity("a_mm", gt=0, description="radius of the base triangle, Fig. 2")
-    b: float = quantity("b_mm", gt=0, description="radius of the platform triangle, Fig. 2")
-    l_a: float = quantity("l_a_mm", gt=0, description="length of the proximal links, Fig. 2")
-    l_b: float = quantity("l_b_mm", gt=0, description="length of the distal links, Fig. 2")
-    m_a: float = quantity("m_a_g", ge=0, description="mass of one proximal link")
-    m_b: float = quantity("m_b_g", ge=0, description="mass of one distal rod pair")
-    m_p: float = quantity("m_p_g", ge=0, description="mass of the platform with its head")
-    k_s: float = quantity("k_s_Nm_per_rad", gt=0, description="stiffness of the series elastic spring, Eq. 18")
+    a: float = quantity("a_mm", "radius of the base triangle, Fig. 2", gt=0)
+    b: float = quantity("b_mm", "radius of the platform triangle, Fig. 2", gt=0)
+    l_a: float = quantity("l_a_mm", "length of the proximal links, Fig. 2", gt=0)
+    l_b: float = quantity("l_b_mm", "length of the distal links, Fig. 2", gt=0)
+    m_a: float = quantity("m_a_g", "mass of one proximal link", ge=0)
+    m_b: float = quantity("m_b_g", "mass of one distal rod pair", ge=0)
+    m_p: float = quantity("m_p_g", "mass of the platform with its head", ge=0)
+    k_s: float = quantity("k_s_Nm_per_rad", "stiffness of the series elastic spring, Eq. 18", gt=0)
     N: float = Field(gt=0, description="belt reduction, motor turns per joint turn")
     eta: float = Field(gt=0, le=1, description="efficiency of the belt, Eq. 18")
     motor_counts_per_turn: int = Field(gt=0, description="resolution of the motor encoders")
     joint_counts_per_turn: int = Field(gt=0, description="resolution of the joint encoders")
-    motor_zero: Triple = quantity("motor_zero_deg", description="angle at which each motor encoder reads zero")
-    joint_zero: Triple = quantity("joint_zero_deg", description="angle at which each joint encoder reads zero")
+    motor_zero: Triple = quantity("motor_zero_deg", "angle at which each motor encoder reads zero")
+    joint_zero: Triple = quantity("joint_zero_deg", "angle at which each joint encoder reads zero")
 
 
 class Robot(Model):
     """[robot]: a robot as it is, with what its controller does not model."""
 
     name: str = Field(description="for people")
-    I_r: float = quantity("I_r_kg_m2", ge=0, description="inertia of pulley and encoder about the joint axis")
-    b_j: float = quantity("b_j_Nm_s_per_rad", ge=0, description="viscous friction of a joint")
-    backlash: float = quantity("backlash_deg", ge=0, description="half width of the dead zone, motor side")
+    I_r: float = quantity("I_r_kg_m2", "inertia of pulley and encoder about the joint axis", ge=0)
+    b_j: float = quantity("b_j_Nm_s_per_rad", "viscous friction of a joint", ge=0)
+    backlash: float = quantity("backlash_deg", "half width of the dead zone, motor side", ge=0)
     eta_rate: float = quantity(
-        "eta_rate_rad_per_s", ge=0, description="speed over which eta turns from driven to driving; 0: it does not"
+        "eta_rate_rad_per_s", "speed over which eta turns from driven to driving; 0: it does not", ge=0
     )
-    motor_noise: float = quantity(
-        "motor_noise_deg", 0.0, ge=0, description="standard deviation of the motor encoders' noise"
-    )
-    joint_noise: float = quantity(
-        "joint_noise_deg", 0.0, ge=0, description="standard deviation of the joint encoders' noise"
-    )
+    motor_noise: float = quantity("motor_noise_deg", "standard deviation of the motor encoders' noise", 0.0, ge=0)
+    joint_noise: float = quantity("joint_noise_deg", "standard deviation of the joint encoders' noise", 0.0, ge=0)
 
 
 class Plant(Robot):
@@ -55,14 +51,14 @@ class Plant(Robot):
 class Scale(Section):
     """[scale]: the electronic scale's display."""
 
-    resolution: float = quantity("resolution_g", gt=0, description="smallest step of the display")
-    period: float = quantity("period_ms", gt=0, description="time between two readings")
+    resolution: float = quantity("resolution_g", "smallest step of the display", gt=0)
+    period: float = quantity("period_ms", "time between two readings", gt=0)
 
 
 class Cosim(Section):
     """[cosim]: how the components are stepped."""
 
-    tick: float = quantity("tick_ms", gt=0, description="step in which the components exchange their values")
+    tick: float = quantity("tick_ms", "step in which the components exchange their values", gt=0)
     scheme: Literal["gauss_seidel", "jacobi"] = Field(
         description="whether plant and drives see each other's newest values, or all those of the tick before"
     )
@@ -86,7 +82,7 @@ class VelocityLoop(Section):
     kp: float = Field(ge=0, examples=[0.08], description="gain, command per rad/s")
     ki: float = Field(0.0, ge=0, description="integral gain, command per rad")
     limit: float = Field(gt=0, examples=[0.6], description="largest command")
-    period: float = quantity("period_ms", gt=0, examples=[0.25], description="time between two commands")
+    period: float = quantity("period_ms", "time between two commands", gt=0, examples=[0.25])
 
 
 class Part(Section):
@@ -133,74 +129,66 @@ class Drive(Section):
 class PositionLoop(Section):
     """[controller.position]: PID from position error (m) to platform speed (m/s), the same on x, y and z."""
 
-    kp: float = quantity("kp_per_s", ge=0, le=1000, description="platform speed per position error")
-    ki: float = quantity("ki_per_s2", 0.0, ge=0, description="integral gain")
+    kp: float = quantity("kp_per_s", "platform speed per position error", ge=0, le=1000)
+    ki: float = quantity("ki_per_s2", "integral gain", 0.0, ge=0)
     kd: float = Field(0.0, ge=0, description="derivative gain")
-    derivative_filter: float = quantity(
-        "derivative_filter_Hz", 0.0, ge=0, description="low-pass of the derivative; 0: none"
-    )
+    derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
 
 
 class ForceLoop(Section):
     """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
 
-    reference: float | None = quantity(
-        "reference_N", None, gt=0, le=50, examples=[5.0], description="pressing force to hold"
-    )
+    reference: float | None = quantity("reference_N", "pressing force to hold", None, gt=0, le=50, examples=[5.0])
     trigger: float | None = quantity(
-        "trigger_N", None, ge=0, examples=[0.6], description="pressing force that starts the force loop"
+        "trigger_N", "pressing force that starts the force loop", None, ge=0, examples=[0.6]
     )
     trigger_time: float | None = quantity(
-        "trigger_time_s", None, ge=0, examples=[6.0], description="when the force loop starts, whatever the force"
+        "trigger_time_s", "when the force loop starts, whatever the force", None, ge=0, examples=[6.0]
     )
-    kp: float = quantity("kp_mm_per_N", ge=0, le=1000, description="shift of the z reference per force error")
-    ki: float = quantity("ki_mm_per_N_s", ge=0, le=10_000, description="integral gain")
-    kd: float = quantity("kd_mm_s_per_N", 0.0, ge=0, description="derivative gain")
-    derivative_filter: float = quantity(
-        "derivative_filter_Hz", 0.0, ge=0, description="low-pass of the derivative; 0: none"
-    )
-    limit: float = quantity("limit_mm", gt=0, description="largest shift of the z reference")
-    filter: float = quantity("filter_Hz", ge=0, description="low-pass of the estimated force; 0: none")
+    kp: float = quantity("kp_mm_per_N", "shift of the z reference per force error", ge=0, le=1000)
+    ki: float = quantity("ki_mm_per_N_s", "integral gain", ge=0, le=10_000)
+    kd: float = quantity("kd_mm_s_per_N", "derivative gain", 0.0, ge=0)
+    derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
+    limit: float = quantity("limit_mm", "largest shift of the z reference", gt=0)
+    filter: float = quantity("filter_Hz", "low-pass of the estimated force; 0: none", ge=0)
 
 
 class Touch(Section):
     """[controller.touch]: how the controller feels contact in a task."""
 
-    contact: float = quantity("contact_N", gt=0, description="pressing force that counts as touching")
-    patience: float = quantity("patience_ms", gt=0, description="how long contact may be lost while pressing")
-    turn: float = quantity(
-        "turn_ms", ge=0, le=100, description="how long before its lowest point the first tap turns round"
-    )
+    contact: float = quantity("contact_N", "pressing force that counts as touching", gt=0)
+    patience: float = quantity("patience_ms", "how long contact may be lost while pressing", gt=0)
+    turn: float = quantity("turn_ms", "how long before its lowest point the first tap turns round", ge=0, le=100)
     learning: float = Field(ge=0, le=1, description="share of a tap's depth error that the next one corrects")
 
 
 class FeedForward(Section):
     """[controller.feed_forward]: what the controller believes of the drives' lag and the friction under the head."""
 
-    lag: float = quantity("lag_ms", ge=0, description="believed lag of the drives")
+    lag: float = quantity("lag_ms", "believed lag of the drives", ge=0)
     friction: float = Field(ge=0, description="believed friction under the head")
 
 
 class Damping(Section):
     """[controller.damping]: how the motors give way to swings of the springs' torque."""
 
-    gain: float = quantity("gain_rad_per_s_per_Nm", ge=0, description="motor speed per torque of the spring")
-    corner: float = quantity("corner_Hz", gt=0, description="swings slower than this are not damped")
+    gain: float = quantity("gain_rad_per_s_per_Nm", "motor speed per torque of the spring", ge=0)
+    corner: float = quantity("corner_Hz", "swings slower than this are not damped", gt=0)
 
 
 class Controller(Section):
     """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
 
     mode: Literal["force_position", "position"] = Field(description="force and position, or position alone")
-    period: float = quantity("period_ms", gt=0, description="time between two commands")
+    period: float = quantity("period_ms", "time between two commands", gt=0)
     delay_ticks: int = Field(0, ge=0, le=1000, description="computation delay")
-    speed_limit: float = quantity("speed_limit_rad_per_s", gt=0, description="largest motor speed it commands")
+    speed_limit: float = quantity("speed_limit_rad_per_s", "largest motor speed it commands", gt=0)
     gravity_compensation: bool = Field(description="take the robot's own weight out of the estimated force")
     dead_zone: float = quantity(
         "dead_zone_deg",
+        "believed half width of the backlash, which the estimator takes off; 0: the paper's estimator",
         0.0,
         ge=0,
-        description="believed half width of the backlash, which the estimator takes off; 0: the paper's estimator",
     )
     position: PositionLoop
     force: ForceLoop

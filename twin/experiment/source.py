@@ -1,9 +1,11 @@
 """Experiment files as nested dictionaries: TOML, `extends`, `{ value, source }`, `--set`."""
 
 import contextlib
+import copy
 import functools
+import json
 import os
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -17,6 +19,15 @@ LONGEST_CHAIN = 32
 
 SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
+
+REPLACED: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
+    ("drive", ("fmu", "parts"), None),
+    ("contact", ("body",), None),
+    ("reference", SHAPES, ()),
+    ("reference", ("t_s", "p_mm"), ("t_s", "p_mm")),
+)
+"""Table, keys that name another one altogether, keys that stay all the same: of way points one file may give the times
+and another the places."""
 
 
 @dataclass
@@ -39,8 +50,12 @@ class Source:
             if isinstance(value, dict) and "value" in value and value.keys() <= {"value", "source"}:
                 target[key] = _frozen(value["value"])
                 self.origins[dotted] = str(value.get("source", origin))
-            elif isinstance(value, dict) and isinstance(target.get(key), tuple):
-                target[key] = self._with_items(value, origin, dotted, target[key])
+            elif isinstance(value, dict) and isinstance(items := target.get(key), tuple):
+                # of an array by their number from 1: tables are laid over, numbers replaced
+                if any(isinstance(item, dict) for item in items):
+                    self._put_items(value, origin, dotted, items)
+                else:
+                    target[key] = with_numbers(value, items, f"{origin}: {dotted}")
             elif isinstance(value, dict):
                 inner = target.get(key)
                 target[key] = inner if isinstance(inner, dict) else {}
@@ -54,13 +69,6 @@ class Source:
             else:
                 target[key] = _frozen(value)
                 self.origins[dotted] = origin
-
-    def _with_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> tuple[Any, ...]:
-        """`into` with `items` laid over its own, by their number from 1; tables are laid over, numbers replaced."""
-        if any(isinstance(item, dict) for item in into):
-            self._put_items(items, origin, dotted, into)
-            return into
-        return with_numbers(items, into, f"{origin}: {dotted}")
 
     def _put_items(self, items: dict[str, Any], origin: str, dotted: str, into: tuple[Any, ...]) -> None:
         """Lay the tables `items` over those of an array, by their number from 1."""
@@ -95,19 +103,11 @@ def read_source(path: Path) -> Source:
     """
     source = Source()
     for file, table in reversed(_chain(path)):
-        drive = table.get("drive")
-        if isinstance(drive, dict) and drive.keys() & {"fmu", "parts"}:
-            # another drive has other parameters: nothing of the one before can stay
-            forget_drive(source)
-        contact = table.get("contact")
-        if isinstance(contact, dict) and "body" in contact:
-            # likewise another body
-            forget_contact(source)
-        reference = table.get("reference")
-        if isinstance(reference, dict) and reference.keys() & {"t_s", "p_mm", *SHAPES}:
-            # likewise another way to go; of way points one file may give the times and another the places
-            kept = () if reference.keys() & set(SHAPES) else ("t_s", "p_mm")
-            forget_reference(source, kept)
+        for name, others, kept in REPLACED:
+            said = table.get(name)
+            if isinstance(said, dict) and said.keys() & set(others):
+                # another drive has other parameters: nothing of the one before can stay
+                forget(source, name, kept)
         source.put(table, f"set in {file.name}")
     return source
 
@@ -123,39 +123,47 @@ def override(source: Source, texts: Iterable[str]) -> None:
         parts = key.strip().split(".")
         if not equals or not key.strip() or len(parts) > DEEPEST:
             raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
-        source.put(_nested(parts, _value(value.strip())), "set on the command line")
+        node: Any = value.strip()
+        # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
+        with contextlib.suppress(InputRefused):
+            node = toml_of(f"value = {node}", "")["value"]
+        for part in reversed(parts):
+            node = {part: node}
+        source.put(node, "set on the command line")
 
 
 def replace_drive(source: Source, fmu: str) -> None:
     """Make the drive at path `fmu` that of every joint, with the parameters of its own mapping or its start values."""
-    forget_drive(source)
+    forget(source, "drive")
     source.values["drive"] = {"fmu": fmu}
     source.origins["drive.fmu"] = "set on the command line"
 
 
-def forget_drive(source: Source) -> None:
-    """Take out all that is said of the drive."""
-    _forget(source, "drive")
+def forget(source: Source, table: str, keep: Collection[str] | None = None) -> None:
+    """Take out what is said of [table], but the keys `keep`; without these the table itself."""
+    before = source.values.pop(table, None)
+    kept = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
+    if keep is not None and isinstance(before, dict):
+        source.values[table] = kept
+    paths = {f"{table}.{key}" for key in kept}
+    source.origins = {k: v for k, v in source.origins.items() if not k.startswith(f"{table}.") or k in paths}
 
 
-def forget_contact(source: Source, keep: tuple[str, ...] = ()) -> None:
-    """Take out all that is said of the contact, but the origins of `keep`."""
-    _forget(source, "contact", keep)
+def laid_over(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:
+    """`table` over `base`, tables key by key; neither is changed, nor shares a table with what is returned."""
+    merged = copy.deepcopy(dict(base))
+    for key, value in table.items():
+        both = isinstance(value, dict) and isinstance(merged.get(key), dict)
+        merged[key] = laid_over(merged[key], value) if both else copy.deepcopy(value)
+    return merged
 
 
-def forget_reference(source: Source, keep: tuple[str, ...]) -> None:
-    """Take out what is said of the reference, but the keys `keep`."""
-    reference = source.values.get("reference")
-    if not isinstance(reference, dict):
-        return
-    kept = {key: value for key, value in reference.items() if key in keep}
-    _forget(source, "reference", tuple(f"reference.{key}" for key in kept))
-    source.values["reference"] = kept
-
-
-def _forget(source: Source, table: str, keep: tuple[str, ...] = ()) -> None:
-    source.values.pop(table, None)
-    source.origins = {k: v for k, v in source.origins.items() if not k.startswith(f"{table}.") or k in keep}
+def at(tables: Mapping[str, Any], key: str) -> Any:
+    """The value at the dotted `key`; None if there is none."""
+    node: Any = tables
+    for name in key.split("."):
+        node = node.get(name) if isinstance(node, Mapping) else None
+    return node
 
 
 def located(name: str, start: Path) -> Path:
@@ -197,11 +205,7 @@ def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:
 
 
 def _tables(path: Path) -> dict[str, Any]:
-    """The tables of the one TOML file at `path`, without those that it extends.
-
-    Raises:
-        InputRefused: as `read_toml`.
-    """
+    """The tables of the one TOML file at `path`, without those that it extends."""
     return dict(_parsed(read_text(path, TOML_LIMIT, "experiment file"), str(path)))
 
 
@@ -211,19 +215,34 @@ def _parsed(text: str, where: str) -> Mapping[str, Any]:
     return toml_of(text, where)
 
 
-def _value(text: str) -> Any:
-    try:
-        return toml_of(f"value = {text}", "")["value"]
-    # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
-    except InputRefused:
-        return text
-
-
-def _nested(keys: list[str], value: Any) -> dict[str, Any]:
-    for key in reversed(keys):
-        value = {key: value}
-    return value
-
-
 def _frozen(value: Any) -> Any:
     return tuple(_frozen(item) for item in value) if isinstance(value, list) else value
+
+
+def source_text(source: Source) -> str:
+    """TOML in which every value stands with its origin: read again, it gives equal values and equal origins."""
+    lines = (f"{json.dumps(key)} = {_sourced(value, key, source.origins)}" for key, value in source.values.items())
+    return "\n".join(lines) + "\n"
+
+
+def toml_value(value: Any) -> str:
+    """A number, truth value, text or array of these as TOML writes it."""
+    if isinstance(value, tuple | list):
+        return f"[{', '.join(map(toml_value, value))}]"
+    # JSON writes numbers and truth values as TOML does, and texts but for DEL, which TOML wants escaped
+    return json.dumps(value, ensure_ascii=False).replace("\x7f", "\\u007f")
+
+
+def _sourced(value: Any, path: str, origins: dict[str, str]) -> str:
+    """`value` at the dotted `path`; tables are written inline."""
+    if isinstance(value, dict):
+        return _inline({key: _sourced(item, f"{path}.{key}", origins) for key, item in value.items()})
+    if isinstance(value, tuple) and value and all(isinstance(item, dict) for item in value):
+        tables = (_sourced(item, f"{path}.{number}", origins) for number, item in enumerate(value, start=1))
+        return f"[{', '.join(tables)}]"
+    text = toml_value(value)
+    return _inline({"value": text, "source": toml_value(origins[path])}) if path in origins else text
+
+
+def _inline(texts: dict[str, str]) -> str:
+    return "{" + ", ".join(f"{json.dumps(key)} = {text}" for key, text in texts.items()) + "}"

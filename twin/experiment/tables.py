@@ -5,8 +5,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from pydantic import ValidationError
-
 from twin.errors import InputRefused
 from twin.experiment import schema
 from twin.experiment.body_files import fill_from_body
@@ -14,14 +12,13 @@ from twin.experiment.change import Change, checked_changes
 from twin.experiment.drive_files import joint_tables
 from twin.experiment.experiment import ARRAYS, OPTIONAL_TABLES, TABLES, Experiment, Head
 from twin.experiment.fault import Fault, checked_faults
-from twin.experiment.inheritance import fill_from_robot
 from twin.experiment.measure import Measure, checked_measures
-from twin.experiment.mistakes import keys, sentences, unknown
+from twin.experiment.mistakes import checked, keys, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.reference import WayPoints
-from twin.experiment.source import Source
+from twin.experiment.source import Source, with_numbers
 from twin.experiment.task import Task, checked_tasks
-from twin.experiment.ticks import MOST_TICKS
+from twin.experiment.ticks import MOST_TICKS, whole_ticks
 
 OTHERS = ("drive", *ARRAYS)
 """What is checked elsewhere than `TABLES`."""
@@ -55,7 +52,7 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
         source: of all files. folder: from which bodies and drives are looked up.
         mistakes: gets a sentence for each mistake.
     """
-    fill_from_robot(source.values)
+    _fill_from_robot(source.values)
     values = source.values
     try:
         fill_from_body(source, folder)
@@ -63,17 +60,17 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
         mistakes.append(str(problem))
         # all that the body would have said is missing now, and that is no second mistake
         values = {**values, "contact": None}
-    checked = _checked(values, mistakes)
+    by_name = _by_name(values, mistakes)
     tasks = checked_tasks(source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
-    ticks = _ticks(checked, mistakes)
+    ticks = _ticks(by_name, mistakes)
     # without a tick there are no ticks to count a fault's onset in
-    tick = checked["cosim"].tick if "cosim" in checked else 1e-9
+    tick = by_name["cosim"].tick if "cosim" in by_name else 1e-9
     faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
-    length = checked["head"].duration if "head" in checked else math.inf
+    length = by_name["head"].duration if "head" in by_name else math.inf
     changes = checked_changes(source.values.get("change", ()), source.values, tick, length, mistakes)
     measures = checked_measures(source.values.get("measure", ()), length, mistakes)
-    return Tables(checked, length, tasks, ticks, faults, changes, measures, drives)
+    return Tables(by_name, length, tasks, ticks, faults, changes, measures, drives)
 
 
 def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
@@ -82,8 +79,8 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
     Args:
         name: of the experiment. reference: its [reference] as way points. source: that of the tables.
     """
-    checked, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
-    head, monitor = checked["head"], checked.get("monitor")
+    found, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
+    head, monitor = found["head"], found.get("monitor")
     return Experiment(
         name=name,
         title=head.title,
@@ -92,29 +89,51 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
         controller_ticks=ticks["controller"],
         scale_ticks=ticks.get("scale", 1),
         monitor_ticks=ticks.get("monitor", 1),
-        robot=checked["robot"],
-        plant=checked["plant"],
-        contact=checked["contact"],
-        scale=checked.get("scale"),
-        cosim=checked["cosim"],
-        controller=checked["controller"],
+        **{name: found[name] for name in TABLES},
+        scale=found.get("scale"),
         reference=reference,
-        approach=checked.get("approach"),
+        approach=found.get("approach"),
         tasks=tuple(tables.tasks.values()),
         monitor=monitor if monitor is not None and monitor.enabled else None,
         faults=tables.faults,
         changes=tables.changes,
         measures=tables.measures,
         drives=(one, two, three),
-        recording=checked.get("recording", schema.Recording()),
+        recording=found.get("recording", schema.Recording()),
         values=source.values,
         origins=source.origins,
     )
 
 
-def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
-    """The tables that are right, by name; what is wrong with the others goes to `mistakes`."""
-    checked: dict[str, Any] = {}
+def _fill_from_robot(values: dict[str, Any]) -> None:
+    """[plant] and [controller.model] are the robot's own values wherever they do not say otherwise."""
+    robot = values.get("robot")
+    if not isinstance(robot, dict):
+        return
+    plant, controller = values.setdefault("plant", {}), values.setdefault("controller", {})
+    if isinstance(plant, dict):
+        values["plant"] = _over_robot(robot, plant, "plant")
+    if isinstance(controller, dict):
+        model = controller.get("model", {})
+        if isinstance(model, dict):
+            known = keys(schema.Model)
+            believed = {k: v for k, v in robot.items() if k in known}
+            controller["model"] = _over_robot(believed, model, "controller.model")
+
+
+def _over_robot(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
+    """The robot's values under those of a table, which may name single numbers of three: `joint_zero_deg.2`."""
+    numbered = {
+        key: with_numbers(value, robot[key], f"{table}.{key}")
+        for key, value in own.items()
+        if isinstance(value, dict) and isinstance(robot.get(key), tuple)
+    }
+    return {**robot, **own, **numbered}
+
+
+def _by_name(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
+    """The tables that are right; what is wrong with the others goes to `mistakes`."""
+    right: dict[str, Any] = {}
     known = {**TABLES, **OPTIONAL_TABLES}
     head = {key: value for key, value in values.items() if key not in known and key not in OTHERS}
     for key in list(head):
@@ -128,17 +147,17 @@ def _checked(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
             if name in TABLES and name not in values:
                 mistakes.append(f"missing table [{name}]")
             continue
-        try:
-            checked[name] = model.model_validate(table)
-        except ValidationError as error:
-            found = [sentence.replace("[head] ", "") for sentence in sentences(error, model, name)]
-            # a mistake in [robot] is told once, not again for each table that is filled from it
-            told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
-            mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
-    return checked
+        found: list[str] = []
+        if (section := checked(model, table, name, found)) is not None:
+            right[name] = section
+        # a mistake in [robot] is told once, not again for each table that is filled from it
+        told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
+        found = [sentence.replace("[head] ", "") for sentence in found]
+        mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
+    return right
 
 
-def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
+def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
     """Durations and periods as whole ticks."""
     wanted = {
         "duration": ("head", "duration", "duration_s"),
@@ -146,18 +165,17 @@ def _ticks(checked: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
         "scale": ("scale", "period", "[scale] period_ms"),
         "monitor": ("monitor", "period", "[monitor] period_ms"),
     }
-    if "cosim" not in checked:
+    if "cosim" not in tables:
         return {}
-    tick = checked["cosim"].tick
+    tick = tables["cosim"].tick
     ticks = {}
     for name, (table, attribute, key) in wanted.items():
-        if table in checked:
-            length = getattr(checked[table], attribute)
+        if table in tables:
+            length = getattr(tables[table], attribute)
+            ticks[name] = whole_ticks(length, tick) or 0
             if length / tick > MOST_TICKS:
                 mistakes.append(f"{key}: {length:g} s are more than {MOST_TICKS:g} ticks of {tick:g} s; expected fewer")
-                continue
-            ticks[name] = round(length / tick)
-            if ticks[name] < 1 or abs(ticks[name] * tick - length) > 1e-9 * length:
+            elif not ticks[name]:
                 mistakes.append(f"{key}: {length:g} s is not a whole number of ticks of {tick:g} s")
     return ticks
 
@@ -172,10 +190,7 @@ def _joint_drives(drive: Any, folder: Path, mistakes: list[str]) -> list[schema.
     except InputRefused as problem:
         mistakes.append(f"[drive] {problem}")
         return []
-    drives = []
-    for table in tables:
-        try:
-            drives.append(schema.Drive.model_validate(table))
-        except ValidationError as error:
-            mistakes += [told for told in sentences(error, schema.Drive, "drive") if told not in mistakes]
-    return drives
+    told: list[str] = []
+    drives = [checked(schema.Drive, table, "drive", told) for table in tables]
+    mistakes += [mistake for mistake in dict.fromkeys(told) if mistake not in mistakes]
+    return [drive for drive in drives if drive is not None]

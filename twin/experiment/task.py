@@ -2,9 +2,9 @@
 
 from typing import Any, Literal
 
-from pydantic import Field, ValidationError, model_validator
+from pydantic import Field, model_validator
 
-from twin.experiment.mistakes import sentences
+from twin.experiment.mistakes import checked_kind, numbered
 from twin.experiment.quantity import Section, quantity
 
 Pair = tuple[float, float]
@@ -13,12 +13,12 @@ Pair = tuple[float, float]
 class Approach(Section):
     """[approach]: how all tasks come and go."""
 
-    height: float = quantity("height_mm", description="z at which the robot travels between tasks")
-    floor: float = quantity("floor_mm", description="z below which it never searches for contact")
-    speed: float = quantity("speed_mm_per_s", gt=0, description="speed of travelling")
-    descent: float = quantity("descent_mm_per_s", gt=0, description="speed of going down until it touches")
-    ramp: float = quantity("ramp_ms", gt=0, description="time in which a speed changes")
-    release: float = quantity("release_s", gt=0, description="time in which the force is taken back")
+    height: float = quantity("height_mm", "z at which the robot travels between tasks")
+    floor: float = quantity("floor_mm", "z below which it never searches for contact")
+    speed: float = quantity("speed_mm_per_s", "speed of travelling", gt=0)
+    descent: float = quantity("descent_mm_per_s", "speed of going down until it touches", gt=0)
+    ramp: float = quantity("ramp_ms", "time in which a speed changes", gt=0)
+    release: float = quantity("release_s", "time in which the force is taken back", gt=0)
 
     @model_validator(mode="after")
     def _floor_is_below(self) -> "Approach":
@@ -30,25 +30,25 @@ class Approach(Section):
 class TaskOnPoint(Section):
     """What every task has."""
 
-    point: Pair = quantity("point_mm", description="where (x, y)")
-    force: float = quantity("force_N", gt=0, description="pressing force")
+    point: Pair = quantity("point_mm", "where (x, y)")
+    force: float = quantity("force_N", "pressing force", gt=0)
 
 
 class Press(TaskOnPoint):
     """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
 
     kind: Literal["press"]
-    build_up: float = quantity("build_up_s", gt=0, description="time in which the force grows")
-    hold: float = quantity("hold_s", gt=0, description="time for which it is held")
+    build_up: float = quantity("build_up_s", "time in which the force grows", gt=0)
+    hold: float = quantity("hold_s", "time for which it is held", gt=0)
 
 
 class Tap(TaskOnPoint):
     """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
 
     kind: Literal["tap"]
-    speed: float = quantity("speed_mm_per_s", gt=0, description="speed of going down and up")
-    lift: float = quantity("lift_mm", gt=0, description="height above the surface between two taps")
-    period: float = quantity("period_s", gt=0, description="from tap to tap")
+    speed: float = quantity("speed_mm_per_s", "speed of going down and up", gt=0)
+    lift: float = quantity("lift_mm", "height above the surface between two taps", gt=0)
+    period: float = quantity("period_s", "from tap to tap", gt=0)
     times: int = Field(ge=1, description="number of taps")
 
 
@@ -56,9 +56,9 @@ class Roll(TaskOnPoint):
     """[[task]] kind = "roll": a small circle under a constant force."""
 
     kind: Literal["roll"]
-    build_up: float = quantity("build_up_s", gt=0, description="time in which the force grows")
-    radius: float = quantity("radius_mm", gt=0, description="radius of the circle")
-    rate: float = quantity("rate_Hz", gt=0, description="turns per time")
+    build_up: float = quantity("build_up_s", "time in which the force grows", gt=0)
+    radius: float = quantity("radius_mm", "radius of the circle", gt=0)
+    rate: float = quantity("rate_Hz", "turns per time", gt=0)
     turns: float = Field(ge=1, description="number of turns")
 
 
@@ -66,9 +66,9 @@ class Push(TaskOnPoint):
     """[[task]] kind = "push": along a line under a constant force."""
 
     kind: Literal["push"]
-    build_up: float = quantity("build_up_s", gt=0, description="time in which the force grows")
-    to: Pair = quantity("to_mm", description="where the line ends (x, y)")
-    speed: float = quantity("speed_mm_per_s", gt=0, description="speed along the line")
+    build_up: float = quantity("build_up_s", "time in which the force grows", gt=0)
+    to: Pair = quantity("to_mm", "where the line ends (x, y)")
+    speed: float = quantity("speed_mm_per_s", "speed along the line", gt=0)
 
     @model_validator(mode="after")
     def _goes_somewhere(self) -> "Push":
@@ -90,19 +90,7 @@ def checked_tasks(tables: Any, mistakes: list[str]) -> dict[int, Task]:
     """
     if tables is None:
         return {}
-    if not isinstance(tables, tuple):
-        mistakes.append("[task]: a single table; tasks are an array of tables, write [[task]]")
-        return {}
-    if not tables:
+    if tables == ():
         mistakes.append("[[task]]: an empty array; expected at least one task, or [reference] with way points")
-    tasks = {}
-    for number, table in enumerate(tables, start=1):
-        kind = table.get("kind") if isinstance(table, dict) else None
-        if not isinstance(kind, str) or kind not in KINDS:
-            mistakes.append(f"[task {number}] kind = {kind!r}: expected {', '.join(map(repr, KINDS))}")
-            continue
-        try:
-            tasks[number] = KINDS[kind].model_validate(table)
-        except ValidationError as error:
-            mistakes += sentences(error, KINDS[kind], f"task {number}")
-    return tasks
+    found = {n: checked_kind(KINDS, table, f"task {n}", mistakes) for n, table in numbered(tables, "task", mistakes)}
+    return {number: task for number, task in found.items() if task is not None}

@@ -6,7 +6,7 @@ Made of the models that check an experiment, so that no key is missing and none 
 import json
 import math
 import shlex
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -21,8 +21,9 @@ from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
-from twin.experiment.source import Source, located, read_source
-from twin.experiment.task import KINDS
+from twin.experiment.mistakes import model_in
+from twin.experiment.source import Source, at, located, read_source, toml_value
+from twin.experiment.task import KINDS as TASKS
 
 ROBOT = "robots/massage_robot.toml"
 OTHERS = ("fig4_force_position.toml", "massage.toml")
@@ -63,8 +64,11 @@ def commented_experiment(name: str, base: Path) -> str:
     Raises:
         InputRefused: a file of the repository is not there.
     """
-    own = read_source(base)
-    page = _Page(own, _values_of_body_and_robot(base), _values_of_others(base))
+    own, filled, others = read_source(base), read_source(base), Source()
+    fill_from_body(filled, base.parent)
+    for other in OTHERS:
+        others.put(read_source(located(other, base.parent)).values, "")
+    page = _Page(own, filled.values, others.values)
     models: dict[str, type[BaseModel]] = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
     lines = [
         f"#:schema {SCHEMA_FILE}",
@@ -80,14 +84,18 @@ def commented_experiment(name: str, base: Path) -> str:
     for table, model in models.items():
         if table not in ("robot", "plant"):
             lines += page.table(table, model)
-    lines += ["", f"# {LED_BY_TASKS}", *page.tasks(own.values.get("task"))]
-    lines += ["", f"# {BREAKS}"]
-    lines += page.item("fault", table_of(CATALOGUE[FAULT]), _fault(), "#")
-    lines += ["", f"# {CHANGES}", *page.array("change", lambda table: ChangeTable, own.values.get("change"), (CHANGE,))]
-    lines += ["", f"# {MEASURED}", *page.array("measure", _measure_of, own.values.get("measure"), (MEASURE,))]
+    lines += ["", f"# {LED_BY_TASKS}", *page.array("task", TASKS, others.values["task"])]
+    kind = CATALOGUE[FAULT]
+    assert kind.magnitudes is not None and kind.magnitude_key is not None
+    fault = {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
+    lines += ["", f"# {BREAKS}", *page.item("fault", table_of(kind), fault, "#", {})]
+    lines += ["", f"# {CHANGES}", *page.array("change", {None: ChangeTable}, (CHANGE,))]
+    lines += ["", f"# {MEASURED}", *page.array("measure", MEASURES, (MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
     lines += page.keys("robot", schema.Robot, {}, {})
-    true, origins = _values_beside_robot(own, base, "plant"), page.origins("plant")
+    robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, "plant") or {}
+    true = {key: value for key, value in (at(own.values, "plant") or {}).items() if robot.get(key) != value}
+    origins = page.origins("plant")
     lines += ["", f"# {TRUE}", f"{'' if true else '#'}[plant]", *page.keys("plant", schema.Plant, true, origins)]
     lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k not in _plain_keys(schema.Plant)]
     return "\n".join(lines) + "\n"
@@ -112,13 +120,13 @@ class _Page:
 
     def table(self, name: str, model: type[BaseModel]) -> list[str]:
         """[name] and the tables in it."""
-        own = _at(self._own.values, name)
+        own = at(self._own.values, name)
         mark = "#" if own is None else ""
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
         for field, info in model.model_fields.items():
-            inner, path = _model_in(info.annotation), f"{name}.{info.alias or field}"
+            inner, path = model_in(info.annotation), f"{name}.{info.alias or field}"
             if get_origin(info.annotation) is dict:
-                entries = _at(self._own.values, path) or {}
+                entries = at(self._own.values, path) or {}
                 lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
                 lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
             elif inner is schema.Model:
@@ -127,25 +135,15 @@ class _Page:
                 lines += self.table(path, inner)
         return lines
 
-    def tasks(self, own: tuple[Table, ...] | None) -> list[str]:
-        """The experiment's tasks; if it has none, those of others behind a #."""
-        return self.array("task", lambda task: KINDS[task["kind"]], own, self._farther["task"])
-
-    def array(
-        self,
-        name: str,
-        model: Callable[[Table], type[BaseModel]],
-        own: tuple[Table, ...] | None,
-        others: tuple[Table, ...],
-    ) -> list[str]:
-        """The experiment's `own` tables [[name]], each of its `model`; if it has none, `others` behind a #."""
-        lines = []
+    def array(self, name: str, models: Mapping[str | None, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
+        """The experiment's tables [[name]], each of the model of its kind; if it has none, `others` behind a #."""
+        lines, own = [], self._own.values.get(name)
         for number, table in enumerate(own or others, start=1):
             origins = self.origins(f"{name}.{number}") if own else {}
-            lines += self.item(name, model(table), table, "" if own else "#", origins)
+            lines += self.item(name, models[table.get("kind")], table, "" if own else "#", origins)
         return lines
 
-    def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table = {}) -> list[str]:  # noqa: B006
+    def item(self, name: str, model: type[BaseModel], values: Table, mark: str, origins: Table) -> list[str]:
         """One table of the array [[name]], all of `values` with the same mark."""
         lines = ["", f"# {_summary(model)}", f"{mark}[[{name}]]"]
         lines += [f'{mark}kind = "{values["kind"]}"'] if "kind" in values else []
@@ -160,40 +158,11 @@ class _Page:
         lines = []
         for key, info in _plain_keys(model).items():
             path = f"{table}.{key}" if table else key
-            candidates = (_at(self._nearer, path), _instead(info), _at(self._farther, path))
+            candidates = (at(self._nearer, path), _instead(info), at(self._farther, path))
             instead = next((value for value in candidates if value is not None), None)
             value, mark = (own[key], "") if key in own else (instead, "#")
             lines += [f"# {_meaning(info)}", _line(key, value, mark, origins.get(key))]
         return lines
-
-
-def _values_of_body_and_robot(base: Path) -> Table:
-    source = read_source(base)
-    fill_from_body(source, base.parent)
-    return source.values
-
-
-def _values_beside_robot(own: Source, base: Path, table: str) -> Table:
-    """What `own` says in `table` that the robot's file does not."""
-    robot = _at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, table) or {}
-    return {key: value for key, value in (_at(own.values, table) or {}).items() if robot.get(key) != value}
-
-
-def _values_of_others(base: Path) -> Table:
-    others = Source()
-    for name in OTHERS:
-        others.put(read_source(located(name, base.parent)).values, "")
-    return others.values
-
-
-def _fault() -> Table:
-    kind = CATALOGUE[FAULT]
-    assert kind.magnitudes is not None and kind.magnitude_key is not None
-    return {"kind": FAULT, "target": kind.targets[0], "onset_s": 3.0, kind.magnitude_key: kind.magnitudes[1]}
-
-
-def _measure_of(table: Table) -> type[BaseModel]:
-    return MEASURES[table["kind"]]
 
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
@@ -202,15 +171,8 @@ def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
     return {
         info.alias or field: info
         for field, info in model.model_fields.items()
-        if field not in repeated and _model_in(info.annotation) is None and get_origin(info.annotation) is not dict
+        if field not in repeated and model_in(info.annotation) is None and get_origin(info.annotation) is not dict
     }
-
-
-def _model_in(annotation: Any) -> type[BaseModel] | None:
-    for kind in (annotation, *get_args(annotation)):
-        if isinstance(kind, type) and issubclass(kind, BaseModel):
-            return kind
-    return None
 
 
 def _instead(info: FieldInfo) -> Any:
@@ -242,19 +204,5 @@ def _summary(model: type[BaseModel]) -> str:
 
 
 def _line(key: str, value: Any, mark: str, source: str | None = None) -> str:
-    told = f"{{ value = {_toml(value)}, source = {_toml(source)} }}" if source else _toml(value)
+    told = f"{{ value = {toml_value(value)}, source = {toml_value(source)} }}" if source else toml_value(value)
     return f"{mark}{key} = {told}"
-
-
-def _toml(value: Any) -> str:
-    if isinstance(value, tuple | list):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
-
-
-def _at(values: Table, path: str) -> Any:
-    """What stands at the dotted `path`, None if nothing."""
-    node: Any = values
-    for key in path.split("."):
-        node = node.get(key) if isinstance(node, Mapping) else None
-    return node

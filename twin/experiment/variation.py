@@ -8,6 +8,7 @@ from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.experiment.ticks import whole_ticks
 
 EXACT = 2**40
 """Counts per turn of an encoder that might as well not be there: a count is 6e-12 rad."""
@@ -37,17 +38,17 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
     cosim = experiment.cosim.model_copy(update=values)
 
     def recounted(name: str, ticks: int) -> int:
-        return _recounted(experiment, name, ticks, cosim.tick)
+        length = ticks * experiment.cosim.tick
+        count = whole_ticks(length, cosim.tick)
+        if not count:
+            told = f"{name} of {length:g} s is not a whole number of ticks of {cosim.tick:g} s"
+            raise InputRefused(f"{experiment.name}: {told}")
+        return count
 
+    optional = [name for name in ("scale", "monitor") if getattr(experiment, name) is not None]
     counts: dict[str, Any] = {
         f"{name}_ticks": recounted(name, getattr(experiment, f"{name}_ticks"))
-        for name, there in (
-            ("duration", True),
-            ("controller", True),
-            ("scale", experiment.scale is not None),
-            ("monitor", experiment.monitor is not None),
-        )
-        if there
+        for name in ("duration", "controller", *optional)
     }
     changes = tuple(replace(change, tick=recounted("time of a change", change.tick)) for change in experiment.changes)
     computer = experiment.controller
@@ -67,12 +68,3 @@ def shortened(experiment: Experiment, duration: float) -> Experiment:
     period = experiment.controller_ticks
     ticks = max(1, round(duration / (period * experiment.cosim.tick))) * period
     return replace(experiment, duration_ticks=min(ticks, experiment.duration_ticks))
-
-
-def _recounted(experiment: Experiment, name: str, ticks: int, tick: float) -> int:
-    """How many ticks of `tick` (s) are as long as `ticks` of the experiment's own."""
-    length = ticks * experiment.cosim.tick
-    count = round(length / tick)
-    if count < 1 or abs(count * tick - length) > 1e-9 * length:
-        raise InputRefused(f"{experiment.name}: {name} of {length:g} s is not a whole number of ticks of {tick:g} s")
-    return count

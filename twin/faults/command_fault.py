@@ -1,14 +1,14 @@
 """A drive that cannot run as fast as it is told: the command is limited on its last way into the drive."""
 
-import numpy as np
 from numba import carray
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
-MEMORY = np.dtype([("window", WINDOW), ("size", "i8"), ("limit", "f8")], align=True)
+MEMORY = record(window=WINDOW, size="i8", limit="f8")
 
 
 @step_function(MEMORY)
@@ -31,7 +31,5 @@ class CommandFault(NativeComponent):
 
     def __init__(self, name: str, span: Span, limit: float, size: int):
         port = Port("omega_ref", size, "rad/s", "commanded motor speed, as far as the drive can follow")
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(span, 1)
-        memory["size"], memory["limit"] = size, limit
+        memory = memory_of(MEMORY, window=window(span, 1), size=size, limit=limit)
         super().__init__(name, (port,), (port, ACTIVE), True, step, memory)

@@ -8,19 +8,20 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 from twin.faults.randomness import drawn
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
 class Law(IntEnum):
-    """What becomes of a count."""
+    """What becomes of a count; by the names in an experiment's file, in capitals."""
 
     BIAS = 0
     DRIFT = 1
     QUANTISATION = 2
-    HOLD = 3
-    ZERO = 4
-    NAN = 5
+    DROPOUT_HOLD = 3
+    DROPOUT_ZERO = 4
+    DROPOUT_NAN = 5
     STUCK = 6
     GLITCH = 7
     FLIP = 8
@@ -33,19 +34,8 @@ _BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP 
 ENCODER_CHANNELS = 3
 COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
 
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("law", "i8"),
-        ("element", "i8"),
-        ("partner", "i8"),
-        ("counts", "f8"),
-        ("share", "f8"),
-        ("held", "f8"),
-        ("spiked", "i8"),
-        ("random", "u8"),
-    ],
-    align=True,
+MEMORY = record(
+    window=WINDOW, law="i8", element="i8", partner="i8", counts="f8", share="f8", held="f8", spiked="i8", random="u8"
 )
 """`counts`: the magnitude in counts, of a drift in counts per tick. `held`: the last count that went through."""
 
@@ -141,11 +131,8 @@ class CountFault(NativeComponent):
         random: int,
         period: int,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        m = memory[0]
-        memory["window"][0] = window(span, period)
-        m["law"], m["element"], m["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
-        m["counts"], m["share"], m["random"] = counts, share, random
+        memory = memory_of(MEMORY, window=window(span, period), counts=counts, share=share, random=random)
+        memory["law"], memory["element"], memory["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
         out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
         super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
-        self.finite = law != Law.NAN
+        self.finite = law != Law.DROPOUT_NAN

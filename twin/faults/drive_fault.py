@@ -9,6 +9,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
@@ -47,19 +48,7 @@ def inputs(monitored: bool) -> tuple[Port, ...]:
 
 FAILED = 2
 
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("law", "i8"),
-        ("omega", "f8"),
-        ("stop", "f8"),
-        ("drive", "f8"),
-        ("offset", "f8"),
-        ("theta_m", "f8"),
-        ("omega_m", "f8"),
-    ],
-    align=True,
-)
+MEMORY = record(window=WINDOW, law="i8", omega="f8", stop="f8", drive="f8", offset="f8", theta_m="f8", omega_m="f8")
 """`omega`: speed of a runaway (rad/s). `stop`: angle beyond
 which a jam lets nothing turn. `drive`: where the drive's own shaft was. `offset`: how far the real shaft is from it.
 `theta_m`, `omega_m`: the real shaft."""
@@ -147,11 +136,7 @@ class DriveFault(NativeComponent):
         label: str,
         target: str,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(span, period)
-        m = memory[0]
-        m["law"], m["omega"] = law, omega
-        m["drive"] = m["theta_m"] = theta_m
+        memory = memory_of(MEMORY, window=window(span, period), law=law, omega=omega, drive=theta_m, theta_m=theta_m)
         initial = np.array([theta_m, 0.0, 0.0])
         super().__init__(name, inputs(monitored), OUTPUTS, False, step_of(monitored), memory, initial, period)
         self.label, self.target = label, target

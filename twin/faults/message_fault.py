@@ -12,28 +12,26 @@ from numba import carray, njit, types
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, pointer_to, step_function
 from twin.cosim.port import Port, width
+from twin.cosim.record import memory_of, record
 from twin.faults.randomness import drawn
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 NEVER = 1 << 62
 """The tick at which a lost message arrives."""
 
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("size", "i8"),
-        ("sender_period", "i8"),
-        ("least", "i8"),
-        ("most", "i8"),
-        ("share", "f8"),
-        ("sent", "i8"),
-        ("capacity", "i8"),
-        ("messages", "i8"),
-        ("arrivals", "i8"),
-        ("present", "i8"),
-        ("random", "u8"),
-    ],
-    align=True,
+MEMORY = record(
+    window=WINDOW,
+    size="i8",
+    sender_period="i8",
+    least="i8",
+    most="i8",
+    share="f8",
+    sent="i8",
+    capacity="i8",
+    messages="i8",
+    arrivals="i8",
+    present="i8",
+    random="u8",
 )
 """A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
 n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
@@ -115,14 +113,10 @@ class MessageFault(NativeComponent):
     ):
         size, capacity = width(ports), most // sender_period + 2
         messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(span, 1)
-        m = memory[0]
-        m["size"], m["sender_period"], m["least"], m["most"] = size, sender_period, least, most
-        m["share"], m["capacity"], m["random"] = share, capacity, random
-        m["messages"], m["arrivals"] = messages.ctypes.data, arrivals.ctypes.data
-        m["present"] = present.ctypes.data
         kept = (messages, arrivals, present)
+        memory = memory_of(MEMORY, window=window(span, 1), size=size, sender_period=sender_period, capacity=capacity)
+        memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
+        memory["messages"], memory["arrivals"], memory["present"] = (array.ctypes.data for array in kept)
         # a count that came through a fault before may be NaN
         read = (replace(port, kind="double") for port in ports)
         super().__init__(name, ports, (*read, ACTIVE), True, step, memory, keep=kept)

@@ -8,21 +8,11 @@ from numba import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 VALUE = Port("value", 1, "SI", "the parameter as it holds now")
-MEMORY = np.dtype(
-    [
-        ("window", WINDOW),
-        ("address", "i8"),
-        ("nominal", "f8"),
-        ("chained", "i8"),
-        ("factor", "f8"),
-        ("added", "f8"),
-        ("ramp", "i8"),
-    ],
-    align=True,
-)
+MEMORY = record(window=WINDOW, address="i8", nominal="f8", chained="i8", factor="f8", added="f8", ramp="i8")
 """`chained`: another fault writes to the same address before; what it wrote is this one's nominal value."""
 
 
@@ -66,10 +56,7 @@ class ParameterFault(NativeComponent):
         ramp: int,
         chained: bool,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["window"][0] = window(span, 1)
-        m = memory[0]
-        m["address"], m["nominal"], m["chained"], m["ramp"] = cell.ctypes.data, cell[0], chained, ramp
-        m["factor"], m["added"] = factor, added
+        memory = memory_of(MEMORY, window=window(span, 1), factor=factor, added=added, ramp=ramp, chained=chained)
+        memory["address"], memory["nominal"] = cell.ctypes.data, cell[0]
         value = replace(VALUE, meaning=f"{parameter} of {owner.name}, as it holds now")
         super().__init__(name, (), (value, ACTIVE), True, step, memory, keep=owner)

@@ -2,12 +2,12 @@
 
 from typing import NamedTuple
 
-import numpy as np
 from numba import njit
 
 from twin.cosim.port import Port
+from twin.cosim.record import record
 
-WINDOW = np.dtype([("next", "i8"), ("period", "i8"), ("onset", "i8"), ("end", "i8")], align=True)
+WINDOW = record(next="i8", period="i8", onset="i8", end="i8")
 """The tick of the next step, ticks between steps, and the fault's first and first healthy tick."""
 
 ACTIVE = Port("active", 1, "1", "whether the fault is active", "bool")

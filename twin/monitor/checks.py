@@ -9,6 +9,7 @@ import math
 import numpy as np
 from numba import njit
 
+from twin.cosim.record import record
 from twin.monitor.limits import Limits
 from twin.monitor.reasons import Reason
 
@@ -21,9 +22,7 @@ LARGEST_SAMPLE = 2.0**31
 # far beyond any motor; keeps sums and differences of commands finite
 LARGEST_COMMAND = 1e6
 
-TIMERS = np.dtype(
-    [("still", "i8", (3,)), ("unfollowed", "i8", (3,)), ("saturated", "i8", (3,)), ("anchor", "f8", (3,))], align=True
-)
+TIMERS = record(still="3i8", unfollowed="3i8", saturated="3i8", anchor="3f8")
 """Ticks for which a motor encoder has stood still against its command (signed as the command), a motor has not
 followed, a command has been at its limit; motor angle (rad) at which each joint encoder last moved."""
 

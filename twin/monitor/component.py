@@ -1,11 +1,11 @@
 """The safety monitor as a co-simulation component between controller and drives."""
 
-import numpy as np
 from numba import njit
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 from twin.monitor.belief import BELIEF, Belief
 from twin.monitor.checks import (
     INVALID_SAMPLE,
@@ -44,30 +44,27 @@ OUTPUTS = (
     Port("contact_time", 1, "s", "duration of the present contact"),
     Port("utilisation", 1, "1", "largest share of any limit in use; 1 trips"),
 )
-MEMORY = np.dtype(
-    [
-        ("belief", BELIEF),
-        ("limits", LIMITS),
-        ("limit", "f8", (REASONS,)),
-        ("rest", "f8", (REASONS,)),
-        ("period", "i8"),
-        ("sample_interval", "i8"),
-        ("tick", "i8"),
-        ("first_tick", "i8"),
-        ("first_sample", "i8"),
-        ("sample", "i8"),
-        ("seen", SEEN),
-        ("timers", TIMERS),
-        ("values", "f8", (REASONS,)),
-        ("joints", "i8", (REASONS,)),
-        ("sent", "f8", (3,)),
-        ("reason", "i8"),
-        ("trip_tick", "i8"),
-        ("trip_value", "f8"),
-        ("trip_joint", "i8"),
-        ("retraction", RETRACTION),
-    ],
-    align=True,
+MEMORY = record(
+    belief=BELIEF,
+    limits=LIMITS,
+    limit=("f8", (REASONS,)),
+    rest=("f8", (REASONS,)),
+    period="i8",
+    sample_interval="i8",
+    tick="i8",
+    first_tick="i8",
+    first_sample="i8",
+    sample="i8",
+    seen=SEEN,
+    timers=TIMERS,
+    values=("f8", (REASONS,)),
+    joints=("i8", (REASONS,)),
+    sent="3f8",
+    reason="i8",
+    trip_tick="i8",
+    trip_value="f8",
+    trip_joint="i8",
+    retraction=RETRACTION,
 )
 
 
@@ -142,12 +139,9 @@ class Monitor(NativeComponent):
     """
 
     def __init__(self, belief: Belief, limits: Limits, sample_interval: int = 1, period: int = 1):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["belief"][0], memory["limits"][0] = tuple(belief), tuple(limits)
+        memory = memory_of(MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
-        memory["period"], memory["sample_interval"] = period, sample_interval
-        memory["retraction"]["power"] = 1
-        memory["retraction"]["power_off_tick"] = -1
+        memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1
         super().__init__("monitor", INPUTS, OUTPUTS, True, step, memory, period=period)
 
     @property

@@ -2,7 +2,7 @@
 
 from typing import NamedTuple
 
-import numpy as np
+from twin.cosim.record import record_of
 
 
 class Limits(NamedTuple):
@@ -51,4 +51,4 @@ class Limits(NamedTuple):
     retract_speed: float
 
 
-LIMITS = np.dtype([(name, "f8") for name in Limits._fields], align=True)
+LIMITS = record_of(Limits)

@@ -5,35 +5,33 @@ import math
 import numpy as np
 from numba import njit
 
+from twin.cosim.record import record
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import environment_force
 from twin.robot.sea import dead_zone, deflection, load_torque
 
-SEEN = np.dtype(
-    [
-        ("started", "i8"),
-        ("theta_m", "f8", (3,)),
-        ("theta_l", "f8", (3,)),
-        ("moved_m", "i8", (3,)),
-        ("moved_l", "i8", (3,)),
-        ("wind_up", "f8", (3,)),
-        ("tau_l", "f8", (3,)),
-        ("fastest", "f8", (3,)),
-        ("omega_m", "f8", (3,)),
-        ("omega_l", "f8", (3,)),
-        ("omega_cmd", "f8", (3,)),
-        ("p_B", "f8", (3,)),
-        ("v_B", "f8", (3,)),
-        ("F_ee_B", "f8", (3,)),
-        ("speed", "f8"),
-        ("force", "f8"),
-        ("force_rate", "f8"),
-        ("touching", "i8"),
-        ("z_touch", "f8"),
-        ("depth", "f8"),
-        ("contact_ticks", "i8"),
-    ],
-    align=True,
+SEEN = record(
+    started="i8",
+    theta_m="3f8",
+    theta_l="3f8",
+    moved_m="3i8",
+    moved_l="3i8",
+    wind_up="3f8",
+    tau_l="3f8",
+    fastest="3f8",
+    omega_m="3f8",
+    omega_l="3f8",
+    omega_cmd="3f8",
+    p_B="3f8",
+    v_B="3f8",
+    F_ee_B="3f8",
+    speed="f8",
+    force="f8",
+    force_rate="f8",
+    touching="i8",
+    z_touch="f8",
+    depth="f8",
+    contact_ticks="i8",
 )
 """The last observation: angles (rad), whether an encoder moved a count, wind-up (rad), joint torques (N m), the fastest
 change since the sample before on the motor's side (rad/s); low-passed: motor speed, joint speed on the motor's side and

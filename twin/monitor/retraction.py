@@ -12,13 +12,14 @@ import numpy as np
 from numba import njit
 from numpy.typing import ArrayLike
 
+from twin.cosim.record import record
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
 STEPS = 101
 
-RETRACTION = np.dtype([("unfollowed", "i8", (3,)), ("power", "i8"), ("power_off_tick", "i8")], align=True)
+RETRACTION = record(unfollowed="3i8", power="i8", power_off_tick="i8")
 """Ticks for which each joint has not followed the retraction; power; the tick at which it went off, -1: never."""
 
 

@@ -20,6 +20,7 @@ from numba import carray, from_dtype, njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import pointer_to, step_function
 from twin.cosim.port import Port
+from twin.cosim.record import record, record_of
 from twin.plant.parameters import Triple
 
 
@@ -55,11 +56,8 @@ class Motion(NamedTuple):
     rise: float = 1.0
 
 
-MOTION = np.dtype(
-    [("kind", "i8"), ("displacement", "f8", (3,)), ("onset", "f8"), ("end", "f8"), ("rate", "f8"), ("rise", "f8")],
-    align=True,
-)
-MEMORY = np.dtype([("motions", "i8"), ("count", "i8")], align=True)
+MOTION = record_of(Motion)
+MEMORY = record(motions="i8", count="i8")
 """Address and number of the motions."""
 _motions_at = pointer_to(from_dtype(MOTION))
 

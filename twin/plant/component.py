@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, port_record
+from twin.cosim.record import memory_of, record
 from twin.plant.contact import normal_force, settled_bristle, touch
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection, spring_stiffness
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
@@ -47,16 +48,13 @@ def inputs(moving: bool, ramp: bool) -> tuple[Port, ...]:
     return INPUTS + GROUND_INPUTS * moving + RAMP_INPUTS * ramp
 
 
-MEMORY = np.dtype(
-    [
-        ("parameters", PARAMETERS),
-        ("substeps", "i8"),
-        ("x", "f8", (STATES,)),
-        ("last", "f8", (STATES,)),
-        ("k", "f8", (4, STATES)),
-        ("stage", "f8", (STATES,)),
-    ],
-    align=True,
+MEMORY = record(
+    parameters=PARAMETERS,
+    substeps="i8",
+    x=("f8", (STATES,)),
+    last=("f8", (STATES,)),
+    k=("f8", (4, STATES)),
+    stage=("f8", (STATES,)),
 )
 
 
@@ -175,10 +173,7 @@ class Plant(NativeComponent):
         moving: bool = False,
         ramp: bool = False,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        memory["parameters"][0] = tuple(parameters)
-        memory["substeps"] = substeps
-        memory["x"] = x
+        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x)
         initial = np.empty(1, dtype=port_record(OUTPUTS))
         outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial[0])
         super().__init__(

@@ -9,6 +9,7 @@ from numba import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 from twin.plant.noise import normal
 
 INPUTS = (Port("theta_m", 3, "rad", "motor angles"), Port("theta_l", 3, "rad", "proximal link angles"))
@@ -17,10 +18,8 @@ OUTPUTS = (
     Port("count_l", 3, "1", "joint encoder counts", "int"),
     Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
 )
-READER = np.dtype([("counts_per_rad", "f8"), ("zero", "f8"), ("noise", "f8")], align=True)
-MEMORY = np.dtype(
-    [("motor", READER, (3,)), ("joint", READER, (3,)), ("random", "u8", (1,)), ("sample", "i8")], align=True
-)
+READER = record(counts_per_rad="f8", zero="f8", noise="f8")
+MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=("u8", (1,)), sample="i8")
 
 
 @njit(cache=True)
@@ -66,12 +65,7 @@ class Encoder(NativeComponent):
         joint_noise: float = 0.0,
         seed: int = 0,
     ):
-        memory = np.zeros(1, dtype=MEMORY)
-        for name, counts, zero, noise in (
-            ("motor", motor_counts, motor_zero, motor_noise),
-            ("joint", joint_counts, joint_zero, joint_noise),
-        ):
-            reader = memory[name][0]
-            reader["counts_per_rad"], reader["zero"], reader["noise"] = counts / (2 * np.pi), zero, noise
-        memory["random"] = seed
+        motor = [(motor_counts / (2 * np.pi), zero, motor_noise) for zero in motor_zero]
+        joint = [(joint_counts / (2 * np.pi), zero, joint_noise) for zero in joint_zero]
+        memory = memory_of(MEMORY, motor=motor, joint=joint, random=seed)
         super().__init__("encoder", INPUTS, OUTPUTS, True, step, memory, period=period)

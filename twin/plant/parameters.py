@@ -1,9 +1,9 @@
 """Every constant of the plant, SI."""
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
-import numpy as np
+from twin.cosim.record import record_of
 
 Triple = tuple[float, float, float]
 
@@ -71,8 +71,7 @@ class PlantParameters(NamedTuple):
     slip: Triple = (0.0, 0.0, 0.0)
 
 
-_FORMS: dict[Any, tuple] = {float: ("f8",), int: ("i8",), Triple: ("f8", (3,))}
-PARAMETERS = np.dtype([(name, *_FORMS[form]) for name, form in PlantParameters.__annotations__.items()], align=True)
+PARAMETERS = record_of(PlantParameters)
 """`PlantParameters` as a record: numbers, and arrays (3,) where the tuple holds three."""
 
 STATES = 8

@@ -5,10 +5,11 @@ import numpy as np
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record
 
 INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
 OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)
-MEMORY = np.dtype([("resolution", "f8")], align=True)
+MEMORY = record(resolution="f8")
 
 
 @step_function(MEMORY, INPUTS, OUTPUTS)
@@ -21,5 +22,4 @@ class Scale(NativeComponent):
     """Reads the true contact force, rounded to the nearest step of `resolution` (N), every `period` ticks."""
 
     def __init__(self, resolution: float, period: int = 1):
-        memory = np.array([(resolution,)], dtype=MEMORY)
-        super().__init__("scale", INPUTS, OUTPUTS, True, step, memory, period=period)
+        super().__init__("scale", INPUTS, OUTPUTS, True, step, memory_of(MEMORY, resolution=resolution), period=period)

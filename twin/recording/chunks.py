@@ -120,11 +120,7 @@ def allowance(size: int) -> int:
 
 
 def unpacked(chunk: Chunk, most: int) -> bytes:
-    """Content of `chunk`, compressed by zstd, LZ4 or not at all.
-
-    Args:
-        chunk: of any writer.
-        most: bytes that it may have.
+    """Content of `chunk`, of any writer: at most `most` bytes, compressed by zstd, LZ4 or not at all.
 
     Raises:
         ValueError: it declares more than that, or unpacks to another size than it declares, of which no more than

@@ -104,9 +104,7 @@ def form_records(layout: FormLayout, times: np.ndarray, first_sequence: int, row
     """Message records of `rows`, (n, stride) uint8.
 
     Args:
-        layout: of the form.
         times: of the messages, ns, (n,) integer, from 0 to 2^34 s.
-        first_sequence: sequence number of the first message.
         rows: (n, width) float64.
     """
     records = numbered_records(layout.template, layout.head, times, first_sequence)

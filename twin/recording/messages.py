@@ -102,10 +102,8 @@ def message_records(
     """Message records of `rows`, (n, stride) uint8.
 
     Args:
-        layout: of the topic.
         fields: of the topic, in the order of the columns.
         times: log and publish times, ns, (n,) integer.
-        first_sequence: sequence number of the first message.
         rows: (n, sum of sizes) float64; a bool is what is not zero.
 
     Raises:

@@ -1,20 +1,29 @@
 """Reading a file that `Writer` wrote, whole, unfinished or damaged."""
 
+import os
 import struct
+from collections.abc import Mapping
 from pathlib import Path
 from typing import BinaryIO
 
+import numpy as np
 from google.protobuf.message import DecodeError
 from mcap.exceptions import McapError
+from mcap.opcode import Opcode
 from mcap.writer import MCAP0_MAGIC
 
+from twin.errors import InputRefused
+from twin.files import json_of
 from twin.recording.errors import RecordingDamaged, RecordingRefused
 from twin.recording.folder import recording_in
+from twin.recording.messages import RECORD_PREFIX
 from twin.recording.output import PARTIAL
 from twin.recording.recording import Recording, Stream
 from twin.recording.scan import Damage, Scan
 from twin.recording.series import NANOSECONDS, Contents
-from twin.recording.shortfall import shortfall
+
+ROUNDING = 2
+"""ns; times are rounded to whole ones."""
 
 
 def read(path: str | Path, *, salvage: bool = False) -> Recording:
@@ -41,7 +50,26 @@ def read(path: str | Path, *, salvage: bool = False) -> Recording:
         hint = f"; an unfinished recording is beside it: {partial.name}" if partial.exists() else ""
         raise RecordingRefused(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (ValueError, LookupError, OverflowError, struct.error, McapError, DecodeError) as error:
-        raise RecordingRefused(f"{path}: not a recording that twin wrote: {_told(error)}") from error
+        told = error.args[0] if isinstance(error, LookupError) and error.args else error
+        raise RecordingRefused(f"{path}: not a recording that twin wrote: {told}") from error
+
+
+def last_time(path: Path) -> float | None:
+    """Simulation time (s) of the last message in a complete chunk of `path`, finished or not; None if it has no chunk.
+
+    Goes from record to record; a chunk starts with the times of its first and last message
+    (https://mcap.dev/spec#chunk-op0x06). Nothing is checked: `reader.read` does that.
+    """
+    last = None
+    with path.open("rb") as file:
+        size, position = file.seek(0, os.SEEK_END), len(MCAP0_MAGIC)
+        while position + RECORD_PREFIX <= size:
+            file.seek(position)
+            opcode, length = struct.unpack("<BQ", file.read(RECORD_PREFIX))
+            position += RECORD_PREFIX + length
+            if opcode == Opcode.CHUNK and position <= size:
+                _, last = struct.unpack("<QQ", file.read(16))
+    return None if last is None else last / NANOSECONDS
 
 
 def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
@@ -54,16 +82,16 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     scan = Scan(file)
     damage = None
     try:
-        for found in scan.contents():
-            if isinstance(found.value, bytes):
-                contents.add(found.position, found.value)
+        for position, found in scan.contents():
+            if isinstance(found, bytes):
+                contents.add(position, found)
             else:
-                metadata.setdefault(found.value.name, {}).update(found.value.metadata)
+                metadata.setdefault(found.name, {}).update(found.metadata)
         if scan.complete:
             _compare(scan, contents)
     except Damage as error:
         damage = error
-    if contents.passed and not contents.series:
+    if contents.foreign and not contents.series:
         raise RecordingRefused(f"{path}: not a recording that twin wrote: none of its topics is one of twin's")
     streams = {
         contents.topics[channel]: Stream(series.fields, series.layout, series.all_records())
@@ -78,12 +106,8 @@ def _read(path: Path, file: BinaryIO, salvage: bool) -> Recording:
     elif not scan.complete:
         note = f"unfinished recording: read {_reach(streams)}; {scan.rest} bytes after that are incomplete"
     else:
-        note = shortfall(streams, metadata)
+        note = _shortfall(streams, metadata)
     return Recording(path, streams, contents.events, metadata, not note, note)
-
-
-def _told(error: Exception) -> str:
-    return str(error.args[0]) if isinstance(error, LookupError) and error.args else str(error)
 
 
 def _compare(scan: Scan, contents: Contents) -> None:
@@ -103,3 +127,45 @@ def _reach(streams: dict[str, Stream]) -> str:
     if not ends:
         return "up to its metadata, no chunk is complete"
     return f"up to {max(ends) / NANOSECONDS:.3f} s, its last complete chunk"
+
+
+def _shortfall(streams: Mapping[str, Stream], metadata: Mapping[str, Mapping[str, str]]) -> str:
+    """One sentence on what is missing of the run; "" if nothing is, or if it does not say how long it was to be.
+
+    Chunks can be taken out of a file and the rest be sealed again, index and all. What then still tells is that a run
+    is recorded tick by tick, from 0 to the duration of its experiment.
+    """
+    duration = _duration(metadata)
+    times = {topic: stream.head["log_time"].astype(np.int64) for topic, stream in streams.items()}
+    if duration is None or not any(len(t) for t in times.values()):
+        return ""
+    end = max(int(t[-1]) for t in times.values() if len(t))
+    for topic, t in times.items():
+        if not len(t) or t[0] > ROUNDING:
+            return f"the first samples of {topic} are missing"
+        steps = np.diff(t)
+        # every step is the topic's period; the last sample is less than one before the end
+        period = int(np.median(steps)) if len(steps) else 0
+        uneven = np.flatnonzero(np.abs(steps - period) > ROUNDING)
+        if len(uneven):
+            at = uneven[0]
+            return (
+                f"samples of {topic} are missing or moved: after {t[at] / NANOSECONDS:.3f} s comes "
+                f"{t[at + 1] / NANOSECONDS:.3f} s, though one is due every {period / NANOSECONDS:g} s"
+            )
+        if len(steps) and end - t[-1] >= period - ROUNDING:
+            return f"samples of {topic} are missing: the last is at {t[-1] / NANOSECONDS:.3f} s"
+    # a duration is a whole number of ticks to a billionth
+    if abs(end - duration * NANOSECONDS) > ROUNDING + duration:
+        return f"ends at {end / NANOSECONDS:.3f} s, though its experiment lasts {duration:g} s"
+    return ""
+
+
+def _duration(metadata: Mapping[str, Mapping[str, str]]) -> float | None:
+    """Of the run (s), as its experiment says; None: it does not."""
+    try:
+        values = json_of(metadata["experiment"]["values"], "")
+        duration = float(values["duration_s"])
+    except (InputRefused, KeyError, TypeError, ValueError, OverflowError):
+        return None
+    return duration if 0.0 < duration < 1e9 else None

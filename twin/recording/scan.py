@@ -50,14 +50,6 @@ class Damage(Exception):
         self.reason = reason
 
 
-@dataclass(frozen=True)
-class Scanned:
-    """A chunk's content or a metadata record, and the offset in the file of the record it came in."""
-
-    position: int
-    value: bytes | Metadata
-
-
 @dataclass
 class Scan:
     """Reads the records of a file in their order.
@@ -75,8 +67,10 @@ class Scan:
     statistics: Statistics | None = None
     position: int = 0
 
-    def contents(self) -> Iterator[Scanned]:
-        """Checked contents of the chunks and metadata records; ends where an unfinished file ends.
+    def contents(self) -> Iterator[tuple[int, bytes | Metadata]]:
+        """Checked contents of the chunks and metadata records, each after its record's offset in the file.
+
+        Ends where an unfinished file ends.
 
         Raises:
             Damage: the first record that fails a check.
@@ -112,12 +106,12 @@ class Scan:
                 if isinstance(record, Chunk):
                     content = _content(position, record, most)
                     most -= len(content)
-                    yield Scanned(position, content)
+                    yield position, content
                 elif isinstance(record, Metadata):
                     metadata += length
                     if metadata > LIMIT:
                         raise Damage(position, f"more than {LIMIT / 2**20:g} MB of metadata")
-                    yield Scanned(position, record)
+                    yield position, record
             position = end
 
     def _check_summary(self, position: int) -> None:

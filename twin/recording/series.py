@@ -1,6 +1,7 @@
 """Chunks taken apart into the series of numbers and the events they hold."""
 
 import struct
+from collections import Counter
 from dataclasses import dataclass, field
 from io import BytesIO
 
@@ -53,13 +54,11 @@ class Series:
         fields: from the file's schema.
         layout: of one record.
         parts: records of each chunk, (n,) opaque items of layout.stride bytes.
-        count: messages so far, which is the sequence number expected next.
     """
 
     fields: tuple[Field, ...]
     layout: MessageLayout
     parts: list[np.ndarray] = field(default_factory=list)
-    count: int = 0
 
     def records_at(self, content: np.ndarray, offsets: np.ndarray) -> np.ndarray:
         """Records (n,) at `offsets` (n,) of a chunk's content (bytes,) uint8.
@@ -72,9 +71,9 @@ class Series:
             raise ValueError("messages whose length is not that of their schema")
         return record_windows(content, self.layout.stride)[offsets]
 
-    def follows(self, records: np.ndarray) -> bool:
-        """Whether the sequence numbers of `records` (n,) continue those already here."""
-        expected = np.arange(self.count, self.count + len(records))
+    def begins_at(self, sequence: int, records: np.ndarray) -> bool:
+        """Whether the sequence numbers of `records` (n,) count from `sequence` on."""
+        expected = np.arange(sequence, sequence + len(records))
         return np.array_equal(records.view(self.layout.head)["sequence"], expected)
 
     def all_records(self) -> np.ndarray:
@@ -99,22 +98,17 @@ class Contents:
         series: numeric topics by channel number.
         topics: their names, without the leading slash, by channel number.
         events: in the order of the file.
-        passed: topics for viewers by channel number -> messages passed over so far.
+        foreign: channel numbers of topics for viewers, whose messages are passed over.
+        counts: messages so far by channel number, which is the sequence number expected next.
     """
 
     series: dict[int, Series] = field(default_factory=dict)
     topics: dict[int, str] = field(default_factory=dict)
     events: list[Event] = field(default_factory=list)
-    passed: dict[int, int] = field(default_factory=dict)
+    foreign: set[int] = field(default_factory=set)
+    counts: Counter[int] = field(default_factory=Counter)
     _schemas: dict[int, Schema] = field(default_factory=dict)
     _channels: dict[int, Channel] = field(default_factory=dict)
-    _event_channels: dict[int, int] = field(default_factory=dict)
-
-    @property
-    def counts(self) -> dict[int, int]:
-        """Messages so far by channel number, of those that have any."""
-        numeric = {channel: series.count for channel, series in self.series.items()}
-        return {channel: n for channel, n in (numeric | self.passed | self._event_channels).items() if n}
 
     def add(self, position: int, content: bytes) -> None:
         """Add all messages of the chunk at `position` in the file, or none.
@@ -124,10 +118,7 @@ class Contents:
             ValueError, KeyError, struct.error, McapError, DecodeError: not what twin writes.
         """
         offsets: dict[int, list[int]] = {}
-        events = []
-        passed = dict(self.passed)
-        heard: dict[int, int] = {}
-        place = 0
+        events, counts, place = [], self.counts.copy(), 0
         while place < len(content):
             opcode, length, channel = FRONT.unpack_from(content, place)
             body = content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
@@ -135,55 +126,51 @@ class Contents:
                 self._declare(opcode, body)
             elif opcode != Opcode.MESSAGE or length < MESSAGE_FRONT:
                 raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")
-            elif channel in self.series:
-                offsets.setdefault(channel, []).append(place)
-            elif channel in self._event_channels:
-                events.append(_event(body))
-                heard[channel] = heard.get(channel, 0) + 1
-            elif channel in self.passed:
-                if SEQUENCE.unpack_from(body, SEQUENCE_OFFSET)[0] != passed.get(channel, 0):
-                    raise Damage(position, MISSING)
-                passed[channel] = passed.get(channel, 0) + 1
-            else:
+            elif channel not in self._channels:
                 raise Damage(position, "a chunk before which the declaration of its topics is missing")
+            else:
+                if channel in self.series:
+                    offsets.setdefault(channel, []).append(place)
+                elif channel not in self.foreign:
+                    events.append(_event(body))
+                elif SEQUENCE.unpack_from(body, SEQUENCE_OFFSET)[0] != counts[channel]:
+                    raise Damage(position, MISSING)
+                counts[channel] += 1
             place += RECORD_PREFIX + length
         array = np.frombuffer(content, dtype=np.uint8)
         parts = {c: self.series[c].records_at(array, np.array(own)) for c, own in offsets.items()}
-        if not all(self.series[channel].follows(records) for channel, records in parts.items()):
+        if not all(self.series[c].begins_at(self.counts[c], records) for c, records in parts.items()):
             raise Damage(position, MISSING)
         for channel, records in parts.items():
             self.series[channel].parts.append(records)
-            self.series[channel].count += len(records)
         self.events += events
-        self.passed.update(passed)
-        for channel, count in heard.items():
-            self._event_channels[channel] += count
+        self.counts = counts
 
     def _declare(self, opcode: int, body: bytes) -> None:
         stream = ReadDataStream(BytesIO(body))
         if opcode == Opcode.SCHEMA:
             schema = Schema.read(stream)
             self._schemas[schema.id] = schema
-        elif opcode == Opcode.CHANNEL:
-            channel = Channel.read(stream)
-            if channel.id in self._channels:
-                if self._channels[channel.id] != channel:
-                    raise ValueError(f"two topics share the channel {channel.id}")
-                return
-            self._channels[channel.id] = channel
-            schema = self._schemas[channel.schema_id]
-            if schema.name == Log.DESCRIPTOR.full_name:
-                self._event_channels[channel.id] = 0
-            elif schema.name.startswith(FOREIGN):
-                self.passed[channel.id] = 0
-            else:
-                fields = described_fields(schema.name, schema.data)
-                topic = channel.topic.removeprefix("/")
-                check_stream(topic, 1)
-                if topic in self.topics.values():
-                    raise ValueError(f"two channels of the topic {topic}")
-                self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
-                self.topics[channel.id] = topic
+            return
+        channel = Channel.read(stream)
+        if channel.id in self._channels:
+            if self._channels[channel.id] != channel:
+                raise ValueError(f"two topics share the channel {channel.id}")
+            return
+        self._channels[channel.id] = channel
+        schema = self._schemas[channel.schema_id]
+        if schema.name == Log.DESCRIPTOR.full_name:
+            return
+        if schema.name.startswith(FOREIGN):
+            self.foreign.add(channel.id)
+            return
+        fields = described_fields(schema.name, schema.data)
+        topic = channel.topic.removeprefix("/")
+        check_stream(topic, 1)
+        if topic in self.topics.values():
+            raise ValueError(f"two channels of the topic {topic}")
+        self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
+        self.topics[channel.id] = topic
 
 
 def _event(body: bytes) -> Event:

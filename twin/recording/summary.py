@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from collections import Counter
 from dataclasses import dataclass, field
 
 from mcap.opcode import Opcode
@@ -40,7 +41,7 @@ class Summary:
     channels: list[Channel]
     chunks: list[ChunkIndex] = field(default_factory=list)
     metadata: list[MetadataIndex] = field(default_factory=list)
-    message_counts: dict[int, int] = field(default_factory=dict)
+    message_counts: Counter[int] = field(default_factory=Counter)
 
     def note_chunk(self, chunk: Chunk, start: int, length: int, indexes: dict[int, bytes]) -> None:
         """Index a chunk written at byte `start` with `length`, its message indexes right after it."""

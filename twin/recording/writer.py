@@ -124,7 +124,7 @@ class Writer:
         if len(rows) == 0:
             return
         times = self._times(first_tick + opened.period * np.arange(len(rows)))
-        records = opened.records(times, self._next_sequence(opened.channel), rows)
+        records = opened.records(times, self._summary.message_counts[opened.channel], rows)
         self._buffer(Block(opened.channel, times, records))
         opened.next_tick = first_tick + opened.period * len(rows)
 
@@ -132,10 +132,7 @@ class Writer:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`.
 
         Args:
-            tick: when.
-            level: `debug`, `info`, `warning`, `error` or `fatal`.
-            text: one sentence.
-            name: the component it happened in.
+            level, text, name: as of `Event`.
 
         Raises:
             ValueError: an unknown level.
@@ -146,7 +143,7 @@ class Writer:
         log.timestamp.FromNanoseconds(time)
         channel = self._channels[-1].id
         data = log.SerializeToString(deterministic=True)
-        record = encoded(Message(channel, time, data, time, self._next_sequence(channel)))
+        record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
         self._buffer(Block(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :]))
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
@@ -200,11 +197,8 @@ class Writer:
         """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
         return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
 
-    def _next_sequence(self, channel: int) -> int:
-        return self._summary.message_counts.get(channel, 0)
-
     def _buffer(self, block: Block) -> None:
-        self._summary.message_counts[block.channel] = self._next_sequence(block.channel) + len(block.times)
+        self._summary.message_counts[block.channel] += len(block.times)
         self._pending.append(block)
 
     def end_slice(self) -> None:

@@ -8,8 +8,8 @@ import scipy.io
 from tests.recording import samples
 from tests.recording.export.readers import csv_columns
 from twin.errors import InputRefused, NotWritten
-from twin.recording.export.csv_file import write_csv
 from twin.recording.export.export import export_recording
+from twin.recording.export.formats import write_csv
 from twin.recording.export.table import NANOSECONDS, Column, Table, row_times
 from twin.recording.reader import read
 

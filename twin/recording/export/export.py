@@ -7,9 +7,7 @@ from pathlib import Path
 from typing import Literal
 
 from twin.errors import InputRefused
-from twin.recording.export.csv_file import write_csv
-from twin.recording.export.matlab_file import write_matlab
-from twin.recording.export.parquet_file import write_parquet
+from twin.recording.export.formats import write_csv, write_matlab, write_parquet
 from twin.recording.export.selection import selected_signals
 from twin.recording.export.table import table
 from twin.recording.folder import recording_in

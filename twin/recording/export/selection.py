@@ -15,7 +15,6 @@ def selected_signals(recording: Recording, patterns: Sequence[str] = ()) -> tupl
     """Names `topic.field` that match any of `patterns`, in the order of the file; all of them without a pattern.
 
     Args:
-        recording: where to look.
         patterns: `plant.p_B`, or with wildcards `plant.*`, `*.F_z`; a topic's name alone, `plant`, is all of it.
 
     Raises:

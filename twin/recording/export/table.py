@@ -55,7 +55,6 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
     component holds between its samples. Rows begin when every signal has a value.
 
     Args:
-        recording: a run's.
         signals: names `topic.field`, each with at least one message.
         rate: rows per second of simulated time (Hz); without it, the times of the selected topic with most messages.
 

@@ -58,15 +58,13 @@ def column_map(entries: Sequence[str | Path]) -> dict[str, Column]:
     columns: dict[str, Column] = {}
     mistakes: list[str] = []
     for entry in entries:
-        name, equals, source = str(entry).partition("=")
-        if equals and not isinstance(entry, Path):
-            name, source = name.strip(), source.strip()
-            if not name or not source.lstrip("-"):
-                mistakes.append(f"--map {entry}: expected NAME=COLUMN, NAME=COLUMN[UNIT] or a TOML file")
-            else:
-                columns[name] = _column(source)
-        else:
+        name, equals, source = (text.strip() for text in str(entry).partition("="))
+        if isinstance(entry, Path) or not equals:
             columns |= _file(Path(entry), mistakes)
+        elif not name or not source.lstrip("-"):
+            mistakes.append(f"--map {entry}: expected NAME=COLUMN, NAME=COLUMN[UNIT] or a TOML file")
+        else:
+            columns[name] = _column(source)
     if mistakes:
         raise LogRefused("\n".join(mistakes))
     return columns

@@ -20,7 +20,6 @@ def read_csv(path: Path, columns: Mapping[str, Column]) -> Log:
     """The log in the CSV file `path`.
 
     Args:
-        path: of the file.
         columns: by signal; empty: every column that holds numbers, named as its head says.
 
     Raises:

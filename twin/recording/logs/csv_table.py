@@ -1,14 +1,15 @@
 """The text of a CSV file as a table of numbers.
 
-A file that is as it should be is read by numpy in
-one go; any other row by row, which is slower and knows where each mistake is.
+A file that is as it should be is read by numpy in one go; any other row by row, which is slower and knows where each
+mistake is.
 """
 
 import io
 import math
 import warnings
+from array import array
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import count
 from pathlib import Path
 from typing import BinaryIO
@@ -158,55 +159,27 @@ def _lines(file: BinaryIO) -> int:
     return ends + (file.read() != b"\n")
 
 
-@dataclass
-class _Rows:
-    """Rows while they are read: numbers, their lines, what is wrong with them."""
-
-    numbers: list[NDArray[np.float64]] = field(default_factory=list)
-    block: list[list[float]] = field(default_factory=list)
-    lines: list[int] = field(default_factory=list)
-    wrong: dict[int, Wrong] = field(default_factory=dict)
-
-    def add(self, row: list[str], line: int) -> None:
-        try:
-            numbers = list(map(float, row))
-            simple = -LARGEST <= min(numbers) and max(numbers) <= LARGEST and not math.isnan(sum(numbers))
-        except ValueError:
-            simple = False
-        if not simple:
-            numbers = []
-            for position, text in enumerate(row):
-                value = number(text)
-                if value is None:
-                    self.wrong.setdefault(position, Wrong()).add(line, text)
-                numbers.append(math.nan if value is None else value)
-        self.block.append(numbers)
-        self.lines.append(line)
-        if len(self.block) >= 1000:
-            self.pack()
-
-    def pack(self) -> None:
-        """Lists of numbers take five times the memory of arrays."""
-        if self.block:
-            self.numbers.append(np.array(self.block, dtype=np.float64))
-            self.block = []
-
-
 def _row_by_row(path: Path, file: BinaryIO, head: Head) -> Table:
-    rows, ragged, first = _Rows(), 0, (0, 0)
+    # lists of numbers would take five times the memory
+    numbers, lines, wrong = array("d"), array("q"), dict[int, Wrong]()
+    ragged, first = 0, (0, 0)
     text = text_of(file)
     for _ in range(head.until):
         next(text)
     for row, line in rows_of(path, text, head.separator, head.until):
         if not any(row):
             continue
-        if len(row) == len(head.names):
-            rows.add(row, line)
-        else:
+        if len(row) != len(head.names):
             first = first if ragged else (line, len(row))
             ragged += 1
+            continue
+        lines.append(line)
+        for position, field in enumerate(row):
+            value = number(field)
+            if value is None:
+                wrong.setdefault(position, Wrong()).add(line, field)
+            numbers.append(math.nan if value is None else value)
     text.detach()
-    rows.pack()
     if ragged:
         line, fields = first
         # 3,14 in a file separated by commas gives twice as many fields
@@ -216,6 +189,7 @@ def _row_by_row(path: Path, file: BinaryIO, head: Head) -> Table:
             f"{path} line {line}: {fields} field{'s' * (fields > 1)}, expected {len(head.names)}"
             f"{more(ragged - 1, 'row')}{hint}"
         )
-    if (many := len(rows.lines)) < 2:
+    if (many := len(lines)) < 2:
         raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
-    return Table(path, head.comments, head.names, np.concatenate(rows.numbers), rows.wrong, np.array(rows.lines))
+    values = np.frombuffer(numbers).reshape(many, len(head.names))
+    return Table(path, head.comments, head.names, values, wrong, np.frombuffer(lines, dtype=np.int64))

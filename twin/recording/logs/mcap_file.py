@@ -56,7 +56,6 @@ def read_mcap(path: Path, columns: Mapping[str, Column]) -> Log:
     """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
 
     Args:
-        path: of the file.
         columns: by signal; `/TOPIC.FIELD.FIELD[INDEX]`. `time` is a field that every mapped message has; without it
             the log time.
 

@@ -11,7 +11,6 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.files import open_regular
 from twin.recording.folder import recording_in
-from twin.recording.layout import Field
 from twin.recording.logs.column_map import Column
 from twin.recording.logs.csv_file import read_csv
 from twin.recording.logs.errors import LogRefused
@@ -71,8 +70,10 @@ def recorded(recording: Recording) -> Log:
         t = recording.time(key.rpartition(".")[0])
         if len(t) < 2:
             continue
-        values = recording[key].astype(np.float64)
-        series |= {name: Series(t, column, field.unit) for name, column in _components(key, field, values)}
+        columns = recording[key].astype(np.float64).reshape(len(t), field.size).T
+        names = [key] if field.size == 1 else [f"{key}[{i}]" for i in range(field.size)]
+        for name, column in zip(names, columns, strict=True):
+            series[name] = Series(t, np.ascontiguousarray(column), field.unit)
     if not series:
         raise LogRefused(f"{recording.path}: holds no samples{f'; {recording.note}' if recording.note else ''}")
     return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
@@ -103,9 +104,3 @@ def _date(seconds: float) -> str:
         return f"{datetime.fromtimestamp(seconds, UTC):%Y-%m-%d %H:%M:%S} UTC"
     except (ValueError, OverflowError, OSError):
         return "which is no date"
-
-
-def _components(key: str, field: Field, values: np.ndarray) -> list[tuple[str, np.ndarray]]:
-    if field.size == 1:
-        return [(key, values)]
-    return [(f"{key}[{i}]", np.ascontiguousarray(values[:, i])) for i in range(field.size)]

@@ -53,7 +53,6 @@ def assemble(
     The robot starts at rest in static equilibrium at the first way point of its reference.
 
     Args:
-        experiment: what to build.
         substitutes: components of the same ports that take the place of the ones with their names.
         maker: of the drives.
 

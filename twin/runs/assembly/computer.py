@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.controller import program as programs
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.damping import Damping
 from twin.controller.estimator import Estimator
@@ -13,11 +14,18 @@ from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.delay import delay
 from twin.experiment.experiment import Experiment
-from twin.experiment.monitor import Monitor as MonitorTable
+from twin.experiment.task import Approach, Task
 from twin.monitor.component import Monitor
 from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
 from twin.runs.assembly.build import Build, Makers
-from twin.runs.assembly.program import program_of
+
+PROGRAMS: dict[str, type[programs.Task]] = {
+    "press": programs.Press,
+    "tap": programs.Tap,
+    "roll": programs.Roll,
+    "push": programs.Push,
+}
+"""By the kind of a [[task]], whose keys they have, too."""
 
 
 def estimator(experiment: Experiment) -> Estimator:
@@ -66,10 +74,10 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     )
 
 
-def safety_monitor(experiment: Experiment, table: MonitorTable) -> Monitor:
-    """Who watches, as [monitor] says."""
-    bounds = monitor_limits(table, experiment.controller.speed_limit)
-    return Monitor(monitor_belief(experiment.robot), bounds, experiment.controller_ticks, experiment.monitor_ticks)
+def program_of(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
+    """The phases of `tasks`; `contact_force` (N) counts as touching."""
+    manner = programs.Approach(contact_force=contact_force, **dict(approach))
+    return programs.program(manner, [PROGRAMS[task.kind](**task.model_dump(exclude={"kind"})) for task in tasks])
 
 
 def estimators(build: Build) -> Makers:
@@ -90,5 +98,9 @@ def delays(build: Build) -> Makers:
 
 def monitors(build: Build) -> Makers:
     """What makes the safety monitor, if anybody watches."""
-    table = build.experiment.monitor
-    return {} if table is None else {"monitor": lambda: safety_monitor(build.experiment, table)}
+    experiment = build.experiment
+    if experiment.monitor is None:
+        return {}
+    limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
+    periods = experiment.controller_ticks, experiment.monitor_ticks
+    return {"monitor": lambda: Monitor(monitor_belief(experiment.robot), limits, *periods)}

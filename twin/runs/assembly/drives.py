@@ -1,6 +1,6 @@
 """From a joint's [drive] table to one component with the contract's ports, whatever stands behind them."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -59,7 +59,11 @@ class DrivePlan:
     @property
     def axes(self) -> int:
         """How many joints one instance drives: 1 or 3."""
-        return next(b.port.size for b in self.bindings if b.port.name == "theta_m")
+        return self.port("theta_m").size
+
+    def port(self, name: str) -> Port:
+        """The port of the role `name`, which it fills."""
+        return next(b.port for b in self.bindings if b.port.name == name)
 
     @property
     def outputs(self) -> tuple[Port, ...]:
@@ -206,7 +210,8 @@ def _part(
     ]
     outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if _belongs(part, target)]
-    outputs += _distinct(_wire_port(part, description, source) for source, _ in plan.wires if _belongs(part, source))
+    sources = dict.fromkeys(source for source, _ in plan.wires if _belongs(part, source))
+    outputs += [_wire_port(part, description, source) for source in sources]
     return FmuComponent(
         name,
         description,
@@ -228,10 +233,6 @@ def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
 def _port_name(end: str) -> str:
     """A port name for a wire's end that no role has, without the dots that wires are written with."""
     return "wire:" + end.replace(".", ":")
-
-
-def _distinct(ports: Iterable[FmuPort]) -> list[FmuPort]:
-    return list({port.port.name: port for port in ports}.values())
 
 
 def _inner_system(
@@ -257,10 +258,9 @@ def _inner_system(
     for source, target in plan.wires:
         a, b = _port_name(source), _port_name(target)
         wires.append((f"{owner[a]}.{a}", f"{owner[b]}.{b}"))
-    load = next(b.port for b in plan.bindings if b.port.name == "tau_load")
-    inputs = [replace(OMEGA_REF, size=plan.axes), load]
+    inputs = [replace(OMEGA_REF, size=plan.axes), plan.port("tau_load")]
     if plan.switched:
-        inputs.append(next(b.port for b in plan.bindings if b.port.name == ENABLE))
+        inputs.append(plan.port(ENABLE))
         wires.append((f"{INLET}.{ENABLE}", f"{owner[ENABLE]}.{ENABLE}"))
     return Subsystem(
         name, tuple(inputs), outputs, components, wires, tick / substeps, substeps, label=plan.label

@@ -61,11 +61,6 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
         mistakes += unit_hints(source.values)
     mistakes += apart
     if mistakes:
-        raise InputRefused(_told(where, mistakes))
+        several = f"{where} has {len(mistakes)} mistakes:" + "".join(f"\n  {mistake}" for mistake in mistakes)
+        raise InputRefused(f"{where}: {mistakes[0]}" if len(mistakes) == 1 else several)
     return experiment_of(name, tables, reference, source)
-
-
-def _told(path: Path, mistakes: list[str]) -> str:
-    if len(mistakes) == 1:
-        return f"{path}: {mistakes[0]}"
-    return f"{path} has {len(mistakes)} mistakes:" + "".join(f"\n  {mistake}" for mistake in mistakes)

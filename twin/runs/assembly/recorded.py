@@ -19,9 +19,6 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     A recording names its FMUs by file name and SHA-256, not by where they lay: they are looked up as those of an
     experiment file beside it, and in fmus/. Every drive pins its recorded SHA-256, so that no other file is taken.
 
-    Args:
-        metadata: of the recording. where: the recording.
-
     Raises:
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
             not found.
@@ -30,7 +27,6 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     if "drive" not in values:
         raise InputRefused(f"{where}: carries no experiment that could be run again")
     fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}
-    drive = values["drive"]
     if "substituted" in metadata:
         parts = ", ".join(metadata["substituted"])
         raise InputRefused(f"{where}: was made with a substitute for {parts}, so its experiment does not make it again")
@@ -42,24 +38,18 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     # the body's file has filled [contact] in already
     values.get("contact", {}).pop("body", None)
     source = Source()
-    source.put(values | {"drive": _with_paths(drive, where, folder)}, "recorded")
+    source.put(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
     experiment = checked_experiment(source, name, where, folder)
-    one, two, three = (
-        _pinned(drive, f"drive_{number}", fmus) for number, drive in enumerate(experiment.drives, start=1)
-    )
-    return replace(experiment, drives=(one, two, three))
+    one, two, three = experiment.drives
+    pinned = (_pinned(one, "drive_1", fmus), _pinned(two, "drive_2", fmus), _pinned(three, "drive_3", fmus))
+    return replace(experiment, drives=pinned)
 
 
 def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
     """[drive] with paths of FMUs where it has names."""
-    return {
-        key: _with_paths(value, where, folder)
-        if isinstance(value, dict)
-        else _path(value, where, folder)
-        if key == "fmu"
-        else value
-        for key, value in table.items()
-    }
+    tables = {key: _with_paths(value, where, folder) for key, value in table.items() if isinstance(value, dict)}
+    fmu = {"fmu": _path(table["fmu"], where, folder)} if isinstance(table.get("fmu"), str) else {}
+    return table | tables | fmu
 
 
 def _path(name: str, where: Path, folder: Path) -> str:

@@ -6,9 +6,9 @@ from pathlib import Path
 def recorded_until_then(folder: Path | None) -> str:
     """A sentence about the recording in `folder` (None: there is no folder yet)."""
     # the supervisor loads no numerics unless something goes wrong
-    from twin.recording.extent import last_time
     from twin.recording.folder import RECORDING
     from twin.recording.output import PARTIAL
+    from twin.recording.reader import last_time
 
     if folder is not None and (folder / RECORDING).exists():
         return f"The recording is complete: {seen_from_here(folder / RECORDING)}."

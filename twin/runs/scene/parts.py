@@ -2,12 +2,17 @@
 
 Each entity is locked to its frame of `/tf` and stays for ever, so one message at t = 0 is enough: viewers take the last
 one before the time they show. Sizes that the paper does not give (diameters, thicknesses) are for the eye only.
+
+The force by the robot on what it presses on has two arrows: `/force`, a `foxglove.SceneUpdate` per picture. The true
+force F_ee_B starts at the point that touches, O_P; what the estimator believes of it, beside. An arrow is as long as
+its force, to the scale of `LENGTH`, and its thickness grows with it: no force, no arrow. Pressing points down.
 """
 
 import math
 from typing import Any
 
 import numpy as np
+from foxglove_schemas_protobuf.ArrowPrimitive_pb2 import ArrowPrimitive
 from foxglove_schemas_protobuf.Color_pb2 import Color
 from foxglove_schemas_protobuf.CubePrimitive_pb2 import CubePrimitive
 from foxglove_schemas_protobuf.CylinderPrimitive_pb2 import CylinderPrimitive
@@ -20,10 +25,11 @@ from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from numpy.typing import ArrayLike, NDArray
 
 from twin.experiment.contact import Contact
+from twin.recording.form import BLANK_TIME, blank
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import OUTWARD
 from twin.runs.scene.frames import BASE, HALF_WIDTH, LINKS, PHI, PLATFORM, RODS, SURFACE
-from twin.runs.scene.rotation import IDENTITY, X, Y, Z, product, turn
+from twin.runs.scene.rotation import IDENTITY, X, Y, Z, pointing, product, turn
 
 # told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
 GREY = Color(r=0.35, g=0.35, b=0.35, a=1.0)
@@ -46,6 +52,20 @@ MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
 # turns that lay a cylinder, whose axis is z, along another axis
 ALONG_X, ALONG_Y = turn(Y, 0.5 * math.pi), turn(X, 0.5 * math.pi)
 
+LENGTH = 0.01
+"""Of an arrow of 1 N (m)."""
+BESIDE = np.array([0.008, 0.0, 0.0])
+"""From the true force to the estimate (m), so that both are seen where they agree."""
+# shares of an arrow's length: shaft, its diameter, head, its diameter
+SHARES = np.array([0.75, 0.06, 0.25, 0.13])
+ARROWS = {
+    "true": Color(r=213 / 255, g=94 / 255, b=0.0, a=1.0),
+    "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
+}
+NUMBERS = 7 + len(SHARES)
+"""Of one arrow: pose and sizes."""
+WIDTH = NUMBERS * len(ARROWS)
+
 
 def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
     """All parts of the robot, and what it presses on."""
@@ -58,6 +78,39 @@ def pose(position: ArrayLike, q: NDArray[np.float64] = IDENTITY) -> Pose:
     """Pose of a position (m, (3,)) and a quaternion (x, y, z, w), (4,)."""
     x, y, z = np.asarray(position)
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
+
+
+def force_example() -> SceneUpdate:
+    """Both arrows with blanks in the order of `arrows`."""
+    entities = []
+    for arrow, (name, color) in enumerate(ARROWS.items()):
+        x, y, z, *q, shaft, shaft_width, head, head_width = (blank(NUMBERS * arrow + i) for i in range(NUMBERS))
+        primitive = ArrowPrimitive(
+            pose=pose((x, y, z), np.array(q)),
+            shaft_length=shaft,
+            shaft_diameter=shaft_width,
+            head_length=head,
+            head_diameter=head_width,
+            color=color,
+        )
+        entities.append(SceneEntity(timestamp=BLANK_TIME, frame_id=BASE, id=name, arrows=[primitive]))
+    return SceneUpdate(entities=entities)
+
+
+def arrows(
+    p_B: NDArray[np.float64], F_ee_B: NDArray[np.float64], estimate_B: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Numbers for the blanks of `force_example`, (n, WIDTH).
+
+    Args:
+        p_B: true platform position in m, (n, 3).
+        F_ee_B: true force by the robot on the environment in N, (n, 3).
+        estimate_B: what the estimator takes it for, likewise.
+    """
+    tails = np.stack([p_B, p_B + BESIDE], axis=1)
+    forces = np.stack([F_ee_B, estimate_B], axis=1)
+    length = LENGTH * np.linalg.norm(forces, axis=-1, keepdims=True)
+    return np.concatenate([tails, pointing(forces), length * SHARES], axis=-1).reshape(len(p_B), WIDTH)
 
 
 def _entity(frame: str, **primitives: Any) -> SceneEntity:

@@ -1,8 +1,8 @@
 """What no table can see alone: whether the tables of an experiment agree with one another and with the robot."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from typing import Any
 
-from twin.experiment.modes import mode_mistakes
 from twin.experiment.reference import WayPoints
 from twin.experiment.tables import Tables
 from twin.runs.assembly.beliefs import geometry_of, monitor_belief
@@ -20,7 +20,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
         named: what the file has, right or not.
     """
     checked = tables.by_name
-    mistakes = mode_mistakes(checked, named)
+    mistakes = _mode_mistakes(checked, named)
     models = [checked["plant"]] if "plant" in checked else []
     models += [checked["controller"].model] if "controller" in checked else []
     geometries = tuple(geometry_of(model) for model in models)
@@ -42,3 +42,33 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
         )
         mistakes += task_mistakes(situation, tables.tasks, tables.duration)
     return mistakes
+
+
+def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
+    """Way points or tasks, position or force: what of the other tables that needs is missing, or is too much."""
+    has_tasks = "task" in named
+    if has_tasks == ("reference" in named):
+        return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]
+    if "controller" not in checked:
+        return []
+    computer = checked["controller"]
+    force = {
+        "reference_N": computer.force.reference,
+        "trigger_N": computer.force.trigger,
+        "trigger_time_s": computer.force.trigger_time,
+    }
+    if not has_tasks:
+        missing = computer.mode == "force_position" and computer.force.reference is None
+        return ["[controller.force] missing key 'reference_N'"] if missing else []
+    told = [] if "approach" in named else ["missing table [approach], which tasks need"]
+    for name in ("touch", "feed_forward", "damping"):
+        if getattr(computer, name) is None:
+            told.append(f"missing table [controller.{name}], which tasks need")
+    if computer.mode != "force_position":
+        told.append(f'[controller] mode = "{computer.mode}": tasks press; expected "force_position"')
+    told += [
+        f"[controller.force] {key}: tasks have a force of their own and feel contact by [controller.touch]; remove it"
+        for key, value in force.items()
+        if value is not None
+    ]
+    return told

@@ -46,14 +46,11 @@ def task_mistakes(situation: Situation, tasks: Mapping[int, Task], duration: flo
     """Why `tasks`, by number, cannot or should not be carried out within `duration` (s): each reason in a sentence."""
     told = [f"[task {n}] {text}" for n, task in tasks.items() for text in _mistakes(situation, task)]
     seconds = sum(_time(situation.approach, task, situation.plant.z_s) for task in tasks.values())
-    seconds += sum(math.dist(_end(a), b.point) / situation.approach.speed for a, b in pairwise(tasks.values()))
+    ways = ((getattr(before, "to", before.point), task.point) for before, task in pairwise(tasks.values()))
+    seconds += sum(math.dist(*way) / situation.approach.speed for way in ways)
     if not told and seconds > duration:
         told.append(f"duration_s = {duration:g}: the tasks take about {seconds:.1f} s")
     return told
-
-
-def _end(task: Task) -> tuple[float, float]:
-    return task.to if isinstance(task, Push) else task.point
 
 
 def _time(approach: Approach, task: Task, surface: float) -> float:
@@ -151,7 +148,9 @@ def _against_approach(
     if isinstance(task, Tap) and (seconds := 2.0 * task.lift / task.speed + s.approach.ramp) > task.period:
         yield f"period_s = {task.period:g}: lift_mm = {1e3 * task.lift:g} down and up again takes {seconds:.2f} s"
     for (x, y), z in zip(path, surface, strict=True):
-        slope = _slope(s.plant, x, y, z)
+        # tangent of the angle between the surface's normal and the vertical
+        n = surface_frame(s.plant, x, y, z)[3]
+        slope = math.hypot(n[0], n[1]) / n[2] if n[2] > 0.0 else math.inf
         if slope > s.plant.mu:
             yield (
                 f"friction cannot hold at ({1e3 * x:.1f}, {1e3 * y:.1f}, {1e3 * z:.1f}) mm: the surface slopes "
@@ -159,12 +158,6 @@ def _against_approach(
                 f"{math.degrees(math.atan(s.plant.mu)):.1f} deg"
             )
             return
-
-
-def _slope(plant: PlantParameters, x: float, y: float, z: float) -> float:
-    """Tangent of the angle between the surface's normal and the vertical."""
-    n = surface_frame(plant, x, y, z)[3]
-    return math.hypot(n[0], n[1]) / n[2] if n[2] > 0.0 else math.inf
 
 
 def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:

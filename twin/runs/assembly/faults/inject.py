@@ -1,25 +1,66 @@
-"""Faults into a system: which component each kind becomes, and between which wires it goes."""
+"""Faults into a system: which component each kind becomes, and between which wires it goes.
+
+What of a fault would do nothing, or cannot be done, is refused.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
 
 from twin.cosim.component import Component
+from twin.cosim.place import Place
 from twin.cosim.wiring import End, Feeds, ends
+from twin.errors import InputRefused
 from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import kind_named, refuse_target
+from twin.experiment.ticks import whole_ticks
+from twin.faults.command_fault import CommandFault
+from twin.faults.count_fault import CountFault
+from twin.faults.count_fault import Law as CountLaw
+from twin.faults.drive_fault import DriveFault
+from twin.faults.drive_fault import Law as DriveLaw
+from twin.faults.message_fault import MessageFault
+from twin.faults.parameter_fault import ParameterFault
+from twin.faults.randomness import first_state
+from twin.faults.window import Span
 from twin.runs.assembly.faults.circuit import Circuit
-from twin.runs.assembly.faults.components import (
-    PARAMETERS,
-    command_fault,
-    count_fault,
-    drive_fault,
-    message_fault,
-    parameter_fault,
-)
 from twin.runs.assembly.joints import JOINTS
 
 THREE_AXES = "drive"
 """Name of a drive that turns all joints; others are drive_1 .. drive_3."""
+
+COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
+LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
+"""Below which a law changes no count."""
+DRIVE_LAWS = {
+    "drive_runaway": DriveLaw.RUNAWAY,
+    "drive_freewheel": DriveLaw.FREEWHEEL,
+    "drive_dead": DriveLaw.DEAD,
+    "joint_jam": DriveLaw.JAM,
+    "drive_failure": DriveLaw.FAILURE,
+}
+
+
+@dataclass(frozen=True)
+class Parameter(Place):
+    """Where a kind's parameter lies, and how the magnitude acts on it."""
+
+    operation: Literal["factor", "added"]
+
+
+PARAMETERS = {
+    "spring_softened": Parameter("plant", "parameters", "k_s_share", "factor"),
+    "spring_broken": Parameter("plant", "parameters", "k_s_share", "factor"),
+    "stiffness_change": Parameter("plant", "parameters", "K", "factor"),
+    "backlash_growth": Parameter("plant", "parameters", "backlash_added", "added"),
+    "joint_friction": Parameter("plant", "parameters", "b_j_added", "added"),
+    "belt_slip": Parameter("plant", "parameters", "slip", "added"),
+    "belief_k_s": Parameter("estimator", "belief", "k_s", "factor"),
+    "belief_eta": Parameter("estimator", "belief", "eta", "factor"),
+}
 
 
 def inject(
@@ -68,42 +109,84 @@ def _element(target: str) -> int:
     return int(last) - 1 if last.isdigit() else 0
 
 
+def _named(number: int, fault: Fault) -> tuple[str, Span]:
+    """Name and span of the component of fault `number`."""
+    return f"fault_{number}", Span(fault.onset, fault.end)
+
+
 def _break_encoder(
     circuit: Circuit, number: int, fault: Fault, tick: float, counts_per_turn: tuple[float, float]
 ) -> None:
+    """The magnitude is an angle of the encoder's own shaft, of a drift a speed, of a dropout a share of samples."""
     encoder = circuit.component("encoder", number, fault.target)
     of_motor = fault.target.startswith("motor")
     name = "count_m" if of_motor else "count_l"
     port = next(port for port in encoder.outputs if port.name == name)
     counts_per_rad = counts_per_turn[0 if of_motor else 1] / (2.0 * math.pi)
-    broken = count_fault(number, fault, port, _element(fault.target), counts_per_rad, tick, encoder.period)
+    law = COUNT_LAWS[fault.kind]
+    counts = fault.magnitude * counts_per_rad
+    if law == CountLaw.DRIFT:
+        counts *= tick
+    if law == CountLaw.QUANTISATION:
+        counts = np.floor(counts + 0.5)
+    least = LEAST_COUNTS.get(law, 0.0)
+    if abs(counts) < least:
+        enough = np.degrees(least / counts_per_rad)
+        raise InputRefused(
+            f"[[fault]] {number}: {fault.kind} of {np.degrees(fault.magnitude):g} deg changes no count of "
+            f"{fault.target}; expected at least {least:g} counts, which are {enough:.3g} deg"
+        )
+    share = fault.share if law == CountLaw.GLITCH else fault.magnitude
+    random, element = first_state(fault.seed, number), _element(fault.target)
+    broken = CountFault(*_named(number, fault), law, port, element, counts, share, random, encoder.period)
     circuit.put_behind(broken, ends([encoder], "output", name), ends([broken], "input", name))
 
 
 def _delay_messages(circuit: Circuit, number: int, fault: Fault, tick: float) -> None:
+    """The magnitude is a delay, the longest of random delays, or the share of messages that are lost."""
     sender = circuit.component(fault.target, number, fault.target)
     # of a controller only the command leaves the computer
     ports = tuple(port for port in sender.outputs if sender.name == "encoder" or port.name == "omega_ref")
-    late = message_fault(number, fault, ports, sender.period, tick)
+    share, least, most = 0.0, 0, whole_ticks(fault.magnitude, tick)
+    if fault.kind == "sample_loss":
+        share, most = fault.magnitude, 0
+    elif not most:
+        raise InputRefused(
+            f"[[fault]] {number}: {fault.kind} of {1e3 * fault.magnitude:g} ms; "
+            f"expected a whole number of ticks of {1e3 * tick:g} ms, at least one; change magnitude_ms"
+        )
+    elif fault.kind != "sample_jitter":
+        least = most
+    random = first_state(fault.seed, number)
+    late = MessageFault(*_named(number, fault), ports, sender.period, least, most, share, random)
     told = [end for port in ports for end in ends([sender], "output", port.name)]
     circuit.put_behind(late, told, [end for port in ports for end in ends([late], "input", port.name)])
 
 
 def _limit_command(circuit: Circuit, number: int, fault: Fault, speed_limit: float) -> None:
+    """The magnitude is the limit, of a brown-out the share of `speed_limit` that the sagging supply leaves.
+
+    Without load a motor's highest speed is proportional to its voltage.
+    """
     joints = [_element(fault.target)] if fault.target != "drives" else list(range(JOINTS))
     targets = [_axis(circuit, number, fault.target, joint, "omega_ref") for joint in joints]
-    limited = command_fault(number, fault, len(joints), speed_limit)
+    limit = fault.magnitude * speed_limit if fault.kind == "brown_out" else fault.magnitude
+    limited = CommandFault(*_named(number, fault), limit, len(joints))
     circuit.put_before(limited, targets, ends([limited], "input", "omega_ref"))
 
 
 def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
+    """The magnitude is the speed of a runaway."""
     joint = _element(fault.target)
     theta_m = _axis(circuit, number, fault.target, joint, "theta_m")
     tau_load = circuit.feeds[_axis(circuit, number, fault.target, joint, "tau_load")]
     drive = circuit.component(theta_m.component, number, fault.target)
     start = float(drive.initial("theta_m")[theta_m.element])
     monitored = circuit.has("monitor")
-    broken = drive_fault(number, fault, start, monitored, drive.period)
+    law, label = DRIVE_LAWS[fault.kind], f"[[fault]] {number}"
+    broken = DriveFault(
+        *_named(number, fault), law, fault.magnitude, start, monitored, drive.period, label, fault.target
+    )
     circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
     circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
@@ -118,10 +201,21 @@ def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> 
 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:
+    """The magnitude is a factor on the parameter or an addition to it, as `PARAMETERS` says."""
     place = PARAMETERS[fault.kind]
     element = _element(fault.target)
-    cell = f"{place.component}.{place.field}[{element}]"
     owner = circuit.component(place.component, number, fault.target)
-    changed = parameter_fault(number, fault, owner, element, chained=cell in written)
+    field = place.memory_of(owner)
+    if field is None:
+        raise InputRefused(
+            f"[[fault]] {number}: {fault.kind} writes {place.record}.{place.field} in the memory of component "
+            f"'{owner.name}', which has none; remove the fault or use the native {owner.name}"
+        )
+    cell = field[0, element : element + 1] if field.ndim == 2 else field[0:1]
+    factor, added = (fault.magnitude, 0.0) if place.operation == "factor" else (1.0, fault.magnitude)
+    path = f"{place.component}.{place.field}[{element}]"
+    chained = path in written
+    name, span = _named(number, fault)
+    changed = ParameterFault(name, span, owner, place.field, cell, factor, added, fault.ramp, chained)
     circuit.components.insert(len(written), changed)
-    written.append(cell)
+    written.append(path)

@@ -13,8 +13,7 @@ from typing import Any
 
 from twin.experiment.body_files import FOLDERS
 from twin.experiment.drive_files import JOINTS, MAPPING, joint_tables, shelved
-from twin.experiment.source import located, read_source
-from twin.experiment.written import source_text
+from twin.experiment.source import located, read_source, source_text
 from twin.studies.sweep.plan import Task
 
 Order = tuple[int, str | None, tuple[str, ...]]

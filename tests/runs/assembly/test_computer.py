@@ -3,7 +3,7 @@
 from tests.laws.runs import shipped
 from twin.controller import program as programs
 from twin.controller.phase import PhaseKind as Kind
-from twin.runs.assembly.program import program_of
+from twin.runs.assembly.computer import program_of
 
 
 def test_the_program_is_that_of_the_tasks_in_the_manner_of_the_approach():
