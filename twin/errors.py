@@ -1,6 +1,8 @@
 """Typed errors. Each carries the exit code of the process that ends with it."""
 
+import difflib
 import re
+from collections.abc import Iterable
 
 LONGEST_WORD = 200
 """Characters of a word that are shown whole; a value of 100 kB helps nobody who reads the sentence."""
@@ -53,6 +55,25 @@ class Unreachable(InputRefused, ValueError):
         self.leg = leg
         self.pose = pose
         self.excess = excess
+
+
+def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
+    """Half a sentence that leads from a misspelt name to what was meant: `did you mean 'kp_per_s'?`
+
+    Args:
+        got: what was written. A name of which it is whole words is meant before one that is merely like it: a key
+            without its unit is the commonest slip.
+        known: the names there are.
+        otherwise: what is said if none of them is like it, with {} where all of them are to stand.
+        most: so many are offered.
+    """
+    names = list(known)
+    words = re.compile(rf"(?<![^\W_]){re.escape(got)}(?![^\W_])")
+    close = [name for name in names if got and words.search(name)][:most]
+    close = close or difflib.get_close_matches(got, names, most, cutoff=0.5)
+    if not close:
+        return otherwise.replace("{}", ", ".join(names) or "none")
+    return "did you mean " + " or ".join(f"'{name}'" for name in close) + "?"
 
 
 def visible(text: str) -> str:

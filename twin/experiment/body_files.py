@@ -1,12 +1,11 @@
 """From [contact] body = "back" to a complete [contact]: the body's file fills in what the experiment does not say."""
 
 import copy
-import difflib
 import os
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment.source import Source, forget_contact, located, read_source
 
 FOLDERS = ("bodies", "experiments/bodies")
@@ -56,9 +55,7 @@ def _file(name: Any, folder: Path) -> Path:
         # not Path.is_file, which raises for a name that is too long
         if os.path.isfile(shelf / f"{name}.toml"):
             return shelf / f"{name}.toml"
-    close = difflib.get_close_matches(name, known, 1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
-    raise InputRefused(f'[contact] body = "{name}": no such body; {hint}')
+    raise InputRefused(f'[contact] body = "{name}": no such body; {nearest(name, known)}')
 
 
 def _filled(table: dict[str, Any], base: dict[str, Any]) -> dict[str, Any]:

@@ -4,7 +4,6 @@ Both spellings are read: that of a TOML key (`mm_per_s`, `Nm_per_rad`) and that 
 `m/s^2`). Factors are exact: SI Brochure, 9th edition, tables 2, 4, 7 and 8; kgf by the standard gravity of CGPM 1901.
 """
 
-import difflib
 import math
 import re
 from fractions import Fraction
@@ -13,6 +12,7 @@ from typing import NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.errors import nearest
 from twin.recording.logs.errors import LogRefused
 
 Values = TypeVar("Values", float, NDArray[np.float64])
@@ -138,7 +138,6 @@ def unit(text: str, where: str) -> Unit:
     """
     found = known_unit(text)
     if found is None:
-        close = difflib.get_close_matches(text, _ATOMS, 1, cutoff=0.5)
-        hint = f"did you mean '{close[0]}'?" if close else "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1"
+        hint = nearest(text, _ATOMS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
         raise LogRefused(f"{where}: unknown unit '{text}'; {hint}")
     return found
