@@ -8,9 +8,10 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.task import Push, Roll
+from twin.studies.figure import BLUE, GREY, INK, VERMILION
 from twin.studies.paper.fig5_runs import TaskRun, settings
 
-TRUTH, REFERENCE, TRACE, MOVING = "#1c1c1c", "#8c8c8c", "#d55e00", "#0072b2"
+TRUTH, REFERENCE, TRACE, MOVING = INK, GREY, VERMILION, BLUE
 """Truth black, reference grey; the paper's red and blue in the shades of Okabe and Ito."""
 SURFACE = "#f2d9c4"
 REACH = 25.0

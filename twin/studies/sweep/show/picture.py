@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.errors import InputRefused
-from twin.studies.figure import save
+from twin.studies.figure import INK, MAP, VERMILION, picture
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.words import short
@@ -14,7 +14,7 @@ from twin.studies.sweep.statistics.ranking import drives_in, is_number, numeric_
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
-INK, FAILED = "#1c1c1c", "#d55e00"
+FAILED = VERMILION
 
 
 def axes_of(kept: Kept, x: str | None, y: str | None) -> tuple[str, str] | None:
@@ -45,10 +45,8 @@ def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> No
     Cells of a grid show the best run at that point over all other parameters; draws of a sample are dots. An orange
     cross is a run that has no number.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
 
     drives = drives_in(kept.rows)
@@ -56,24 +54,22 @@ def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> No
     values = [number for row in rows if np.isfinite(number := value(row, metric))]
     columns = min(3, len(drives))
     lines = -(-len(drives) // columns)
-    figure = Figure(figsize=(2.2 + 4.0 * columns, 1.4 + 3.4 * lines), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    shade = ScalarMappable(Normalize(min(values, default=0.0), max(values, default=1.0)), COLORS)
-    for panel, drive in zip(panels, drives, strict=False):
-        _draw_panel(panel, shade, [row for row in rows if row["drive"] == drive], axes, metric)
-        panel.set_title(drive or "", fontsize=10, fontweight="bold")
-    for panel in panels[len(drives) :]:
-        panel.set_visible(False)
-    names = short(kept.labels)
-    figure.supxlabel(names[axes[0]], fontsize=10)
-    figure.supylabel(names[axes[1]], fontsize=10)
-    figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02)
-    if len(values) < len(rows):
-        cross = Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2, label=f"no {metric}: see the row's reason")
-        figure.legend(handles=[cross], loc="outside lower center", frameon=False)
-    figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
-    save(figure, path)
+    with picture(path, 2.2 + 4.0 * columns, 1.4 + 3.4 * lines, look=MAP) as figure:
+        panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        shade = ScalarMappable(Normalize(min(values, default=0.0), max(values, default=1.0)), COLORS)
+        for panel, drive in zip(panels, drives, strict=False):
+            _draw_panel(panel, shade, [row for row in rows if row["drive"] == drive], axes, metric)
+            panel.set_title(drive or "", fontsize=10, fontweight="bold")
+        for panel in panels[len(drives) :]:
+            panel.set_visible(False)
+        names = short(kept.labels)
+        figure.supxlabel(names[axes[0]], fontsize=10)
+        figure.supylabel(names[axes[1]], fontsize=10)
+        figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02)
+        if len(values) < len(rows):
+            cross = Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2)
+            figure.legend([cross], [f"no {metric}: see the row's reason"], loc="outside lower center")
+        figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
 def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:
@@ -108,7 +104,7 @@ def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric
             axis.set_major_formatter(lambda number, position: f"{number:g}")
             axis.set_minor_formatter(NullFormatter())
     panel.tick_params(labelsize=8)
-    panel.grid(alpha=0.3)
+    panel.grid()
 
 
 def _draw_cell(panel, shade, i: int, j: int, numbers: np.ndarray) -> None:
