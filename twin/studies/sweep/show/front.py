@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
+from twin.studies.lines import counted
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.show.parts import Asked
-from twin.studies.sweep.show.words import counted
 from twin.studies.sweep.statistics.pareto import pareto_front
 from twin.studies.sweep.statistics.ranking import best, drives_in, value
 
