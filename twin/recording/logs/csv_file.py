@@ -11,7 +11,8 @@ from twin.recording.logs.column_map import TIME, TIME_NAMES, Column, split_unit
 from twin.recording.logs.csv_table import Table, more, read_table
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log, Series
-from twin.recording.logs.units import Dimension, Unit, unit
+from twin.recording.logs.units import unit
+from twin.units import Dimension, Unit
 
 _TIME_DIMENSION = Dimension(s=1)
 

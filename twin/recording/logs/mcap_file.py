@@ -18,7 +18,8 @@ from twin.recording.logs.column_map import TIME, Column, split_unit
 from twin.recording.logs.csv_head import LARGEST
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log, Series
-from twin.recording.logs.units import Dimension, unit
+from twin.recording.logs.units import unit
+from twin.units import Dimension
 
 MAGIC = MCAP0_MAGIC
 NANOSECONDS = 1e9

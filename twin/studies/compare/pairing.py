@@ -7,9 +7,9 @@ import numpy as np
 
 from twin.errors import nearest
 from twin.recording.logs.log import Log, Series
-from twin.recording.logs.units import Dimension, Unit, known_unit
 from twin.studies.compare.errors import ComparisonRefused
 from twin.studies.compare.tolerance import Rule, matches
+from twin.units import Dimension, Unit, known_unit
 
 
 def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
