@@ -1,10 +1,13 @@
 """Values with units: the TOML key carries the unit, the Python attribute is SI."""
 
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
 from twin.units import known_unit
+
+_unit = cache(known_unit)
 
 
 def quantity(key: str, default: Any = ..., **constraints: Any) -> Any:
@@ -26,6 +29,6 @@ class Section(BaseModel):
         key = cls.model_fields[info.field_name or ""].alias
         if key is None or value is None:
             return value
-        unit = known_unit(key.removeprefix(f"{info.field_name}_"))
+        unit = _unit(key.removeprefix(f"{info.field_name}_"))
         # a `share` and a `factor` have none
         return value if unit is None else unit.in_si(value)
