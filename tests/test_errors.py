@@ -1,8 +1,12 @@
 """Sentences for the terminal."""
 
+import errno
+import os
 from pathlib import Path
 
-from twin.errors import nearest, plain
+import pytest
+
+from twin.errors import BAD_NAME, InputRefused, NotWritten, disk_refusals, nearest, plain
 
 
 def test_a_sentence_with_hundreds_of_lines_keeps_the_first(tmp_path: Path) -> None:
@@ -31,3 +35,20 @@ def test_where_nothing_is_like_it_all_names_are_told():
     assert nearest("xyz", ["a", "b{}"]) == "known are a, b{}"
     assert nearest("", [], "it has {}") == "it has none"
     assert nearest("a+", ["(b"], "expected a file") == "expected a file"
+
+
+def test_what_the_disk_refuses_is_a_sentence_with_the_remedy():
+    full = OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+    with (
+        pytest.raises(NotWritten, match=r"^a\.csv: cannot be written: No space left on device$"),
+        disk_refusals("a.csv"),
+    ):
+        raise full
+    refusals = disk_refusals("b", "cannot be read", InputRefused, "rename it", BAD_NAME)
+    with pytest.raises(InputRefused, match="^b: cannot be read: embedded null byte; rename it$"), refusals:
+        os.stat("a\0b")
+
+
+def test_a_mistake_of_ours_is_nothing_that_the_disk_refuses():
+    with pytest.raises(ValueError, match="ours"), disk_refusals("a"):
+        raise ValueError("ours")

@@ -2,13 +2,16 @@
 
 import difflib
 import re
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 LONGEST_WORD = 200
 """Characters of a word that are shown whole; a value of 100 kB helps nobody who reads the sentence."""
 
 MOST_LINES = 60
 """Of a sentence with many mistakes: more would push the first out of sight."""
+
+BAD_NAME = (OSError, ValueError)
 
 
 class TwinError(Exception):
@@ -55,6 +58,27 @@ class Unreachable(InputRefused, ValueError):
         self.leg = leg
         self.pose = pose
         self.excess = excess
+
+
+@contextmanager
+def disk_refusals(
+    place: object,
+    trouble: str = "cannot be written",
+    kind: type[TwinError] = NotWritten,
+    remedy: str = "",
+    caught: type[Exception] | tuple[type[Exception], ...] = OSError,
+) -> Iterator[None]:
+    """What the disk refuses in the block, as a sentence: `a.csv: cannot be written: No space left on device`.
+
+    Args:
+        place: file or folder. trouble: what cannot be done with it. kind: of error. remedy: what to do about it.
+        caught: `BAD_NAME` where a name may have a NUL in it.
+    """
+    try:
+        yield
+    except caught as problem:
+        why = getattr(problem, "strerror", None) or problem
+        raise kind(f"{place}: {trouble}: {why}" + (f"; {remedy}" if remedy else "")) from None
 
 
 def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:

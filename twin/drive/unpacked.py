@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
-from twin.errors import InputRefused
+from twin.errors import InputRefused, disk_refusals
 
 HOME = "unpacked"
 CONTENT, SEAL = "fmu", "seal.json"
@@ -50,7 +50,7 @@ def unpacked(file: Path, digest: str) -> Path:
     """
     home = cache_folder(HOME)
     folder = home / digest
-    try:
+    with disk_refusals(file, f"cannot be unpacked to {home}", InputRefused, REMEDY):
         while not hold(folder):
             _make(file, folder)
         try:
@@ -61,8 +61,6 @@ def unpacked(file: Path, digest: str) -> Path:
             _make(file, folder)
             hold(folder)
             mended = ["all"]
-    except OSError as problem:
-        raise InputRefused(f"{file}: cannot be unpacked to {home}: {problem.strerror}; {REMEDY}") from None
     if mended:
         print(
             f"twin: {file.name}: unpacked files had been changed ({_listed(mended)}): taken from the FMU again",
