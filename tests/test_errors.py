@@ -45,7 +45,7 @@ def test_what_the_disk_refuses_is_a_sentence_with_the_remedy():
     ):
         raise full
     refusals = disk_refusals("b", "cannot be read", InputRefused, "rename it", BAD_NAME)
-    with pytest.raises(InputRefused, match="^b: cannot be read: embedded null byte; rename it$"), refusals:
+    with pytest.raises(InputRefused, match=r"^b: cannot be read: embedded null byte; rename it$"), refusals:
         os.stat("a\0b")
 
 

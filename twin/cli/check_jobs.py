@@ -1,6 +1,5 @@
 """The checks of `twin check`, shared out among guarded processes."""
 
-import sys
 import threading
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
@@ -9,6 +8,7 @@ from datetime import date
 from pathlib import Path
 from typing import Any
 
+from twin.cli.progress import progress
 from twin.errors import TwinError
 from twin.runs.guard.guard import guarded
 from twin.runs.guard.voice import DirectVoice
@@ -28,42 +28,33 @@ def finished(pairs: list[Pair], folder: Path, reason: str, processes: int) -> li
         KeyboardInterrupt: after every process has ended.
     """
     arguments = {"folder": str(folder), "date": date.today().isoformat(), "reason": reason}
-    progress = _Progress(len(pairs))
-    if processes == 0:
-        voice = DirectVoice(progress.hear, lambda done, total: None)
-        checked(voice, work=[asdict(pair) for pair in pairs], **arguments)
-    else:
-        stop = threading.Event()
-        with ThreadPoolExecutor(processes) as pool:
-            # every n-th, because drives differ in speed far more than experiments do
-            shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
-            running = [pool.submit(_share, share, arguments, progress.hear, stop) for share in shares]
-            try:
-                for share in running:
-                    share.result()
-            except BaseException:
-                stop.set()
-                raise
-    progress.end()
-    return [progress.outcomes[pair] for pair in pairs]
+    outcomes: dict[Pair, Outcome] = {}
+    line = progress()
 
-
-class _Progress:
-    """Keeps outcomes as they come, and counts them on a terminal."""
-
-    def __init__(self, total: int):
-        self.outcomes: dict[Pair, Outcome] = {}
-        self._total, self._seen = total, sys.stderr.isatty()
-
-    def hear(self, note: dict[str, Any]) -> None:
+    def hear(note: dict[str, Any]) -> None:
         outcome = Outcome.of(note)
-        self.outcomes[outcome.pair] = outcome
-        if self._seen:
-            print(f"\r{len(self.outcomes)} of {self._total} checks", end="", file=sys.stderr, flush=True)
+        outcomes[outcome.pair] = outcome
+        line.say(f"{len(outcomes)} of {len(pairs)} checks")
 
-    def end(self) -> None:
-        if self._seen:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
+    try:
+        if processes == 0:
+            voice = DirectVoice(hear, lambda done, total: None)
+            checked(voice, work=[asdict(pair) for pair in pairs], **arguments)
+        else:
+            stop = threading.Event()
+            with ThreadPoolExecutor(processes) as pool:
+                # every n-th, because drives differ in speed far more than experiments do
+                shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
+                running = [pool.submit(_share, share, arguments, hear, stop) for share in shares]
+                try:
+                    for share in running:
+                        share.result()
+                except BaseException:
+                    stop.set()
+                    raise
+    finally:
+        line.clear()
+    return [outcomes[pair] for pair in pairs]
 
 
 def _share(
