@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from twin.writing import written
 
@@ -16,7 +16,7 @@ PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
 """As the caption of Fig. 4 names them; their lightness also tells them apart in print."""
 JOINTS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
 INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
-Look = Mapping[str, bool | float]
+Look = Mapping[Any, bool | float]
 LOOK: Look = {
     "figure.dpi": 110,
     "axes.grid": True,
@@ -32,7 +32,7 @@ MAP: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": T
 
 @contextmanager
 def picture(
-    path: Path, width: float, height: float, title: str = "", layout: str = "constrained", look: Look = LOOK
+    path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = LOOK
 ) -> Iterator["Figure"]:
     """A figure to draw on, written to `path`, in the format of its suffix, when the block is done.
 
@@ -42,7 +42,7 @@ def picture(
         path: of the picture.
         width, height: in inches.
         title: above all panels.
-        layout: of matplotlib; "none" for panels that are placed by hand.
+        by_hand: panels are placed by whoever draws them.
         look: what of `LOOK` is otherwise: `BARE` or `MAP`.
 
     Raises:
@@ -53,7 +53,7 @@ def picture(
     from matplotlib.figure import Figure
 
     with rc_context({**LOOK, **look}):
-        figure = Figure(figsize=(width, height), layout=layout)
+        figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
         if title:
             figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
         yield figure

@@ -12,7 +12,7 @@ from twin.studies.paper.fig4_runs import Fig4Run
 
 def draw_one_run(run: Fig4Run, path: Path) -> None:
     """Write the picture to `path` (PNG): the robot's own estimates coloured, the truth dotted."""
-    with picture(path, 12, 7.5, layout="none") as figure:
+    with picture(path, 12, 7.5, by_hand=True) as figure:
         (height, force), (x, y) = figure.subplots(2, 2, sharex=True)
         # a layout that is worked out draws everything twice
         figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)

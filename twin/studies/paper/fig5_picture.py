@@ -32,7 +32,7 @@ ALIKE = 0.35
 def draw_fig5(score: Fig5Score, path: Path) -> None:
     """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each."""
     shown = shown_tasks(score)
-    with picture(path, 3.5 * len(shown) + 0.6, 9.6, layout="none") as figure:
+    with picture(path, 3.5 * len(shown) + 0.6, 9.6, by_hand=True) as figure:
         grid = figure.add_gridspec(
             3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
             left=0.055, right=0.972, top=0.92, bottom=0.1,

@@ -26,9 +26,9 @@ def draw_front(kept: Kept, asked: Asked, path: Path) -> None:
         ranked = best(kept.rows, asked.by)
         for number, drive in enumerate(drives_in(kept.rows)):
             mine = [row for row in ranked if row["drive"] == drive]
-            points = np.array([(value(row, asked.by), value(row, asked.against)) for row in mine]).reshape(-1, 2)
+            x, y = ([value(row, metric) for row in mine] for metric in (asked.by, asked.against))
             axes.scatter(
-                *points.T, s=26, color=COLORS[number % len(COLORS)], marker=MARKERS[number % len(MARKERS)],
+                x, y, s=26, color=COLORS[number % len(COLORS)], marker=MARKERS[number % len(MARKERS)],
                 alpha=0.75, lw=0, label=f"{drive or 'runs'} ({len(mine)})",
             )  # fmt: skip
         front = np.array(
