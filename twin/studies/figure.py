@@ -3,12 +3,12 @@
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from twin.writing import written
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
 """Okabe and Ito's (https://jfly.uni-koeln.de/color), which colour-blind readers can tell apart."""
@@ -33,7 +33,7 @@ MAP: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": T
 @contextmanager
 def picture(
     path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = LOOK
-) -> Iterator["Figure"]:
+) -> Iterator[Figure]:
     """A figure to draw on, written to `path`, in the format of its suffix, when the block is done.
 
     The same figure gives the same bytes.
@@ -48,10 +48,6 @@ def picture(
     Raises:
         NotWritten: the folder or the disk refuses.
     """
-    # late: what offers pictures besides text need not wait for it
-    from matplotlib import rc_context
-    from matplotlib.figure import Figure
-
     with rc_context({**LOOK, **look}):
         figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
         if title:

@@ -52,8 +52,7 @@ def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:
     below.axhline(0.0, color=A_COLOUR, lw=1.0)
     below.plot(t, b - a, color=B_COLOUR, lw=0.9)
     below.plot(t, np.where(excess != 0.0, b - a, np.nan), color=OUT_COLOUR, lw=1.6)
-    below.set_ylabel("B - A")
-    below.set_xlabel("time (s)")
+    below.set(xlabel="time (s)", ylabel="B - A")
     above.tick_params(labelbottom=False)
 
 

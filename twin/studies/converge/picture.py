@@ -35,8 +35,7 @@ def draw_convergence(study: Study, path: Path) -> None:
         by_tick.minorticks_off()
         if study.reference.pressed:
             _draw_tolerance(by_tick, by_cost, study)
-        by_tick.set_xlabel("tick (ms)")
-        by_tick.set_ylabel(f"largest error of {signal.name} ({signal.unit})")
+        by_tick.set(xlabel="tick (ms)", ylabel=f"largest error of {signal.name} ({signal.unit})")
         by_cost.set_xlabel("computing per simulated second (ms)")
         by_cost.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))

@@ -36,8 +36,7 @@ def _draw_force(axes: Axes, one: Identification) -> None:
     for side in (-0.5, 0.5):
         axes.axhline(side * max(one.model.resolution, 0.0), color="0.5", lw=0.8, ls="--")
     axes.set_title("on the scale: force by the springs less the reading", fontsize="medium", loc="left")
-    axes.set_xlabel("scale (N); dashed: half a step of its display")
-    axes.set_ylabel("residual (N)")
+    axes.set(xlabel="scale (N); dashed: half a step of its display", ylabel="residual (N)")
     if len(F):
         axes.legend(fontsize="small", loc="best")
 
@@ -59,8 +58,7 @@ def _draw_air(axes: Axes, one: Identification) -> None:
     for i, color in enumerate(JOINTS):
         axes.plot(t, np.degrees(r[i::3]), ".", ms=3, color=color, alpha=0.7, label=f"joint {i + 1}")
     axes.set_title("in free air: wind-up less that of the robot's weight", fontsize="medium", loc="left")
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel("residual (deg, motor side)")
+    axes.set(xlabel="time (s)", ylabel="residual (deg, motor side)")
     if len(t):
         axes.legend(fontsize="small", loc="best", ncols=3)
 
@@ -69,8 +67,7 @@ def _draw_depth(axes: Axes, one: Identification) -> None:
     r, window = _of_kind(one, 2)
     _draw_halves(axes, one, window, one.fit.seen.force[window], 1e6 * r)
     axes.set_title("the scale's own law: height less z_s - F/K/(1 - c p_z')", fontsize="medium", loc="left")
-    axes.set_xlabel("scale (N)")
-    axes.set_ylabel("residual (micrometres)")
+    axes.set(xlabel="scale (N)", ylabel="residual (micrometres)")
 
 
 def _draw_paper(axes: Axes, one: Identification) -> None:
@@ -90,6 +87,5 @@ def _draw_paper(axes: Axes, one: Identification) -> None:
         reach, middle[1] + slope * (reach - middle[0]), color=LOADING, ls="--",
         label=f"slope of the identified {one.fit.x[0]:.3f}",
     )  # fmt: skip
-    axes.set_xlabel("F_z by (20) to (27), believed k_s eta (N)")
-    axes.set_ylabel("scale (N)")
+    axes.set(xlabel="F_z by (20) to (27), believed k_s eta (N)", ylabel="scale (N)")
     axes.legend(fontsize="small", loc="best")

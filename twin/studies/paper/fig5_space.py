@@ -44,13 +44,12 @@ def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(bottom, TOP))
     axes.set_box_aspect((1, 1, HEIGHT), zoom=1.06)
     axes.view_init(elev=24, azim=-52)
-    axes.set_xlabel("x (mm)", fontsize=8, labelpad=-6)
-    axes.set_ylabel("y (mm)", fontsize=8, labelpad=-6)
-    axes.set_zlabel("z (mm)", fontsize=8, labelpad=-6)
+    for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
+        axis.set_label_text(f"{letter} (mm)", fontsize=8)
+        axis.labelpad = -6
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
     axes.tick_params(labelsize=7, pad=-3)
     axes.grid(False)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
 
 
 def _height(run: TaskRun) -> float:

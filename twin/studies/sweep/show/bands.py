@@ -30,7 +30,7 @@ def draw_bands(bands: Bands, kept: Kept, path: Path) -> None:
     """Write the picture to `path` (PNG): panels A to D of Fig. 4, and below them what is true.
 
     Raises:
-        OSError: it cannot be written.
+        NotWritten: the disk refuses.
     """
     with picture(path, 12, 10.5) as figure:
         panels = figure.subplots(3, 2, sharex=True)

@@ -17,7 +17,7 @@ def draw_spreads(kept: Kept, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:
-        OSError: it cannot be written.
+        NotWritten: the disk refuses.
     """
     metrics, drives = metrics_in(kept.rows), drives_in(kept.rows)
     lines = -(-len(metrics) // COLUMNS)
