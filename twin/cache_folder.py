@@ -13,7 +13,7 @@ import time
 from collections.abc import Iterator
 from pathlib import Path
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, disk_refusals
 
 try:
     import fcntl
@@ -67,15 +67,13 @@ def private_folder(folder: Path) -> Path:
     Raises:
         InputRefused: it belongs to somebody else, others can write to it, or the user cannot.
     """
-    try:
+    with disk_refusals(folder, "cannot be made a cache folder", InputRefused, REMEDY):
         try:
             found = folder.stat()
         except FileNotFoundError:
             folder.mkdir(PRIVATE, parents=True, exist_ok=True)
             found = folder.stat()
         owners = {found.st_uid, folder.lstat().st_uid}
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be made a cache folder: {problem.strerror}; {REMEDY}") from None
     if not stat.S_ISDIR(found.st_mode):
         raise InputRefused(f"{folder}: not a folder; remove it, or {REMEDY}")
     if hasattr(os, "geteuid"):

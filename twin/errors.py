@@ -1,12 +1,17 @@
 """Typed errors. Each carries the exit code of the process that ends with it."""
 
+import difflib
 import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 
 LONGEST_WORD = 200
 """Characters of a word that are shown whole; a value of 100 kB helps nobody who reads the sentence."""
 
 MOST_LINES = 60
 """Of a sentence with many mistakes: more would push the first out of sight."""
+
+BAD_NAME = (OSError, ValueError)
 
 
 class TwinError(Exception):
@@ -58,6 +63,46 @@ class Unreachable(InputRefused, ValueError):
 def system_sentence(problem: OSError) -> str:
     """What nobody has foreseen of the surroundings; a traceback would tell of our code, and that is not to blame."""
     return f"{problem.filename or 'twin'}: {problem.strerror or problem}"
+
+
+@contextmanager
+def disk_refusals(
+    place: object,
+    trouble: str = "cannot be written",
+    kind: type[TwinError] = NotWritten,
+    remedy: str = "",
+    caught: type[Exception] | tuple[type[Exception], ...] = OSError,
+) -> Iterator[None]:
+    """What the disk refuses in the block, as a sentence: `a.csv: cannot be written: No space left on device`.
+
+    Args:
+        place: file or folder. trouble: what cannot be done with it. kind: of error. remedy: what to do about it.
+        caught: `BAD_NAME` where a name may have a NUL in it.
+    """
+    try:
+        yield
+    except caught as problem:
+        why = getattr(problem, "strerror", None) or problem
+        raise kind(f"{place}: {trouble}: {why}" + (f"; {remedy}" if remedy else "")) from None
+
+
+def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", most: int = 1) -> str:
+    """Half a sentence that leads from a misspelt name to what was meant: `did you mean 'kp_per_s'?`
+
+    Args:
+        got: what was written. A name of which it is whole words is meant before one that is merely like it: a key
+            without its unit is the commonest slip.
+        known: the names there are.
+        otherwise: what is said if none of them is like it, with {} where all of them are to stand.
+        most: so many are offered.
+    """
+    names = list(known)
+    words = re.compile(rf"(?<![^\W_]){re.escape(got)}(?![^\W_])")
+    close = [name for name in names if got and words.search(name)][:most]
+    close = close or difflib.get_close_matches(got, names, most, cutoff=0.5)
+    if not close:
+        return otherwise.replace("{}", ", ".join(names) or "none")
+    return "did you mean " + " or ".join(f"'{name}'" for name in close) + "?"
 
 
 def visible(text: str) -> str:

@@ -9,7 +9,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from twin.errors import InputRefused
+from twin.errors import BAD_NAME, InputRefused, disk_refusals
 
 LIMIT = 10 * 2**20
 """Bytes of the largest text file that is read: an experiment has some kilobytes."""
@@ -45,25 +45,18 @@ def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
     Raises:
         InputRefused: no such file, a folder, a pipe or a device, too large, not readable.
     """
-    with open_regular(path, limit, kind) as file:
-        try:
-            return file.read(limit)
-        except OSError as problem:
-            raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
+    with open_regular(path, limit, kind) as file, disk_refusals(path, "cannot be read", InputRefused):
+        return file.read(limit)
 
 
 def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
     """The regular file at `path`, open for reading; arguments and errors as of `read_bytes`."""
-    try:
-        # a pipe that nobody writes to would otherwise be waited for here
-        handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
-    except FileNotFoundError:
-        raise InputRefused(f"{path}: no such {kind}") from None
-    except OSError as problem:
-        raise InputRefused(f"{path}: cannot be read: {problem.strerror}") from None
-    # a NUL in the name
-    except ValueError as problem:
-        raise InputRefused(f"{path}: no name of a file: {problem}") from None
+    with disk_refusals(path, "cannot be read", InputRefused, caught=BAD_NAME):
+        try:
+            # a pipe that nobody writes to would otherwise be waited for here
+            handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
+        except FileNotFoundError:
+            raise InputRefused(f"{path}: no such {kind}") from None
     found = os.fstat(handle)
     what = ""
     if stat.S_ISDIR(found.st_mode):

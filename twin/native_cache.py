@@ -14,7 +14,7 @@ import sys
 from pathlib import Path
 
 from twin.cache_folder import PRIVATE, REMEDY, cache_base, cache_folder, evict, hold, private_folder, remove
-from twin.errors import InputRefused
+from twin.errors import InputRefused, disk_refusals
 from twin.native_seal import use_seals
 
 NAME = "native"
@@ -100,7 +100,7 @@ def _made(home: Path, digest: str) -> Path:
         InputRefused: it cannot be made.
     """
     folder = home / digest
-    try:
+    with disk_refusals(folder, kind=InputRefused, remedy=REMEDY):
         if not folder.is_dir():
             if folder.exists():
                 remove(folder)
@@ -113,8 +113,6 @@ def _made(home: Path, digest: str) -> Path:
                 # another process may be first
                 with contextlib.suppress(FileNotFoundError):
                     remove(Path(module.path))
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}; {REMEDY}") from None
     return folder
 
 

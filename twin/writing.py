@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused, NotWritten
+from twin.errors import BAD_NAME, InputRefused, disk_refusals
 
 
 def made_folder(folder: Path) -> Path:
@@ -18,12 +18,8 @@ def made_folder(folder: Path) -> Path:
     Raises:
         InputRefused: it cannot be created.
     """
-    try:
+    with disk_refusals(folder, "cannot be created", InputRefused, caught=BAD_NAME):
         folder.mkdir(parents=True, exist_ok=True)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be created: {problem.strerror}") from None
-    except ValueError as problem:
-        raise InputRefused(f"{folder}: no name of a folder: {problem}") from None
     return folder
 
 
@@ -37,26 +33,23 @@ def written(path: Path) -> Iterator[Path]:
         InputRefused: there is a folder, a pipe or a device at `path`, which a file must not replace.
         NotWritten: the folder or the disk refuses; a file that was at `path` is what it was.
     """
-    target = Path(os.path.realpath(path))
-    try:
+    with disk_refusals(path, caught=BAD_NAME):
+        target = Path(os.path.realpath(path))
         if target.exists() and not target.is_file():
             kind = "a folder" if target.is_dir() else "a pipe or device"
             raise InputRefused(f"{path}: {kind}; expected the name of a file, which is replaced if it is there")
         handle, name = tempfile.mkstemp(prefix=f".{target.stem[:60]}.", suffix=target.suffix, dir=target.parent)
         os.close(handle)
-    except (OSError, ValueError) as problem:
-        raise NotWritten(f"{path}: cannot be written: {getattr(problem, 'strerror', None) or problem}") from None
     beside = Path(name)
     try:
-        yield beside
-        with beside.open("r+b") as file:
-            # some disks tell only here that they are full
-            os.fsync(file.fileno())
-        # mkstemp makes it the owner's alone; what a command writes is as readable as any other file
-        beside.chmod(0o666 & ~_umask())
-        beside.replace(target)
-    except OSError as problem:
-        raise NotWritten(f"{path}: cannot be written: {problem.strerror or problem}") from None
+        with disk_refusals(path):
+            yield beside
+            with beside.open("r+b") as file:
+                # some disks tell only here that they are full
+                os.fsync(file.fileno())
+            # mkstemp makes it the owner's alone; what a command writes is as readable as any other file
+            beside.chmod(0o666 & ~_umask())
+            beside.replace(target)
     finally:
         with contextlib.suppress(OSError):
             beside.unlink()
@@ -72,17 +65,13 @@ def growing(path: Path) -> Iterator[Callable[[str], None]]:
 
     def append(text: str) -> None:
         rest = text.encode("utf-8")
-        try:
+        with disk_refusals(path):
             while rest:
                 rest = rest[file.write(rest) :]
-        except OSError as problem:
-            raise NotWritten(f"{path}: cannot be written: {problem.strerror}") from None
 
-    try:
+    with disk_refusals(path, caught=BAD_NAME):
         # unbuffered: what `append` returned from is with the operating system
         file = path.open("wb", buffering=0)
-    except (OSError, ValueError) as problem:
-        raise NotWritten(f"{path}: cannot be written: {getattr(problem, 'strerror', None) or problem}") from None
     with file:
         yield append
 

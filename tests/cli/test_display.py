@@ -10,11 +10,11 @@ from tests.report.test_run_text import RUN
 from twin.cli import compiling, display
 from twin.cli.compiling import PIECES
 from twin.cli.display import Display
-from twin.cli.progress import Silent, Speed, clock
+from twin.cli.progress import Progress, Speed, clock
 from twin.cli.progress import compiling as compiling_text
 
 
-class Heard(Silent):
+class Heard(Progress):
     """Keeps what it is told."""
 
     def __init__(self) -> None:

@@ -167,7 +167,7 @@ def test_a_metric_that_is_not_there_is_refused_with_the_closest(long: Path):
     for command in (["run", long, "--out", "whole", "--by", "peak"], ["show", "whole", "--by", "peak"]):
         done = twin("sweep", *command, cwd=long.parent)
         assert done.returncode == 2
-        assert "--by peak: no such metric; did you mean peak_N?" in done.stderr
+        assert "--by peak: no such metric; did you mean 'peak_N'?" in done.stderr
 
 
 def test_rows_become_parquet_with_a_column_per_parameter_and_metric(long: Path):

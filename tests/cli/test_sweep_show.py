@@ -57,7 +57,7 @@ def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
     ("options", "sentence"),
     [
         (["--by", "end_N"], "neither better nor worse; rank by force_error_N, lateral_error_mm"),
-        (["--by", "force_error"], "did you mean force_error_N"),
+        (["--by", "force_error"], "did you mean 'force_error_N"),
         (["--against", "peek"], "--against peek: no such metric"),
         (["--x", "b.d"], "--x b.d: no number that varies here"),
     ],

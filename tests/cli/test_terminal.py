@@ -7,7 +7,8 @@ from pathlib import Path
 import pytest
 
 from tests.command_line import twin
-from twin.cli.progress import Bar, PlainLine
+from twin.cli import ask
+from twin.cli.progress import Bar, PlainLine, Progress
 from twin.cli.terminal import Harmless
 
 NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
@@ -49,3 +50,28 @@ def test_what_to_run_next_can_be_copied_whatever_the_name(root: Path, tmp_path: 
     ran = twin("run", f"{folder}/my 'x'.toml", *arguments, cwd=tmp_path)
     command = ran.stdout.splitlines()[-1].partition("next")[2]
     assert shlex.split(command) == ["twin", "report", f"{folder}/run"]
+
+
+@pytest.mark.parametrize("line", [Bar, PlainLine])
+def test_checks_are_counted_on_a_line_that_is_gone_in_the_end(
+    line: type[Progress], root: Path, monkeypatch: pytest.MonkeyPatch
+):
+    seen = Terminal()
+    monkeypatch.setattr("sys.stderr", seen)
+    monkeypatch.setenv("TERM", "xterm")
+    monkeypatch.setattr(ask, "progress", line)
+    names = ("step_z_air", "step_z_low")
+    asked = {
+        "experiments": [root / f"experiments/{name}.toml" for name in names],
+        "drives": ["velocity_servo"],
+        "reason": "",
+        "baselines": root / "tests/no_such_folder",
+        "out": root / "results/check",
+        "processes": 0,
+    }
+    answer = ask.answer_of("twin.studies.check.study:check_all", asked)
+    # there is no baseline
+    assert answer.exit_code == 2
+    assert "2 of 2 checks" in seen.getvalue()
+    # written over, or erased
+    assert seen.getvalue().endswith((" \r", "\x1b[2K"))

@@ -4,7 +4,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.drive.units import KNOWN, NUMBER, SPEED, TEMPERATURE, TURN, Dimension, conversion
+from twin.drive.units import KNOWN, SPEED, TURN, conversion
+from twin.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
@@ -29,18 +30,17 @@ BY_DEFINITION = {
     # turns per second, and per 60 seconds
     **dict.fromkeys(("rev/s", "r/s", "Hz"), (SPEED, times_pi(2))),
     **dict.fromkeys(("rpm", "1/min", "rev/min", "r/min", "U/min"), (SPEED, times_pi(1, 30))),
-    # N m = kg m2/s2; a centimetre is a hundredth, milli a thousandth
-    **dict.fromkeys(("N.m", "N m", "Nm", "N*m"), ((1, 2, -2, 0, 0, 0, 0), 1.0)),
-    **dict.fromkeys(("N.cm", "Ncm"), ((1, 2, -2, 0, 0, 0, 0), 1 / 100)),
-    **dict.fromkeys(("mN.m", "mN m", "mNm", "mN*m"), ((1, 2, -2, 0, 0, 0, 0), 1 / 1000)),
-    "A": ((0, 0, 0, 1, 0, 0, 0), 1.0), "mA": ((0, 0, 0, 1, 0, 0, 0), 1 / 1000),
-    # W = J/s = kg m2/s3, V = W/A
-    "W": ((1, 2, -3, 0, 0, 0, 0), 1.0),
-    "V": ((1, 2, -3, -1, 0, 0, 0), 1.0), "mV": ((1, 2, -3, -1, 0, 0, 0), 1 / 1000),
+    # a centimetre is a hundredth, milli a thousandth
+    **dict.fromkeys(("N.m", "N m", "Nm", "N*m"), (TORQUE, 1.0)),
+    **dict.fromkeys(("N.cm", "Ncm"), (TORQUE, 1 / 100)),
+    **dict.fromkeys(("mN.m", "mN m", "mNm", "mN*m"), (TORQUE, 1 / 1000)),
+    "A": (CURRENT, 1.0), "mA": (CURRENT, 1 / 1000),
+    "W": (POWER, 1.0),
+    "V": (VOLTAGE, 1.0), "mV": (VOLTAGE, 1 / 1000),
     # the only ones with another zero
-    **dict.fromkeys(("K", "degC", "\N{DEGREE SIGN}C"), ((0, 0, 0, 0, 1, 0, 0), 1.0)),
+    **dict.fromkeys(("K", "degC", "\N{DEGREE SIGN}C"), (TEMPERATURE, 1.0)),
 }  # fmt: skip
-"""Exponents of kg, m, s, A, K, mol, cd, and the SI value of one of each: SI Brochure, 9th edition."""
+"""Dimension, and the SI value of one of each: SI Brochure, 9th edition."""
 
 
 @pytest.mark.parametrize("unit", sorted({*KNOWN, *BY_DEFINITION}))

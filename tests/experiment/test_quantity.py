@@ -1,43 +1,25 @@
-import math
+"""Values with units."""
 
 import pytest
-from hypothesis import given
-from hypothesis import strategies as st
+from pydantic import ValidationError
 
-from twin.experiment.quantity import in_si
-
-
-@pytest.mark.parametrize(
-    ("value", "unit", "si"),
-    [
-        (-101.0, "mm", -0.101),
-        (113.9, "mm", 0.1139),
-        (2.0, "ms", 0.002),
-        (40.0, "g", 0.04),
-        (1250.0, "N_per_m", 1250.0),
-        (2.0, "mm_per_N", 0.002),
-        (0.5, "mm_per_N_s", 0.0005),
-        (3.0, "s_per_m", 3.0),
-        (1.0, "Nm_per_rad", 1.0),
-        (5e-3, "Nm_s_per_rad", 5e-3),
-        (180.0, "deg", math.pi),
-        (2e-5, "kg_m2", 2e-5),
-    ],
-)
-def test_a_unit_in_the_key_becomes_si(value: float, unit: str, si: float):
-    # exact: the literal in metres is the correctly rounded quotient
-    assert in_si(value, unit) == si
+from twin.experiment.quantity import Section, quantity
 
 
-def test_per_degree_is_the_reciprocal_of_degrees():
-    assert in_si(1.0, "N_per_deg") == pytest.approx(180.0 / math.pi, rel=1e-15)
+class Table(Section):
+    length: float = quantity("length_mm", "meaning", -101.0)
+    angles: tuple[float, ...] = quantity("angles_deg", "meaning")
+    bare: float = quantity("bare_s", "meaning", 2.0)
+    rate: float = quantity("rate_per_mm", "meaning", 1.0)
+    missing: float | None = quantity("missing_N", "meaning", None)
 
 
-@given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=4))
-def test_arrays_are_converted_item_by_item(values: list[float]):
-    assert in_si((tuple(values),), "mm") == (tuple(value / 1000 for value in values),)
+def test_the_key_carries_the_unit_and_the_attribute_is_si():
+    table = Table.model_validate({"angles_deg": (180.0, 90.0)})
+    assert (table.length, table.bare, table.missing) == (-0.101, 2.0, None)
+    assert table.angles == (3.141592653589793, 1.5707963267948966)
 
 
 def test_a_number_that_overflows_in_si_units_is_refused():
-    with pytest.raises(ValueError, match="finite in SI units"):
-        in_si(1e308, "per_mm")
+    with pytest.raises(ValidationError, match="finite in SI units"):
+        Table.model_validate({"angles_deg": (0.0,), "length_mm": 1.0, "rate_per_mm": 1e308})

@@ -1,44 +1,15 @@
-"""How far a run is, on one line of a terminal that is gone when the run is over."""
+"""How far a run, a sweep or a check is, on one line of a terminal that is gone when it is over."""
 
 import os
 import shutil
 import sys
 import time
-from typing import Any, Protocol
+from typing import Any
 
 from twin.errors import visible
 
 NARROW = 60
 """A line of so many columns has no room for a bar."""
-
-
-class Progress(Protocol):
-    """Shows one run after the other."""
-
-    def say(self, what: str) -> None:
-        """From now on `what` is going on, nobody knows for how long."""
-
-    def compile(self, done: int, about: int, seconds: float) -> None:
-        """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
-
-    def begin(self, name: str, duration: float) -> None:
-        """The run `name` is made ready; it will simulate `duration` (s)."""
-
-    def move(self, share: float) -> None:
-        """So much of it has been simulated, 0 .. 1."""
-
-    def clear(self) -> None:
-        """Leave the line to others; whatever comes next takes it back."""
-
-
-def progress() -> Progress:
-    """What suits the terminal on standard error: a bar, a plain line without escape codes under NO_COLOR, or nothing.
-
-    Standard output belongs to results, so that it can be piped while progress is still seen.
-    """
-    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
-        return Silent()
-    return PlainLine() if os.environ.get("NO_COLOR") else Bar()
 
 
 def clock(share: float, duration: float) -> str:
@@ -68,27 +39,32 @@ class Speed:
         return f"{(simulated - self._start) / taken:.3g} x real time" if taken > 0.1 else ""
 
 
-class Silent:
-    """No terminal, or one that cannot go back on its line: only a long wait is told, in a line of its own."""
+class Progress:
+    """Where there is no terminal, or one that cannot go back on its line: only a long wait is told, in a line of its
+    own. Others show one thing after the other."""
 
-    def __init__(self) -> None:
-        self._told = False
+    _told = False
 
-    def say(self, what: str) -> None: ...
+    def say(self, what: str) -> None:
+        """From now on `what` is going on, `3 of 8 checks` or nobody knows for how long."""
 
     def compile(self, done: int, about: int, seconds: float) -> None:
+        """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
         if about and not self._told:
             self._told = True
             print("compiling, once: the first run takes about a minute longer", file=sys.stderr, flush=True)
 
-    def begin(self, name: str, duration: float) -> None: ...
+    def begin(self, name: str, duration: float) -> None:
+        """The run `name` is made ready; it will simulate `duration` (s)."""
 
-    def move(self, share: float) -> None: ...
+    def move(self, share: float) -> None:
+        """So much of it has been simulated, 0 .. 1."""
 
-    def clear(self) -> None: ...
+    def clear(self) -> None:
+        """Leave the line to others; whatever comes next takes it back."""
 
 
-class PlainLine:
+class PlainLine(Progress):
     """A line of text that is written over itself."""
 
     def __init__(self) -> None:
@@ -120,7 +96,7 @@ class PlainLine:
         self._width = len(text)
 
 
-class Bar:
+class Bar(Progress):
     """A bar with simulated time, speed and remaining wall time, of `rich`."""
 
     def __init__(self) -> None:
@@ -177,3 +153,13 @@ class Bar:
 
     def clear(self) -> None:
         self._line.stop()
+
+
+def progress() -> Progress:
+    """What suits the terminal on standard error: a bar, a plain line without escape codes under NO_COLOR, or nothing.
+
+    Standard output belongs to results, so that it can be piped while progress is still seen.
+    """
+    if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
+        return Progress()
+    return PlainLine() if os.environ.get("NO_COLOR") else Bar()

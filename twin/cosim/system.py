@@ -1,6 +1,5 @@
 """Components joined by wires, checked as a whole before anything runs."""
 
-import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -13,7 +12,7 @@ from twin.cosim.interpolation import VALID, Inputs, Scheme, input_weights
 from twin.cosim.master import TABLE
 from twin.cosim.port import Port, width
 from twin.cosim.rewind import Rewind
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 
 _END = re.compile(r"(?P<component>[^.]+)\.(?P<port>[^.\[]+)(\[(?P<index>\d+)\])?")
 
@@ -212,7 +211,7 @@ class System:
     def _position(self, name: str, end: str) -> int:
         names = [c.name for c in self.components]
         if name not in names:
-            raise InputRefused(f"wire end '{end}': no component '{name}'{_close(name, names)}")
+            raise InputRefused(f"wire end '{end}': no component '{name}'; {nearest(name, names, 'there are {}')}")
         return names.index(name)
 
     def _slots(self, end: str, side: Literal["input", "output"]) -> Slots:
@@ -231,16 +230,9 @@ class System:
                     raise InputRefused(f"wire end '{end}': {port.name} has {port.size} values, counted from 0")
                 return Slots(start + int(match["index"]), 1, c)
             start += port.size
-        names = [port.name for port in ports]
-        raise InputRefused(
-            f"wire end '{end}': {component.name} has no {side} '{match['port']}'{_close(match['port'], names)}"
-        )
+        hint = nearest(match["port"], [port.name for port in ports], "there are {}")
+        raise InputRefused(f"wire end '{end}': {component.name} has no {side} '{match['port']}'; {hint}")
 
 
 def _starts(sizes: list[int]) -> np.ndarray:
     return np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
-
-
-def _close(name: str, names: list[str]) -> str:
-    matches = difflib.get_close_matches(name, names, 1)
-    return f"; did you mean '{matches[0]}'?" if matches else f"; there are {', '.join(names) or 'none'}"

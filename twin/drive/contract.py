@@ -3,7 +3,8 @@
 from typing import Literal, NamedTuple
 
 from twin.cosim.port import Port
-from twin.drive.units import CURRENT, NUMBER, POWER, SPEED, TEMPERATURE, TORQUE, VOLTAGE, Dimension
+from twin.drive.units import SPEED
+from twin.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 Command = Literal["velocity", "torque", "current", "voltage"]
 

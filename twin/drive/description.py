@@ -1,6 +1,5 @@
 """Reads an FMU without loading it, and refuses what cannot work before a binary is touched."""
 
-import difflib
 import math
 import platform as machine
 import sys
@@ -15,7 +14,7 @@ from fmpy import platform, read_model_description, sharedLibraryExtension
 from twin.drive.adapter import KINDS
 from twin.drive.archive import entries, sha256
 from twin.drive.units import Conversion, conversion
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 
 DESCRIPTION = "modelDescription.xml"
 MOST_DESCRIPTION = 64 << 20
@@ -89,12 +88,9 @@ class FmuDescription:
         checked = []
         for name, value in values.items():
             if name not in settable:
-                close = difflib.get_close_matches(name, list(settable), 1)
                 known = ", ".join(v.name for v in self.offered("parameter")) or "none"
-                raise InputRefused(
-                    f"{self.path}: no parameter '{name}'; "
-                    + (f"did you mean '{close[0]}'?" if close else f"its parameters are {known}")
-                )
+                hint = nearest(name, settable, f"its parameters are {known}")
+                raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
             variable = settable[name]
             low = variable.low if not math.isnan(variable.low) else -math.inf
             high = variable.high if not math.isnan(variable.high) else math.inf

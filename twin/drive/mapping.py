@@ -12,8 +12,9 @@ from typing import Literal
 from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
 from twin.drive.description import Variable
-from twin.drive.units import NUMBER, TURN, Conversion
+from twin.drive.units import TURN, Conversion
 from twin.errors import InputRefused
+from twin.units import NUMBER
 
 ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
 """rad, degree, turn: what tells an angle from any other pure number."""

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
-from twin.errors import InputRefused
+from twin.errors import InputRefused, disk_refusals
 
 HOME = "unpacked"
 CONTENT, SEAL = "fmu", "seal.json"
@@ -49,7 +49,7 @@ def unpacked(file: Path, digest: str) -> Path:
     """
     home = cache_folder(HOME)
     folder = home / digest
-    try:
+    with disk_refusals(file, f"cannot be unpacked to {home}", InputRefused, REMEDY):
         while not hold(folder):
             _make(file, folder)
         try:
@@ -60,8 +60,6 @@ def unpacked(file: Path, digest: str) -> Path:
             _make(file, folder)
             hold(folder)
             mended = ["all"]
-    except OSError as problem:
-        raise InputRefused(f"{file}: cannot be unpacked to {home}: {problem.strerror}; {REMEDY}") from None
     if mended:
         listed = ", ".join(mended[:3]) + (f" and {len(mended) - 3} more" if len(mended) > 3 else "")
         told = f"twin: {file.name}: unpacked files had been changed ({listed}): taken from the FMU again"

@@ -1,11 +1,10 @@
 """From [contact] body = "back" to a complete [contact]: the body's file fills in what the experiment does not say."""
 
-import difflib
 import os
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment.source import Source, forget, laid_over, located, read_source
 
 FOLDERS = ("bodies", "experiments/bodies")
@@ -53,6 +52,4 @@ def _file(name: Any, folder: Path) -> Path:
         # not Path.is_file, which raises for a name that is too long
         if os.path.isfile(shelf / f"{name}.toml"):
             return shelf / f"{name}.toml"
-    close = difflib.get_close_matches(name, known, 1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
-    raise InputRefused(f'[contact] body = "{name}": no such body; {hint}')
+    raise InputRefused(f'[contact] body = "{name}": no such body; {nearest(name, known)}')

@@ -1,14 +1,13 @@
 """From [drive] to one complete table per joint: drive folders bring their own mapping, joints their differences."""
 
 import copy
-import difflib
 import os
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
 from twin.experiment.source import laid_over, located, read_source
@@ -99,7 +98,6 @@ def _archive(path: Path, folder: Path) -> Path:
     if not os.path.isfile(path):
         shelf = located("fmus", folder)
         known = [drive.name for drive in sorted(shelf.glob("*")) if os.path.isdir(drive)]
-        close = difflib.get_close_matches(path.stem, known, 1, cutoff=0.5)
-        hint = f"did you mean '{close[0]}'?" if close else "expected an .fmu file or a folder of fmus/"
+        hint = nearest(path.stem, known, "expected an .fmu file or a folder of fmus/")
         raise InputRefused(f"{path}: no such drive; {hint}")
     return path

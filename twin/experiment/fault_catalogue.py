@@ -1,8 +1,6 @@
 """Every kind of fault by name. `docs/faults.md` shows it as a table, with the mechanisms."""
 
-import difflib
-
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment.fault_kind import ALWAYS, EVERY, NEVER, POSITIVE, SHARE, Kind, Seen
 
 MANY = 10
@@ -212,8 +210,7 @@ def refuse_target(number: int, kind: str, target: str) -> None:
 
 def expected(got: str, names: tuple[str, ...]) -> str:
     """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
-    close = [name for name in names if got in name] or difflib.get_close_matches(got, names)
-    hint = f"did you mean {' or '.join(repr(name) for name in close)}?" if close else ""
+    hint = nearest(got, names, "", 3)
     if len(names) > MANY:
         return hint or "no such kind; docs/faults.md lists them all, twin faults tries them"
     return "expected " + ", ".join(f"'{name}'" for name in names) + (f"; {hint}" if hint else "")

@@ -1,10 +1,11 @@
 """Validation errors as sentences: where, what we got, what was expected."""
 
-import difflib
 from collections.abc import Iterable, Mapping
 from typing import Any, TypeVar, get_args
 
 from pydantic import BaseModel, ValidationError
+
+from twin.errors import nearest
 
 _EXPECTED = {
     "float_type": "a number",
@@ -66,10 +67,7 @@ def type_mistakes(error: ValidationError, model: type[BaseModel], table: str) ->
 
 def unknown(key: str, known: list[str]) -> str:
     """`unknown key 'kp'; did you mean 'kp_per_s'?`"""
-    # a key without its unit is the commonest slip
-    close = [k for k in known if k.startswith(f"{key}_")] or difflib.get_close_matches(key, known, 1, cutoff=0.5)
-    hint = f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
-    return f"unknown key '{key}'; {hint}"
+    return f"unknown key '{key}'; {nearest(key, known)}"
 
 
 def keys(model: type[BaseModel]) -> list[str]:

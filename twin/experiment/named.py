@@ -1,10 +1,9 @@
 """Experiments that come with twin, and the file that is meant by a name or a path."""
 
-import difflib
 import os
 from pathlib import Path
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment.source import located
 from twin.places import HOME
 
@@ -36,11 +35,4 @@ def experiment_file(experiment: str | Path) -> Path:
             return candidate
     if os.path.isdir(path):
         return path
-    raise InputRefused(f"{path}: no such experiment; {did_you_mean(path.name)}")
-
-
-def did_you_mean(name: str) -> str:
-    """What follows a name that no experiment has: the closest one, or all."""
-    known = known_experiments()
-    close = difflib.get_close_matches(name, known, 1)
-    return f"did you mean '{close[0]}'?" if close else f"known are {', '.join(known)}"
+    raise InputRefused(f"{path}: no such experiment; {nearest(path.name, known_experiments())}")

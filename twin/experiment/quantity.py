@@ -1,18 +1,14 @@
 """Values with units: the TOML key carries the unit, the Python attribute is SI."""
 
 import math
-from fractions import Fraction
+from functools import cache
 from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-_SCALES = {
-    "mm": Fraction(1, 1000),
-    "ms": Fraction(1, 1000),
-    "g": Fraction(1, 1000),
-    "min": Fraction(60),
-    "deg": Fraction(1),
-}
+from twin.units import known_unit
+
+_unit = cache(known_unit)
 
 
 def quantity(key: str, meaning: str, default: Any = ..., **constraints: Any) -> Any:
@@ -21,30 +17,6 @@ def quantity(key: str, meaning: str, default: Any = ..., **constraints: Any) -> 
     The unit is written as in `kp_mm_per_N`, `b_j_Nm_s_per_rad`: words joined by "_", those after "per" divide.
     """
     return Field(default, alias=key, description=meaning, **constraints)
-
-
-def in_si(value: Any, unit: str) -> Any:
-    """`value` (a number or nested tuples of numbers) given in `unit`, in SI.
-
-    Powers of ten are applied as one correctly rounded division, so that -101 mm is exactly the float -0.101.
-
-    Raises:
-        ValueError: it is too large for that.
-    """
-    if isinstance(value, tuple):
-        return tuple(in_si(item, unit) for item in value)
-    words = unit.split("_")
-    divide = words.index("per") if "per" in words else len(words)
-    scale = Fraction(1)
-    for position, word in enumerate(words):
-        factor = _SCALES.get(word, Fraction(1))
-        scale = scale * factor if position < divide else scale / factor
-    scaled = value * scale.numerator / scale.denominator
-    if "deg" in words:
-        scaled = math.radians(scaled) if words.index("deg") < divide else math.degrees(scaled)
-    if not math.isfinite(scaled):
-        raise ValueError("expected a number that is finite in SI units, too")
-    return scaled
 
 
 class Section(BaseModel):
@@ -58,4 +30,13 @@ class Section(BaseModel):
         key = cls.model_fields[info.field_name or ""].alias
         if key is None or value is None:
             return value
-        return in_si(value, key.removeprefix(f"{info.field_name}_"))
+        unit = _unit(key.removeprefix(f"{info.field_name}_"))
+        # a `share` and a `factor` have none
+        si = value if unit is None else unit.in_si(value)
+        if not _finite(si):
+            raise ValueError("expected a number that is finite in SI units, too")
+        return si
+
+
+def _finite(value: Any) -> bool:
+    return all(map(_finite, value)) if isinstance(value, tuple) else math.isfinite(value)

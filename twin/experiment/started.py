@@ -3,9 +3,9 @@
 import os
 from pathlib import Path
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment.json_schema import SCHEMA_FILE, schema_text
-from twin.experiment.named import did_you_mean, known_experiments
+from twin.experiment.named import known_experiments
 from twin.experiment.template import commented_experiment
 from twin.writing import made_folder, write_text
 
@@ -22,7 +22,7 @@ def start_experiment(file: Path, start: str) -> list[Path]:
     """
     known = known_experiments()
     if start not in known:
-        raise InputRefused(f"--from {start}: no such experiment; {did_you_mean(start)}")
+        raise InputRefused(f"--from {start}: no such experiment; {nearest(start, known_experiments())}")
     if file.suffix != ".toml":
         raise InputRefused(f"{file}: expected a name that ends with .toml")
     schema = file.parent / SCHEMA_FILE

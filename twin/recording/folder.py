@@ -1,9 +1,11 @@
 """Where runs live: results/<experiment>/<run>/run.mcap, and how to find one again."""
 
+import contextlib
 import os
 from datetime import datetime
 from pathlib import Path
 
+from twin.errors import disk_refusals
 from twin.recording.errors import RecordingRefused
 from twin.writing import made_folder
 
@@ -21,20 +23,15 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
     stamp = now.strftime("%Y-%m-%d_%H%M%S")
     for attempt in range(1, 1000):
         folder = home / (stamp if attempt == 1 else f"{stamp}_{attempt}")
-        try:
+        refusals = disk_refusals(folder, "cannot be created", RecordingRefused, "choose with --out")
+        with refusals, contextlib.suppress(FileExistsError):
             folder.mkdir()
             break
-        except FileExistsError:
-            continue
-        except OSError as problem:
-            raise RecordingRefused(f"{folder}: cannot be created: {problem.strerror}; choose with --out") from None
     latest = home / LATEST
-    try:
+    # Windows grants links to administrators only; `recording_in` then takes the newest folder
+    with contextlib.suppress(OSError):
         latest.unlink(missing_ok=True)
         latest.symlink_to(folder.name, target_is_directory=True)
-    # Windows grants links to administrators only; `recording_in` then takes the newest folder
-    except OSError:
-        pass
     return folder
 
 
@@ -44,13 +41,11 @@ def claim_run_folder(folder: Path) -> Path:
     Raises:
         InputRefused: it exists and is not empty, or cannot be created.
     """
-    try:
+    with disk_refusals(folder, "cannot be read", RecordingRefused):
         if folder.exists() and (not folder.is_dir() or any(folder.iterdir())):
             raise RecordingRefused(
                 f"{folder}: already there and not empty; name a new folder, a run is never overwritten"
             )
-    except OSError as problem:
-        raise RecordingRefused(f"{folder}: cannot be read: {problem.strerror}") from None
     return made_folder(folder)
 
 

@@ -6,6 +6,7 @@ import zlib
 from pathlib import Path
 from typing import BinaryIO
 
+from twin.errors import disk_refusals
 from twin.recording.errors import RecordingFailed
 
 PARTIAL = ".partial"
@@ -31,11 +32,9 @@ class Output:
         self.partial = path.with_name(path.name + PARTIAL)
         self.size = 0
         self.crc = 0
-        try:
+        with disk_refusals(self.partial, "cannot be created", RecordingFailed):
             # unbuffered: what `append` returned from is with the operating system and survives this process
             self._file: BinaryIO | None = open(self.partial, "wb", buffering=0)  # noqa: SIM115
-        except OSError as error:
-            raise RecordingFailed(f"{self.partial}: cannot be created: {error.strerror}") from error
 
     @property
     def closed(self) -> bool:
@@ -53,19 +52,16 @@ class Output:
         if self._file is None:
             raise RecordingFailed(f"{self.partial}: the recording is closed")
         rest = memoryview(data)
-        try:
-            while rest:
-                rest = rest[self._file.write(rest) :]
-        except BaseException as error:
-            with contextlib.suppress(OSError):
-                self._file.truncate(self.size)
-            self.close()
-            if isinstance(error, OSError):
-                raise RecordingFailed(
-                    f"{self.partial}: recording stopped: {error.strerror}; "
-                    f"the {self.size} bytes already written stay readable"
-                ) from error
-            raise
+        kept = f"the {self.size} bytes already written stay readable"
+        with disk_refusals(self.partial, "recording stopped", RecordingFailed, kept):
+            try:
+                while rest:
+                    rest = rest[self._file.write(rest) :]
+            except BaseException:
+                with contextlib.suppress(OSError):
+                    self._file.truncate(self.size)
+                self.close()
+                raise
         start = self.size
         self.size += len(data)
         self.crc = zlib.crc32(data, self.crc)
@@ -85,10 +81,9 @@ class Output:
         """
         if self._file is None:
             raise RecordingFailed(f"{self.partial}: the recording is closed")
-        try:
-            os.fsync(self._file.fileno())
-            self.close()
+        with disk_refusals(self.partial, "cannot be finished", RecordingFailed):
+            try:
+                os.fsync(self._file.fileno())
+            finally:
+                self.close()
             os.replace(self.partial, self.path)
-        except OSError as error:
-            self.close()
-            raise RecordingFailed(f"{self.partial}: cannot be finished: {error.strerror}") from error

@@ -1,13 +1,11 @@
 """A recording in memory: series of numbers by name."""
 
-import difflib
-from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
-from twin.errors import visible
+from twin.errors import nearest, visible
 from twin.recording.errors import UnknownSeries
 from twin.recording.layout import Field
 from twin.recording.messages import MessageLayout
@@ -66,7 +64,7 @@ class Recording:
             UnknownSeries: no such topic or field; it names the nearest ones.
         """
         if key not in self.fields():
-            raise UnknownSeries(f"{self.path}: no series {key!r}; {nearest(key, self.fields())}")
+            raise UnknownSeries(f"{self.path}: no series {key!r}; {nearest(key, self.fields(), 'it holds {}', 3)}")
         topic, _, name = key.rpartition(".")
         return np.ascontiguousarray(self.streams[topic].values[name])
 
@@ -77,7 +75,7 @@ class Recording:
             UnknownSeries: no such topic; it names the nearest ones.
         """
         if topic not in self.streams:
-            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams)}")
+            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}")
         return self.streams[topic].head["log_time"] / NANOSECONDS
 
     @property
@@ -94,12 +92,3 @@ class Recording:
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the file."""
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}
-
-
-def nearest(name: str, names: Iterable[str]) -> str:
-    """Half a sentence that leads from a misspelt `name` to those there are."""
-    there = list(names)
-    close = difflib.get_close_matches(name, there)
-    if close:
-        return f"did you mean {' or '.join(map(repr, close))}?"
-    return f"it holds {', '.join(there) or 'none'}"

@@ -1,10 +1,10 @@
 """What a run has to say in text: the outcome first, then what happened, what it was made with, where it is."""
 
-import textwrap
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-WIDTH = 80
+from twin.studies.lines import wrapped
+
 MOST_EVENTS = 20
 """So many events are told; the recording has all of them."""
 
@@ -62,7 +62,7 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
 def _events(run: Mapping[str, Any]) -> Iterator[str]:
     told = [(t, text) for t, level, text in run["events"] if level != "DEBUG"]
     for t, text in told[:MOST_EVENTS]:
-        yield from textwrap.wrap(f"{t:8.3f} s  {text}", WIDTH, subsequent_indent=" " * 12)
+        yield from wrapped(f"{t:8.3f} s  {text}", later=12)
     if len(told) > MOST_EVENTS:
         yield f"{'':8}    and {len(told) - MOST_EVENTS} more events, in the recording"
 
@@ -72,7 +72,7 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
         head, *rest = drive.splitlines()
         yield _row("drive", head)
         for line in rest:
-            yield from textwrap.wrap(line.strip(), WIDTH, initial_indent=" " * 13, subsequent_indent=" " * 15)
+            yield from wrapped(line.strip(), " " * 13, 15)
 
 
 def _substituted(run: Mapping[str, Any]) -> Iterator[str]:

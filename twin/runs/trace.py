@@ -8,11 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.simulation import Simulation
+from twin.errors import nearest
 from twin.experiment.experiment import Experiment
 from twin.recording.errors import UnknownSeries
 from twin.recording.layout import Field
 from twin.recording.messages import VALUE_TYPES
-from twin.recording.recording import nearest
 from twin.recording.series import NANOSECONDS
 from twin.runs.assembly.assemble import assemble
 from twin.runs.loop import simulate
@@ -103,7 +103,7 @@ class Trace(Observer):
         """
         periods = {key.rpartition(".")[0]: kept.period for key, kept in self._signals.items()}
         if topic not in periods:
-            raise UnknownSeries(f"run in memory: no topic {topic!r}; {nearest(topic, periods)}")
+            raise UnknownSeries(f"run in memory: no topic {topic!r}; {nearest(topic, periods, 'it holds {}', 3)}")
         ticks = np.arange(0, self._count, self._stride(periods[topic])) * self._every
         return np.rint(ticks * (self.tick * NANOSECONDS)) / NANOSECONDS
 
@@ -113,7 +113,7 @@ class Trace(Observer):
 
     def _kept(self, key: str) -> _Kept:
         if key not in self._signals:
-            raise UnknownSeries(f"run in memory: no series {key!r}; {nearest(key, self._signals)}")
+            raise UnknownSeries(f"run in memory: no series {key!r}; {nearest(key, self._signals, 'it holds {}', 3)}")
         return self._signals[key]
 
     def _stride(self, period: int) -> int:

@@ -1,19 +1,57 @@
-"""A picture on its way to the disk."""
+"""How pictures look, and how they get to the disk."""
 
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
+
+from matplotlib import rc_context
+from matplotlib.figure import Figure
 
 from twin.writing import written
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
+"""Okabe and Ito's (https://jfly.uni-koeln.de/color), which colour-blind readers can tell apart."""
+PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
+"""As the caption of Fig. 4 names them; their lightness also tells them apart in print."""
+JOINTS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
+INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
+Look = Mapping[Any, bool | float]
+LOOK: Look = {
+    "figure.dpi": 110,
+    "axes.grid": True,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "grid.alpha": 0.25,
+    "legend.frameon": False,
+}
+BARE: Look = {"axes.grid": False}
+MAP: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": True}
+"""Of a panel that is filled."""
 
 
-def save(figure: "Figure", path: Path) -> None:
-    """Write `figure` to `path`, in the format of its suffix; the same figure gives the same bytes.
+@contextmanager
+def picture(
+    path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = LOOK
+) -> Iterator[Figure]:
+    """A figure to draw on, written to `path`, in the format of its suffix, when the block is done.
+
+    The same figure gives the same bytes.
+
+    Args:
+        path: of the picture.
+        width, height: in inches.
+        title: above all panels.
+        by_hand: panels are placed by whoever draws them.
+        look: what of `LOOK` is otherwise: `BARE` or `MAP`.
 
     Raises:
         NotWritten: the folder or the disk refuses.
     """
-    with written(path) as beside:
-        figure.savefig(beside, metadata={"Software": None})
+    with rc_context({**LOOK, **look}):
+        figure = Figure(figsize=(width, height), layout=None if by_hand else "constrained")
+        if title:
+            figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
+        yield figure
+        with written(path) as beside:
+            figure.savefig(beside, metadata={"Software": None})

@@ -120,8 +120,8 @@ def test_an_unfinished_recording_is_exported_as_far_as_it_goes_and_says_so(tmp_p
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"patterns": ["plnt.p_B"]}, r"--signals plnt.p_B: no such signal; did you mean plant.p_B"),
-        ({"patterns": ["plant.p_C*"]}, r"did you mean plant.p_B"),
+        ({"patterns": ["plnt.p_B"]}, r"--signals plnt.p_B: no such signal; did you mean 'plant.p_B'"),
+        ({"patterns": ["plant.p_C*"]}, r"did you mean 'plant.p_B'"),
         ({"patterns": ["xyz"]}, r"there are plant.\*, drive/1.\*"),
         ({"rate": 0.0}, "--rate 0: expected rows per second, more than 0"),
         ({"rate": float("nan")}, "--rate nan: expected rows per second"),

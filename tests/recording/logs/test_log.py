@@ -37,5 +37,5 @@ def test_a_vector_needs_all_its_components_alike(log: Log, expected: str):
 
 
 def test_a_name_that_is_not_there_is_refused_with_the_nearest():
-    with pytest.raises(LogRefused, match=r"'controller.Fz' is not there; did you mean controller.F_z\?"):
+    with pytest.raises(LogRefused, match=r"'controller.Fz' is not there; did you mean 'controller.F_z'\?"):
         log_of(**{"controller.F_z": "N"})["controller.Fz"]

@@ -140,7 +140,7 @@ def test_without_a_map_the_topics_are_named(tmp_path: Path):
 @pytest.mark.parametrize(
     ("entry", "expected"),
     [
-        ("F=/wrensh.force.z[N]", "no topic of '/wrensh.force.z' for F; did you mean /wrench?"),
+        ("F=/wrensh.force.z[N]", "no topic of '/wrensh.force.z' for F; did you mean '/wrench'?"),
         ("F=/wrench.force.y[N]", "/wrench has no field 'force.y'; it has z"),
         ("F=/wrench.q[2][N]", "no field 'q[2]'; no element [2]"),
         ("F=/wrench.frame", "expected a number, got 'tool'"),

@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from tests.laws.runs import PARAMETERS
-from tests.report.page.test_block import decoded
 from tests.studies.paper.fig5_recordings import pressed
 from twin.plant.surface import Shape, surface_frame
 from twin.recording.recording import Recording
 from twin.report.page.block import Block
 from twin.report.page.run import ReportRun
 from twin.report.page.scene import scene, surface
+from twin.studies.packing import values_of
 
 
 def test_every_link_of_the_player_has_its_length(force_position: Recording):
@@ -19,7 +19,7 @@ def test_every_link_of_the_player_has_its_length(force_position: Recording):
     assert shown is not None
     n = shown["frames"]["count"]
     assert n == 1001 and shown["frames"]["step"] == 0.02
-    columns = decoded(block.text()).reshape(-1, n).T
+    columns = values_of(block.text()).reshape(-1, n).T
     A, p_B = columns[:, :9].reshape(n, 3, 3), columns[:, 9:12]
     B, P = np.array(shown["B"]), p_B[:, None, :] + np.array(shown["platform"])
     # 32 bit floats of 100 mm are 1e-5 mm apart
@@ -31,7 +31,7 @@ def test_the_force_of_the_player_is_the_recorded_one(force_position: Recording):
     block = Block()
     shown = scene(ReportRun("", force_position), block)
     assert shown is not None
-    columns = decoded(block.text()).reshape(-1, shown["frames"]["count"]).T
+    columns = values_of(block.text()).reshape(-1, shown["frames"]["count"]).T
     np.testing.assert_array_equal(columns[:, 15:18], force_position["plant.F_ee_B"][::20].astype(np.float32))
     np.testing.assert_array_equal(columns[:, 18:21], force_position["estimator.F_ee_B"][::10].astype(np.float32))
 

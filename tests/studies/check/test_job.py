@@ -76,7 +76,7 @@ def test_a_check_that_is_refused_costs_the_others_nothing(root: Path, tmp_path: 
         step_file(root, tmp_path / "other.toml"),
     ]
     wrong, vector, absent, other = outcomes(tmp_path / "kept", *files, reason="first")
-    assert 'signal = "plant.p_C[2]": no such signal; did you mean plant.p_B?' in wrong.failure
+    assert """signal = "plant.p_C[2]": no such signal; did you mean 'plant.p_B'?""" in wrong.failure
     assert "it has 3 components; expected [0] to [2]" in vector.failure
     assert "no such experiment file" in absent.failure
     assert [outcome.exit_code for outcome in (wrong, vector, absent, other)] == [2, 2, 2, 0]

@@ -52,7 +52,7 @@ def test_what_a_recording_of_the_run_names_can_be_measured(signal: str):
 @pytest.mark.parametrize(
     ("signal", "said"),
     [
-        ("fault/2.value", "no such signal; did you mean fault/1.value?"),
+        ("fault/2.value", "no such signal; did you mean 'fault/1.value'?"),
         ("plant.p_B", r"it has 3 components; expected \[0\] to \[2\]"),
         ("controller.F_z[0]", "it has 1 components; expected no index"),
     ],

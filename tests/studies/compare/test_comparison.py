@@ -191,7 +191,7 @@ def test_units_of_one_dimension_are_one_and_others_are_refused_with_the_remedy()
     [
         ({"G": T}, {}, "no signal in common: a.csv has F; b.csv has G; name them with --map"),
         ({"F": T}, {"signals": ["H"]}, "--signal H: no such signal is in both logs; there are F"),
-        ({"F": T}, {"given": rules(["FF=1N"])}, "tolerance of FF: no such signal; did you mean F?"),
+        ({"F": T}, {"given": rules(["FF=1N"])}, "tolerance of FF: no such signal; did you mean 'F'?"),
     ],
 )
 def test_what_does_not_fit_is_refused(b: dict, others: dict, expected: str):

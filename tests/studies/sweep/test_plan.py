@@ -121,5 +121,5 @@ def test_measures_of_the_experiment_are_metrics_that_a_limit_may_name(root: Path
         return planned(written(tmp_path, f'experiment = "{root}/experiments/step_z_air.toml"\n{text}'))
 
     assert "z.rise_time" in plan("z.rise_time").metrics
-    with pytest.raises(InputRefused, match=r"z\.rise_tim: no such metric; did you mean z\.rise_time\?"):
+    with pytest.raises(InputRefused, match=r"z\.rise_tim: no such metric; did you mean 'z\.rise_time'\?"):
         plan("z.rise_tim")

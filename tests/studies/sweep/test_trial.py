@@ -68,7 +68,7 @@ def test_values_that_make_no_experiment_are_a_finding(root: Path):
 
 def test_a_signal_that_is_not_there_is_a_finding_before_a_step_is_made(root: Path):
     finding = trial(root / "experiments/step_z_air.toml", None, ['measure.1.signal="plant.p_A[2]"'])
-    assert finding.status == "refused" and "did you mean plant.p_B?" in finding.reason
+    assert finding.status == "refused" and "did you mean 'plant.p_B'?" in finding.reason
     assert finding.stepping == 0.0
 
 

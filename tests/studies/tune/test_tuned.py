@@ -7,10 +7,11 @@ import pytest
 from tests.laws.runs import EXPERIMENTS
 from twin.errors import InputRefused
 from twin.runs.assembly.load import load_experiment
+from twin.studies.lines import WIDTH
 from twin.studies.tune.fragment import fragment
 from twin.studies.tune.gains import gains_of
 from twin.studies.tune.goals import Goals
-from twin.studies.tune.text import WIDTH, tuning_text
+from twin.studies.tune.text import tuning_text
 from twin.studies.tune.tuned import Tuned, tuned
 
 AIR = EXPERIMENTS / "step_z_air.toml"

@@ -1,6 +1,5 @@
 """Everything looked at, and what it comes to."""
 
-import textwrap
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -16,8 +15,7 @@ from twin.cli.installation.surroundings import (
     smoke_finding,
 )
 from twin.places import HOME, is_clone
-
-WIDTH = 80
+from twin.studies.lines import wrapped
 
 
 def examined(here: Path, with_run: bool) -> list[Finding]:
@@ -43,8 +41,5 @@ def examination_text(findings: Sequence[Finding]) -> str:
     """The verdict, then the findings, at most 80 columns but for paths."""
     lines = [verdict(findings)]
     for finding in findings:
-        head = f"  {finding.state:6} {finding.topic:10} "
-        lines += textwrap.wrap(
-            finding.text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_long_words=False
-        )
+        lines += wrapped(finding.text, f"  {finding.state:6} {finding.topic:10} ", whole=True)
     return "\n".join(lines)

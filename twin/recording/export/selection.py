@@ -1,10 +1,9 @@
 """Which signals of a recording are meant."""
 
-import difflib
 from collections.abc import Sequence
 from fnmatch import fnmatchcase
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.recording.recording import Recording
 
 MANY = 8
@@ -39,9 +38,6 @@ def _matches(name: str, pattern: str) -> bool:
 def _nearest(pattern: str, fields: dict) -> str:
     names = [*fields, *dict.fromkeys(name.rpartition(".")[0] for name in fields)]
     # the wildcards of a misspelt pattern are no letters to compare
-    close = difflib.get_close_matches(pattern.replace("*", ""), names, 3, 0.5)
-    if close:
-        return f"did you mean {' or '.join(close)}?"
-    topics = names[len(fields) :]
+    wanted, topics = pattern.replace("*", ""), names[len(fields) :]
     more = " ..." if len(topics) > MANY else ""
-    return f"there are {', '.join(f'{topic}.*' for topic in topics[:MANY])}{more}"
+    return nearest(wanted, names, f"there are {', '.join(f'{topic}.*' for topic in topics[:MANY])}{more}", 3)

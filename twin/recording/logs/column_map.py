@@ -23,7 +23,7 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.files import read_toml
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.units import known_unit
+from twin.units import known_unit
 
 TIME = "time"
 TIME_NAMES = ("t", "time", "timestamp")

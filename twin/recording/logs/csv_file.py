@@ -1,17 +1,18 @@
 """CSV files as logs: which column is which signal, in which unit; every mistake with its line."""
 
-import difflib
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.errors import nearest
 from twin.recording.logs.column_map import TIME, TIME_NAMES, Column, split_unit
 from twin.recording.logs.csv_table import Table, more, read_table
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log, Series
-from twin.recording.logs.units import Dimension, Unit, unit
+from twin.recording.logs.units import unit
+from twin.units import Dimension, Unit
 
 _TIME_DIMENSION = Dimension(s=1)
 
@@ -56,8 +57,7 @@ def _sources(
         # `Fz` finds `Fz_N`, too
         name = column.name if column.name in table.head else head.get(column.name)
         if name is None:
-            close = difflib.get_close_matches(column.name, table.head, 1, cutoff=0.5)
-            hint = f"did you mean '{close[0]}'?" if close else f"it has {', '.join(table.head)}"
+            hint = nearest(column.name, table.head, "it has {}")
             mistakes.append(f"{table.path}: column '{column.name}' for {signal} is not there; {hint}")
         else:
             sources[signal] = Column(name, column.unit or split_unit(name)[1], column.sign)

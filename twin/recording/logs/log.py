@@ -1,6 +1,5 @@
 """A log in memory: series in SI units by the product's own names."""
 
-import difflib
 import re
 from dataclasses import dataclass
 from functools import cached_property
@@ -9,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.errors import nearest
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.sampling import Sampling, sampling
 
@@ -56,9 +56,7 @@ class Log:
             LogRefused: there is none; it names the nearest ones.
         """
         if name not in self.series:
-            close = difflib.get_close_matches(name, self.series)
-            hint = f"did you mean {' or '.join(close)}?" if close else f"it has {', '.join(self.series)}"
-            raise LogRefused(f"{self.path}: '{name}' is not there; {hint}")
+            raise LogRefused(f"{self.path}: '{name}' is not there; {nearest(name, self.series, 'it has {}', 3)}")
         return self.series[name]
 
     def vector(self, name: str) -> Series:

@@ -1,6 +1,5 @@
 """MCAP files that others wrote: checked by their CRCs, read as far as they go (https://mcap.dev/spec)."""
 
-import difflib
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
@@ -12,13 +11,15 @@ from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema, St
 from mcap.stream_reader import StreamReader, breakup_chunk
 from mcap.writer import MCAP0_MAGIC
 
+from twin.errors import nearest
 from twin.recording.chunks import allowance, unpacked
 from twin.recording.logs import decoding
 from twin.recording.logs.column_map import TIME, Column, split_unit
 from twin.recording.logs.csv_head import LARGEST
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log, Series
-from twin.recording.logs.units import Dimension, unit
+from twin.recording.logs.units import unit
+from twin.units import Dimension
 
 MAGIC = MCAP0_MAGIC
 NANOSECONDS = 1e9
@@ -140,9 +141,7 @@ def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
 def _series(path: Path, topics: Mapping[str, Topic], signal: str, column: Column, time: Column | None) -> Series:
     name = max((n for n in topics if column.name.startswith(f"{n}.")), key=len, default=None)
     if name is None:
-        wanted = column.name.partition(".")[0]
-        close = difflib.get_close_matches(wanted, topics, 1)
-        hint = f"did you mean {close[0]}?" if close else f"it has {', '.join(topics)}"
+        hint = nearest(column.name.partition(".")[0], topics, "it has {}")
         raise LogRefused(f"{path}: no topic of '{column.name}' for {signal}; {hint}")
     topic, field_path = topics[name], column.name.removeprefix(f"{name}.")
     factor = unit(column.unit or split_unit(field_path)[1] or "1", f"{path}: {column.name}")

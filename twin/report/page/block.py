@@ -1,21 +1,12 @@
-"""Samples as text that a browser turns back into numbers fast.
+"""All samples of a run as one text that a browser turns back into numbers fast."""
 
-All samples of a run are one row of 32 bit floats. Their bit patterns, taken as integers, are replaced by differences of
-neighbours, the bytes of like weight are put side by side, and the whole is deflated (RFC 1950) and written in base 64:
-a third of what the floats alone would take. Nothing but the rounding to 32 bits is lost.
-"""
-
-import base64
 import math
-import zlib
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.studies.metrics.response import Curve
-
-LEVEL = 6
-"""Of zlib: higher ones take twice as long for one percent."""
+from twin.studies.packing import text_of
 
 
 class Block:
@@ -34,11 +25,8 @@ class Block:
         return place
 
     def text(self) -> str:
-        """Everything added, in base 64."""
-        row = np.concatenate([np.empty(0, "<f4"), *self._parts])
-        steps = np.diff(row.view("<u4"), prepend=np.uint32(0))
-        planes = np.ascontiguousarray(steps.view(np.uint8).reshape(-1, 4).T)
-        return base64.b64encode(zlib.compress(planes.tobytes(), LEVEL)).decode("ascii")
+        """Everything added, as `twin.studies.packing` writes it."""
+        return text_of(np.concatenate([np.empty(0, "<f4"), *self._parts]))
 
 
 def thinned(values: Curve, factor: int) -> Curve:

@@ -1,6 +1,5 @@
 """From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken."""
 
-import difflib
 from collections.abc import Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
@@ -8,7 +7,7 @@ from dataclasses import dataclass, field
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.cosim.wiring import wires
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.build import Build, DriveMaker, InThisProcess
 from twin.runs.assembly.drives import DrivePlan
@@ -96,8 +95,7 @@ def assemble(
 def _refuse_unplaced(substitutes: Mapping[str, Component], names: list[str]) -> None:
     for name in substitutes:
         if name not in names:
-            close = difflib.get_close_matches(name, names, 1)
-            hint = f"did you mean '{close[0]}'?" if close else f"there are {', '.join(names)}"
+            hint = nearest(name, names, "there are {}")
             raise InputRefused(f"substitutes: no component '{name}' in this experiment; {hint}")
 
 

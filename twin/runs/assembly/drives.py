@@ -17,10 +17,11 @@ from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable, described
 from twin.drive.instance import Setting
 from twin.drive.mapping import Binding, Wiring, bindings
-from twin.drive.units import NUMBER, Conversion
+from twin.drive.units import Conversion
 from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
+from twin.units import NUMBER
 
 OMEGA_REF = COMMANDS["velocity"].port
 Start = float | np.ndarray

@@ -1,10 +1,8 @@
 """An accuracy budget as text of at most 80 columns: the error first, then what it consists of."""
 
-import textwrap
-
 from twin.studies.accuracy.budget import Budget, Contribution
+from twin.studies.lines import wrapped
 
-WIDTH = 80
 NAME = 36
 
 
@@ -13,7 +11,7 @@ def accuracy_text(budget: Budget, facts: str) -> str:
     imperfections, twin, parameters = (budget.of(group) for group in ("imperfection", "twin", "parameter"))
     lines = [
         f"{budget.name}: {headline(budget)}",
-        *(line for sentence in details(budget) for line in _wrapped(sentence)),
+        *(line for sentence in details(budget) for line in wrapped(sentence, "  ")),
         "",
         f"  {'in this run, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in imperfections),
@@ -29,7 +27,7 @@ def accuracy_text(budget: Budget, facts: str) -> str:
         "",
     ]
     for one in (*imperfections, *twin):
-        lines += _wrapped(f"{one.label}: {one.meaning}", "  ")
+        lines += wrapped(f"{one.label}: {one.meaning}", "  ", 4)
     return "\n".join([*lines, f"  {'facts':<10} {facts}"])
 
 
@@ -55,7 +53,3 @@ def _line(one: Contribution) -> str:
     # a zero has no sign
     bias = round(one.bias, 4) + 0.0
     return f"  {one.label:<{NAME}}{bias:>+9.4f}{one.std:>9.4f}{one.rms:>9.4f}"
-
-
-def _wrapped(text: str, indent: str = "") -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent="  ", subsequent_indent="  " + indent)

@@ -4,42 +4,37 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.colors import BoundaryNorm, ListedColormap
-from matplotlib.figure import Figure
 
 from twin.studies.analyse.stability import Stability, StabilityMap
 from twin.studies.analyse.text import point_name
-from twin.studies.figure import save
+from twin.studies.figure import INK, MAP, VERMILION, picture
 
 LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
-UNSTABLE, NO_POINT = "#d55e00", "#d9d9d9"
+UNSTABLE, NO_POINT = VERMILION, "#d9d9d9"
 SHADES = ("#fde0c5", "#f4f0dc", "#cfe6df", "#9accc4", "#5aa6a9", "#2a788e")
 
 
 def draw_stability_maps(done: Stability, path: Path) -> None:
     """Write the picture to `path` (PNG); `done` has at least one map."""
-    figure = Figure(figsize=(6.3 * len(done.maps) + 1.0, 5.2), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    shades, norm = ListedColormap([UNSTABLE, *SHADES]), BoundaryNorm(LEVELS, 1 + len(SHADES))
-    panels = figure.subplots(1, len(done.maps), squeeze=False)[0]
-    for axes, chart in zip(panels, done.maps, strict=True):
-        axes.set_facecolor(NO_POINT)
-        gain = _gain(done, chart)
-        drawn = axes.pcolormesh(chart.stiffness, gain, chart.zeta, cmap=shades, norm=norm, shading="nearest")
-        _mark(axes, done, chart)
-    bar = figure.colorbar(drawn, ax=list(panels), ticks=LEVELS, label="smallest damping ratio of a closed-loop pole")
-    bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in LEVELS[1:])])
-    name = point_name(done.maps[0].at.point)
-    title = f"{done.experiment.name}: {name}, on surfaces of other stiffness"
-    figure.suptitle(title, x=0.01, ha="left", fontweight="bold")
-    save(figure, path)
+    title = f"{done.experiment.name}: {point_name(done.maps[0].at.point)}, on surfaces of other stiffness"
+    with picture(path, 6.3 * len(done.maps) + 1.0, 5.2, title, look=MAP) as figure:
+        shades, norm = ListedColormap([UNSTABLE, *SHADES]), BoundaryNorm(LEVELS, 1 + len(SHADES))
+        panels = figure.subplots(1, len(done.maps), squeeze=False)[0]
+        for axes, chart in zip(panels, done.maps, strict=True):
+            axes.set_facecolor(NO_POINT)
+            gain = _gain(done, chart)
+            drawn = axes.pcolormesh(chart.stiffness, gain, chart.zeta, cmap=shades, norm=norm, shading="nearest")
+            _mark(axes, done, chart)
+        label = "smallest damping ratio of a closed-loop pole"
+        bar = figure.colorbar(drawn, ax=list(panels), ticks=LEVELS, label=label)
+        bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in LEVELS[1:])])
 
 
 def _mark(axes: Axes, done: Stability, chart: StabilityMap) -> None:
     gain, K = _gain(done, chart), chart.at.point.parameters.K
-    axes.contour(chart.stiffness, gain, chart.zeta, levels=[0.0], colors="#1c1c1c", linewidths=1.2)
-    axes.plot(K, np.interp(1.0, chart.factors, gain), "o", color="#1c1c1c", mfc="white", ms=8)
+    axes.contour(chart.stiffness, gain, chart.zeta, levels=[0.0], colors=INK, linewidths=1.2)
+    axes.plot(K, np.interp(1.0, chart.factors, gain), "o", color=INK, mfc="white", ms=8)
     axes.annotate("as it is", (K, np.interp(1.0, chart.factors, gain)), (8, 4), textcoords="offset points")
     axes.set(xscale="log", yscale="log", xlabel="contact stiffness (N/m)", ylabel=_gain_label(done, chart))
 

@@ -4,18 +4,14 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from twin.studies.analyse.linear.loops import closed_poles
 from twin.studies.analyse.linear.margins import frequencies, loop_response
 from twin.studies.analyse.stability import FORCE, POSITION, PointStability, Stability
 from twin.studies.analyse.text import loop_name, point_name
-from twin.studies.figure import save
+from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 
-COLORS = ("#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9")
-"""Okabe and Ito's, which colour-blind readers can tell apart."""
-GREY, NOW = "#8c8c8c", "#1c1c1c"
+COLORS = (BLUE, ORANGE, GREEN, PINK, VERMILION, SKY)
 LOCUS = np.geomspace(1e-2, 1.0, 60)
 """Gains of a root locus below the present or critical one, as a share of its largest."""
 SWINGING = 0.3
@@ -29,36 +25,33 @@ def draw_analysis(done: Stability, path: Path) -> None:
 
     Shown are the points that leave the gains of the two laws least room; an unstable one only as a root locus.
     """
-    figure = Figure(figsize=(13, 8.5), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    (magnitude, nyquist, sensitivity), (phase, position, force) = figure.subplots(2, 3)
-    curves = shown_loops(done)
-    for color, (judged, name) in zip(COLORS, curves, strict=False):
-        loops = judged.linear.loops
-        omega = frequencies(loops.dt)
-        L = loop_response(loops, judged.linear.gains, name, omega)
-        label, hertz = f"{loop_name(name)}, {point_name(judged.linear.point)}", omega / (2.0 * np.pi)
-        magnitude.loglog(hertz, np.abs(L), color=color, lw=1.2, label=label)
-        phase.semilogx(hertz, np.unwrap(np.angle(L, deg=True), period=360.0), color=color, lw=1.2)
-        nyquist.plot(L.real, L.imag, color=color, lw=1.2)
-        sensitivity.loglog(hertz, np.abs(1.0 / (1.0 + L)), color=color, lw=1.2)
-        sensitivity.loglog(hertz, np.abs(L / (1.0 + L)), color=color, lw=1.0, ls=":")
-    _dress(magnitude, "Loop gain |L|", "frequency (Hz)", "")
-    magnitude.set_ylim(1e-4, 1e3)
-    magnitude.axhline(1.0, color=GREY, lw=0.8)
-    _dress(phase, "Phase of L", "frequency (Hz)", "degrees")
-    phase.axhline(-180.0, color=GREY, lw=0.8)
-    phase.set_ylim(-450.0, 20.0)
-    _dress(sensitivity, "|1/(1+L)|, dotted |L/(1+L)|", "frequency (Hz)", "")
-    sensitivity.set_ylim(1e-2, 5.0)
-    _dress_nyquist(nyquist)
-    _draw_locus(position, done, "position", POSITION)
-    _draw_locus(force, done, "force", FORCE)
-    if curves:
-        figure.legend(loc="outside lower center", ncols=2, frameon=False, fontsize=9)
-    verdict = "stable" if done.stable else "UNSTABLE"
-    figure.suptitle(f"Loops of {done.experiment.name}: {verdict}", x=0.01, ha="left", fontweight="bold")
-    save(figure, path)
+    title = f"Loops of {done.experiment.name}: {'stable' if done.stable else 'UNSTABLE'}"
+    with picture(path, 13, 8.5, title) as figure:
+        (magnitude, nyquist, sensitivity), (phase, position, force) = figure.subplots(2, 3)
+        curves = shown_loops(done)
+        for color, (judged, name) in zip(COLORS, curves, strict=False):
+            loops = judged.linear.loops
+            omega = frequencies(loops.dt)
+            L = loop_response(loops, judged.linear.gains, name, omega)
+            label, hertz = f"{loop_name(name)}, {point_name(judged.linear.point)}", omega / (2.0 * np.pi)
+            magnitude.loglog(hertz, np.abs(L), color=color, lw=1.2, label=label)
+            phase.semilogx(hertz, np.unwrap(np.angle(L, deg=True), period=360.0), color=color, lw=1.2)
+            nyquist.plot(L.real, L.imag, color=color, lw=1.2)
+            sensitivity.loglog(hertz, np.abs(1.0 / (1.0 + L)), color=color, lw=1.2)
+            sensitivity.loglog(hertz, np.abs(L / (1.0 + L)), color=color, lw=1.0, ls=":")
+        magnitude.set(title="Loop gain |L|", xlabel="frequency (Hz)")
+        magnitude.set_ylim(1e-4, 1e3)
+        magnitude.axhline(1.0, color=GREY, lw=0.8)
+        phase.set(title="Phase of L", xlabel="frequency (Hz)", ylabel="degrees")
+        phase.axhline(-180.0, color=GREY, lw=0.8)
+        phase.set_ylim(-450.0, 20.0)
+        sensitivity.set(title="|1/(1+L)|, dotted |L/(1+L)|", xlabel="frequency (Hz)")
+        sensitivity.set_ylim(1e-2, 5.0)
+        _dress_nyquist(nyquist)
+        _draw_locus(position, done, "position", POSITION)
+        _draw_locus(force, done, "force", FORCE)
+        if curves:
+            figure.legend(loc="outside lower center", ncols=2, fontsize=9)
 
 
 def shown_loops(done: Stability) -> list[Curve]:
@@ -82,27 +75,20 @@ def _draw_locus(axes: Axes, done: Stability, law: str, names: tuple[str, ...]) -
     for factor in (*(1.5 * limit * LOCUS), limit, 1.0):
         z = closed_poles(loops, gains | dict.fromkeys(names, factor))
         s = np.log(z[np.abs(z) > 1e-6].astype(complex)) / loops.dt
-        mark = {1.0: ("o", 28, NOW), limit: ("x", 40, COLORS[4])}.get(factor, (".", 5, COLORS[0]))
+        mark = {1.0: ("o", 28, INK), limit: ("x", 40, VERMILION)}.get(factor, (".", 5, BLUE))
         axes.scatter(s.real, s.imag / (2.0 * np.pi), marker=mark[0], s=mark[1], color=mark[2], linewidths=1.2)
     top = 2.0 * max((pole.omega for pole in critical.poles if pole.zeta < SWINGING), default=50.0)
     axes.set(xlim=(-0.6 * top, 0.2 * top), ylim=(0.0, top / (2.0 * np.pi)))
-    axes.axvspan(0.0, 0.2 * top, color=COLORS[4], alpha=0.08, lw=0)
+    axes.axvspan(0.0, 0.2 * top, color=VERMILION, alpha=0.08, lw=0)
     axes.axvline(0.0, color=GREY, lw=0.8)
     title = f"Root locus, {law} gains\no now, x at the limit of {limit:.3g} times"
-    _dress(axes, title, "real part of s (1/s)", "imaginary part / 2 pi (Hz)")
+    axes.set(title=title, xlabel="real part of s (1/s)", ylabel="imaginary part / 2 pi (Hz)")
 
 
 def _dress_nyquist(axes: Axes) -> None:
     turn = np.linspace(0.0, 2.0 * np.pi, 200)
     axes.plot(np.cos(turn), np.sin(turn), color=GREY, lw=0.8)
     axes.plot(-1.0 + 0.5 * np.cos(turn), 0.5 * np.sin(turn), color=GREY, lw=0.8, ls=":")
-    axes.plot(-1.0, 0.0, "+", color=NOW, ms=10)
+    axes.plot(-1.0, 0.0, "+", color=INK, ms=10)
     axes.set(xlim=(-2.0, 1.0), ylim=(-1.5, 1.5), aspect="equal")
-    _dress(axes, "Nyquist; inside the dotted circle M_s > 2", "Re L", "Im L")
-
-
-def _dress(axes: Axes, title: str, x: str, y: str) -> None:
-    axes.set(title=title, xlabel=x, ylabel=y)
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)
+    axes.set(title="Nyquist; inside the dotted circle M_s > 2", xlabel="Re L", ylabel="Im L")

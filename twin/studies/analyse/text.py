@@ -2,15 +2,14 @@
 
 import math
 import re
-import textwrap
 from collections.abc import Iterator
 
 from twin.studies.analyse.limit_check import FARTHEST, HOLDS, LimitCheck
 from twin.studies.analyse.linear.margins import LARGEST_GAIN, Margins, Pole
 from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.analyse.stability import PointStability, Stability
+from twin.studies.lines import counted, wrapped
 
-WIDTH = 80
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
 TURNING = (
@@ -154,7 +153,7 @@ def _drives(done: Stability) -> Iterator[str]:
     fits = dict(zip(done.shared.labels, done.shared.drives, strict=True))
     for label, model in fits.items():
         doubt = "; take the numbers with that doubt" if model.residual > DOUBT else ""
-        states = f"{len(model.A)} state{'s'[: len(model.A) != 1]}"
+        states = counted(len(model.A), "state")
         off = "less than 0.1" if model.residual < 0.001 else f"{100 * model.residual:.2g}"
         yield from _wrapped("drive  ", f"{label}: {states}, {off} % off its measured frequency response{doubt}")
         if model.turning:
@@ -170,9 +169,6 @@ def _hertz(omega: float | None) -> str:
 
 
 def _wrapped(head: str, text: str) -> list[str]:
-    """`text` after `head` in lines of `WIDTH`; numbers stay with their units, and what stands in brackets together."""
+    """`text` after `head` in lines; numbers stay with their units, and what stands in brackets together."""
     kept = BOUND.sub(lambda found: found.group().replace(" ", TIE), text)
-    lines = textwrap.wrap(
-        kept, WIDTH, initial_indent=head, subsequent_indent=" " * max(2, len(head)), break_on_hyphens=False
-    )
-    return [line.replace(TIE, " ") for line in lines]
+    return [line.replace(TIE, " ") for line in wrapped(kept, head, max(2, len(head)), whole=True)]

@@ -5,13 +5,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from twin.studies.check.verdict import Outside, Verdict
 from twin.studies.compare.picture import A_COLOUR, B_COLOUR, OUT_COLOUR
 from twin.studies.compare.text import shown
-from twin.studies.figure import save
+from twin.studies.figure import picture
 from twin.writing import made_folder
 
 MOST = 5
@@ -28,23 +26,19 @@ def check_pictures(verdicts: Sequence[Verdict], folder: Path) -> list[Path]:
     made_folder(folder)
     for verdict in [verdict for verdict in verdicts if verdict.outside][:MOST]:
         path = folder / f"{verdict.experiment}_{Path(verdict.drive).stem}.png"
-        save(_picture(verdict), path)
+        _draw_verdict(verdict, path)
         drawn.append(path)
     return drawn
 
 
-def _picture(verdict: Verdict) -> Figure:
-    figure = Figure(figsize=(8.0, 3.2 * len(verdict.outside) + 0.5), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(len(verdict.outside), squeeze=False)[:, 0]
-    for axes, curve in zip(panels, verdict.outside, strict=True):
-        _draw(axes, curve)
-    panels[-1].set_xlabel("time (s)")
-    figure.suptitle(f"{verdict.experiment}, {verdict.drive}", fontsize=11)
-    figure.legend(
-        *panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, frameon=False, fontsize=9
-    )
-    return figure
+def _draw_verdict(verdict: Verdict, path: Path) -> None:
+    with picture(path, 8.0, 3.2 * len(verdict.outside) + 0.5) as figure:
+        panels = figure.subplots(len(verdict.outside), squeeze=False)[:, 0]
+        for axes, curve in zip(panels, verdict.outside, strict=True):
+            _draw(axes, curve)
+        panels[-1].set_xlabel("time (s)")
+        figure.suptitle(f"{verdict.experiment}, {verdict.drive}", fontsize=11)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
 
 
 def _draw(axes: Axes, curve: Outside) -> None:
@@ -60,6 +54,3 @@ def _draw(axes: Axes, curve: Outside) -> None:
     axes.plot(t[out], now[out], "o", mfc="none", color=OUT_COLOUR, ms=7, label="outside")
     axes.set_title(f"{curve.name}: {curve.signal}", loc="left", fontsize=10)
     axes.set_ylabel(unit or "1")
-    axes.grid(alpha=0.25)
-    for side in ("top", "right"):
-        axes.spines[side].set_visible(False)

@@ -1,6 +1,5 @@
 """A run as an experiment's measures look at it: signals by the names that they use, at every tick."""
 
-import difflib
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -8,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.system import System
-from twin.errors import InputRefused, SafetyTrip
+from twin.errors import InputRefused, SafetyTrip, nearest
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Watched
 from twin.robot.geometry import Geometry
@@ -95,9 +94,7 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
             vector, index = split(signal.removeprefix("-"))
             said = f'[measure {number}] {key} = "{signal}"'
             if vector not in sizes:
-                close = difflib.get_close_matches(vector, sizes, 1)
-                hint = f"did you mean {close[0]}?" if close else f"there are {', '.join(sizes)}"
-                mistakes.append(f"{said}: no such signal; {hint}")
+                mistakes.append(f"{said}: no such signal; {nearest(vector, sizes, 'there are {}')}")
             elif (index is None) != (sizes[vector] == 1) or (index or 0) >= sizes[vector]:
                 wanted = f"[0] to [{sizes[vector] - 1}]" if sizes[vector] > 1 else "no index"
                 mistakes.append(f"{said}: it has {sizes[vector]} components; expected {wanted}")

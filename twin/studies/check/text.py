@@ -1,13 +1,12 @@
 """What `twin check` found, as text of at most 80 columns: the answer, what deviates, what else has changed."""
 
-import textwrap
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
 from twin.studies.check.verdict import Row, Verdict
 from twin.studies.compare.text import shown
+from twin.studies.lines import counted, wrapped
 
-WIDTH = 80
 LONGEST = 33
 """Of names beside their numbers; longer ones have a line of their own."""
 MOST = 5
@@ -43,20 +42,20 @@ def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
 
 
 def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
-    missed = f"{_count(len(failures), 'check')} could not be done" if failures else ""
+    missed = f"{counted(len(failures), 'check')} could not be done" if failures else ""
     if not verdicts:
         return missed
     experiments, drives = {v.experiment for v in verdicts}, {v.drive for v in verdicts}
     rows = sum(len(verdict.rows) for verdict in verdicts)
-    of = f"{_count(len(experiments), 'experiment')}, {_count(len(drives), 'drive')}, {rows} numbers and curves"
+    of = f"{counted(len(experiments), 'experiment')}, {counted(len(drives), 'drive')}, {rows} numbers and curves"
     first = [verdict for verdict in verdicts if _first(verdict)]
     wrong = [verdict for verdict in verdicts if verdict.deviations and verdict not in first]
-    added = f"{_count(len(first), 'check')} without a baseline until now" if first else ""
+    added = f"{counted(len(first), 'check')} without a baseline until now" if first else ""
     if len(first) == len(verdicts):
         return "; ".join(filter(None, (f"New: {of}", missed)))
     if not wrong:
         return "\n  ".join(filter(None, (f"All as it was: {of}", added, missed)))
-    share = f"{len(wrong)} of {_count(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
+    share = f"{len(wrong)} of {counted(len(verdicts), 'check')} {'deviates' if len(wrong) == 1 else 'deviate'}"
     told = f"{share if len(verdicts) > 1 else 'Deviates'}: {_words(wrong)}"
     return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
 
@@ -93,15 +92,6 @@ def _name(row: Row) -> str:
 
 
 def _wrapped(head: str, text: str) -> list[str]:
-    lines = []
-    for part in text.splitlines():
-        lines += textwrap.wrap(
-            part, WIDTH, initial_indent=f"  {head:9}", subsequent_indent=11 * " ", break_on_hyphens=False,
-            break_long_words=False,
-        )  # fmt: skip
-        head = ""
-    return lines
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
+    first, *others = text.splitlines()
+    parts = [(f"  {head:9}", first), *((" " * 11, part) for part in others)]
+    return [line for indent, part in parts for line in wrapped(part, indent, whole=True)]

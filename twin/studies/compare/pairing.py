@@ -1,15 +1,15 @@
 """Which signals of two logs are the same quantity, and the sentences where none are."""
 
-import difflib
 import re
 from collections.abc import Sequence
 
 import numpy as np
 
+from twin.errors import nearest
 from twin.recording.logs.log import Log, Series
-from twin.recording.logs.units import Dimension, Unit, known_unit
 from twin.studies.compare.errors import ComparisonRefused
 from twin.studies.compare.tolerance import Rule, matches
+from twin.units import Dimension, Unit, known_unit
 
 
 def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
@@ -67,9 +67,8 @@ def no_overlap(a: Log, b: Log, name: str, seconds: float) -> str:
 
 
 def _nearest(pattern: str, names: Sequence[str]) -> str:
-    known = list(dict.fromkeys(name.partition("[")[0] for name in names))
-    close = difflib.get_close_matches(pattern.partition("[")[0], known)
-    return f"did you mean {' or '.join(close)}?" if close else f"there are {', '.join(known)}"
+    known = dict.fromkeys(name.partition("[")[0] for name in names)
+    return nearest(pattern.partition("[")[0], known, "there are {}", 3)
 
 
 def _nothing_in_common(a: Log, b: Log) -> str:

@@ -4,17 +4,15 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
 from twin.recording.logs.sampling import sampling
 from twin.studies.compare.comparison import Comparison
 from twin.studies.compare.row import Curves, Row
 from twin.studies.compare.text import shown
-from twin.studies.figure import save
+from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, picture
 
 MOST = 6
-A_COLOUR, B_COLOUR, OUT_COLOUR = "#2f6db5", "#e2661a", "#b3261e"
+A_COLOUR, B_COLOUR, OUT_COLOUR = PAPER_BLUE, PAPER_ORANGE, "#b3261e"
 
 
 def draw_comparison(comparison: Comparison, path: Path) -> None:
@@ -22,19 +20,17 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
     rows = comparison.rows[:MOST]
     columns = 1 if len(rows) == 1 else 2
     deep = -(-len(rows) // columns)
-    figure = Figure(figsize=(6.6 * columns, 3.2 * deep + 0.4), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(2 * deep, columns, height_ratios=[3, 1] * deep)
-    for place, row in enumerate(rows):
-        line, column = divmod(place, columns)
-        above = figure.add_subplot(grid[2 * line, column])
-        below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
-        _draw(above, below, row, comparison.curves[row.signal])
-    handles, names = figure.axes[0].get_legend_handles_labels()
-    files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
-    names = [files.get(name, name) for name in names]
-    figure.legend(handles, names, loc="outside upper center", ncols=2, frameon=False, fontsize=9)
-    save(figure, path)
+    with picture(path, 6.6 * columns, 3.2 * deep + 0.4) as figure:
+        grid = figure.add_gridspec(2 * deep, columns, height_ratios=[3, 1] * deep)
+        for place, row in enumerate(rows):
+            line, column = divmod(place, columns)
+            above = figure.add_subplot(grid[2 * line, column])
+            below = figure.add_subplot(grid[2 * line + 1, column], sharex=above)
+            _draw(above, below, row, comparison.curves[row.signal])
+        handles, names = figure.axes[0].get_legend_handles_labels()
+        files = {"A": f"A  {_tail(comparison.a)}", "B": f"B  {_tail(comparison.b)}"}
+        names = [files.get(name, name) for name in names]
+        figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9)
 
 
 def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:
@@ -56,13 +52,8 @@ def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:
     below.axhline(0.0, color=A_COLOUR, lw=1.0)
     below.plot(t, b - a, color=B_COLOUR, lw=0.9)
     below.plot(t, np.where(excess != 0.0, b - a, np.nan), color=OUT_COLOUR, lw=1.6)
-    below.set_ylabel("B - A")
-    below.set_xlabel("time (s)")
+    below.set(xlabel="time (s)", ylabel="B - A")
     above.tick_params(labelbottom=False)
-    for axes in (above, below):
-        axes.grid(alpha=0.25)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
 
 
 def _tail(path: Path) -> str:

@@ -1,13 +1,12 @@
 """A comparison as text of at most 80 columns: the answer, what leaves the tube, what is nearest to it."""
 
 import math
-import textwrap
 from collections.abc import Iterable
 
 from twin.studies.compare.comparison import Comparison
 from twin.studies.compare.row import Row
+from twin.studies.lines import counted, wrapped
 
-WIDTH = 80
 MOST_OUTSIDE, MOST_INSIDE = 8, 6
 """Rows printed; all are in the JSON."""
 SHOWN = {"m": ("mm", 1e3), "m/s": ("mm/s", 1e3), "rad": ("deg", math.degrees(1.0)), "1": ("", 1.0)}
@@ -38,7 +37,7 @@ def _answer(comparison: Comparison, partial: bool) -> str:
     if not comparison.outside and covered < 1.0 and not partial:
         return f"B covers only {of_a} of A's time, within the tolerance tube there"
     if not comparison.outside:
-        return f"B stays within the tolerance tube of A: {_count(count, 'signal')}, {of_a} of A's time"
+        return f"B stays within the tolerance tube of A: {counted(count, 'signal')}, {of_a} of A's time"
     first = comparison.outside[0]
     when = first.first_exit.t if first.first_exit else math.nan
     left = f"{len(comparison.outside)} of {count}"
@@ -87,12 +86,4 @@ def _others(comparison: Comparison, partial: bool) -> Iterable[str]:
 
 
 def _note(text: str) -> list[str]:
-    # names of files and signals stay whole
-    return textwrap.wrap(
-        text, WIDTH, initial_indent="  note     ", subsequent_indent=11 * " ", break_on_hyphens=False,
-        break_long_words=False,
-    )  # fmt: skip
-
-
-def _count(number: int, what: str) -> str:
-    return f"{number} {what}{'s' * (number != 1)}"
+    return wrapped(text, "  note     ", whole=True)

@@ -20,8 +20,8 @@ from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.files import read_toml
-from twin.recording.logs.units import Dimension, Unit, known_unit
 from twin.studies.compare.errors import ComparisonRefused
+from twin.units import Dimension, Unit, known_unit
 
 SECONDS = Dimension(s=1)
 _RULE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")

@@ -6,68 +6,58 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
 from twin.studies.converge.convergence import Series, Study
 from twin.studies.converge.signals import FORCE, Signal
-from twin.studies.figure import save
+from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, picture
 
-# told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by marker
-STYLES = (("#0072b2", "o"), ("#e69f00", "s"), ("#009e73", "^"), ("#cc79a7", "D"), ("#56b4e9", "v"))
+STYLES = ((BLUE, "o"), (ORANGE, "s"), (GREEN, "^"), (PINK, "D"), (SKY, "v"))
 
 
 def draw_convergence(study: Study, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
-    figure = Figure(figsize=(11, 5.6), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    by_tick, by_cost = figure.subplots(1, 2, sharey=True)
-    signal = study.judged
-    for one, (color, marker) in zip(study.series, STYLES, strict=False):
-        points = [point for point in one.points if isfinite(point.cost)]
-        error = [signal.scale * point.errors[signal.name] for point in points]
-        # the last two often lie on each other
-        style = {"color": color, "marker": marker, "ms": 6, "lw": 1.4, "mfc": "none", "mew": 1.5}
-        by_tick.plot([1e3 * point.tick for point in points], error, label=_label(one, signal), **style)
-        by_cost.plot([1e3 * point.cost for point in points], error, **style)
-    _draw_slopes(by_tick, study)
-    for axes in (by_tick, by_cost):
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        axes.grid(alpha=0.25, which="major")
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    ticks = sorted({1e3 * point.tick for one in study.series for point in one.points})
-    by_tick.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
-    by_tick.minorticks_off()
-    if study.reference.pressed:
-        _draw_tolerance(by_tick, by_cost, study)
-    by_tick.set_xlabel("tick (ms)")
-    by_tick.set_ylabel(f"largest error of {signal.name} ({signal.unit})")
-    by_cost.set_xlabel("computing per simulated second (ms)")
-    by_cost.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))
-    by_cost.xaxis.set_minor_formatter(NullFormatter())
-    figure.legend(frameon=False, loc="outside lower center", fontsize="small", ncols=3)
-    by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
-    save(figure, path)
+    with picture(path, 11, 5.6) as figure:
+        by_tick, by_cost = figure.subplots(1, 2, sharey=True)
+        signal = study.judged
+        for one, (color, marker) in zip(study.series, STYLES, strict=False):
+            points = [point for point in one.points if isfinite(point.cost)]
+            error = [signal.scale * point.errors[signal.name] for point in points]
+            # the last two often lie on each other
+            style = {"color": color, "marker": marker, "ms": 6, "lw": 1.4, "mfc": "none", "mew": 1.5}
+            by_tick.plot([1e3 * point.tick for point in points], error, label=_label(one, signal), **style)
+            by_cost.plot([1e3 * point.cost for point in points], error, **style)
+        _draw_slopes(by_tick, study)
+        for axes in (by_tick, by_cost):
+            axes.set(xscale="log", yscale="log")
+        ticks = sorted({1e3 * point.tick for one in study.series for point in one.points})
+        by_tick.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+        by_tick.minorticks_off()
+        if study.reference.pressed:
+            _draw_tolerance(by_tick, by_cost, study)
+        by_tick.set(xlabel="tick (ms)", ylabel=f"largest error of {signal.name} ({signal.unit})")
+        by_cost.set_xlabel("computing per simulated second (ms)")
+        by_cost.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        by_cost.xaxis.set_major_formatter(FormatStrFormatter("%g"))
+        by_cost.xaxis.set_minor_formatter(NullFormatter())
+        figure.legend(loc="outside lower center", fontsize="small", ncols=3)
+        by_tick.set_title(f"{study.name}: what the coupling costs", loc="left", fontweight="bold")
 
 
 def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: Study) -> None:
     """The tolerance of the force, and the run that is recommended for it."""
     limit = FORCE.scale * study.tolerance
     for axes in (by_tick, by_cost):
-        axes.axhline(limit, color="#c62828", lw=1.0, ls="--")
+        axes.axhline(limit, color=RED, lw=1.0, ls="--")
     by_tick.annotate(
         f"tolerance, {limit:g} mN", (0.01, limit), (2, 3),
-        xycoords=("axes fraction", "data"), textcoords="offset points", color="#c62828", fontsize="small",
+        xycoords=("axes fraction", "data"), textcoords="offset points", color=RED, fontsize="small",
     )  # fmt: skip
     if study.choice is None:
         return
     point = study.choice.point
     error = FORCE.scale * point.errors[FORCE.name]
-    ring: dict[str, Any] = {"marker": "o", "ms": 15, "mfc": "none", "mec": "#1c1c1c", "mew": 1.2, "ls": "none"}
+    ring: dict[str, Any] = {"marker": "o", "ms": 15, "mfc": "none", "mec": INK, "mew": 1.2, "ls": "none"}
     by_tick.plot(1e3 * point.tick, error, label="recommended", **ring)
     by_cost.plot(1e3 * point.cost, error, **ring)
 

@@ -1,14 +1,13 @@
 """A study of the coupling as text of at most 80 columns: what to use first, then why, then where the files are."""
 
-import textwrap
 from collections.abc import Mapping
 from math import isfinite
 
 from twin.studies.converge.convergence import Point, Series, Study
 from twin.studies.converge.order import Finding, Order
 from twin.studies.converge.signals import FORCE, SIGNALS
+from twin.studies.lines import labelled
 
-WIDTH = 80
 NAME = 31
 COLUMN = 9
 REMARKS = {
@@ -24,10 +23,10 @@ def convergence_text(study: Study, files: Mapping[str, str]) -> str:
     """The whole report. files: kind -> path."""
     lines = [*_headline(study), ""]
     lines += [*_errors_by_tick(study), "", *_errors_by_signal(study), "", *_orders(study), "", *_power(study), ""]
-    lines += _row("reference", study.reference.meaning)
-    lines += _row("changed", "; ".join(study.changes))
+    lines += labelled("reference", study.reference.meaning)
+    lines += labelled("changed", "; ".join(study.changes))
     for name, why in study.left_out:
-        lines += _row("left out", f"{name}: {why}")
+        lines += labelled("left out", f"{name}: {why}")
     lines += [f"  {kind:<10} {path}" for kind, path in files.items()]
     return "\n".join(lines)
 
@@ -85,7 +84,7 @@ def _orders(study: Study) -> list[str]:
     found = {order.finding for one in study.series for order in one.orders.values()}
     for finding, (mark, meaning) in REMARKS.items():
         if finding in found:
-            told += _row(mark, meaning)
+            told += labelled(mark, meaning)
     return told
 
 
@@ -97,7 +96,7 @@ def _power(study: Study) -> list[str]:
     for one in study.series:
         if one.residuals:
             told.append(_columns(one.coupling.name, _balance(one)))
-    return [*told, *_row("", "mean, energy: of all joints, + created; peak: of one; share: of the energy through")]
+    return [*told, *labelled("", "mean, energy: of all joints, + created; peak: of one; share: of the energy through")]
 
 
 def _balance(one: Series) -> list[str]:
@@ -127,7 +126,3 @@ def _number(value: float) -> str:
 def _order(order: Order) -> str:
     mark = REMARKS[order.finding][0] if order.finding in REMARKS else ""
     return mark if order.slope is None else f"{mark}{order.slope:.2f}"
-
-
-def _row(name: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=f"  {name:<10} ", subsequent_indent=" " * 13)

@@ -6,22 +6,19 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.studies.faults.row import ALLOWANCE, Row
 from twin.studies.faults.text import magnitude_text
-from twin.studies.figure import save
+from twin.studies.figure import BARE, INK, VERMILION, picture
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little force, so that it also reads in print."""
-BEYOND = "#d55e00"
-"""Okabe and Ito's vermilion."""
+BEYOND = VERMILION
 DARKEST = 2.0
 """Peak over limit at which the colours end."""
 SIZES = 3
@@ -36,29 +33,24 @@ def draw_fault_matrix(experiment: str, rows: Sequence[Row], path: Path) -> None:
     """
     kinds = [list(group) for _, group in groupby(rows, lambda row: row.kind)]
     onsets = list(dict.fromkeys(row.onset for row in rows))
-    figure = Figure(figsize=(5.0 + 2.8 * len(onsets), 2.2 + 0.31 * len(kinds)), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(1, 2, sharey=True)
-    shade = ScalarMappable(Normalize(0.0, DARKEST), COLORS)
-    for axes, watched in zip(panels, (True, False), strict=True):
-        for line, of_kind in enumerate(kinds):
-            for row in of_kind:
-                _draw_cell(axes, shade, row, watched, line, onsets.index(row.onset))
-        _label(axes, rows, onsets, len(kinds))
-        axes.set_title("with monitor" if watched else "without monitor", fontweight="bold", pad=22)
-    panels[0].set_yticks(np.arange(len(kinds)) + 0.5, [_kind_text(of_kind) for of_kind in kinds], fontsize=8.5)
-    figure.colorbar(shade, ax=panels, extend="max", shrink=0.6, pad=0.01, label="largest true force / force limit")
-    marks = [
-        Line2D([], [], ls="", marker="o", color="#1c1c1c", ms=4, label="seen by the monitor"),
-        Line2D([], [], ls="", marker="x", color="#1c1c1c", ms=5, label="run ended there: a component failed"),
-        Rectangle((0, 0), 1, 1, fill=False, ec=BEYOND, lw=2.2, label=f"beyond {ALLOWANCE:g} of the limit"),
-    ]
-    figure.legend(handles=marks, loc="outside lower center", ncols=3, frameon=False)
-    figure.suptitle(
-        f"Faults in {experiment}: largest true contact force (N) from the onset on; limit {rows[0].limit:g} N",
-        x=0.01, ha="left", fontweight="bold",
-    )  # fmt: skip
-    save(figure, path)
+    title = f"Faults in {experiment}: largest true contact force (N) from the onset on; limit {rows[0].limit:g} N"
+    with picture(path, 5.0 + 2.8 * len(onsets), 2.2 + 0.31 * len(kinds), title, look=BARE) as figure:
+        panels = figure.subplots(1, 2, sharey=True)
+        shade = ScalarMappable(Normalize(0.0, DARKEST), COLORS)
+        for axes, watched in zip(panels, (True, False), strict=True):
+            for line, of_kind in enumerate(kinds):
+                for row in of_kind:
+                    _draw_cell(axes, shade, row, watched, line, onsets.index(row.onset))
+            _label(axes, rows, onsets, len(kinds))
+            axes.set_title("with monitor" if watched else "without monitor", fontweight="bold", pad=22)
+        panels[0].set_yticks(np.arange(len(kinds)) + 0.5, [_kind_text(of_kind) for of_kind in kinds], fontsize=8.5)
+        figure.colorbar(shade, ax=panels, extend="max", shrink=0.6, pad=0.01, label="largest true force / force limit")
+        marks = [
+            Line2D([], [], ls="", marker="o", color=INK, ms=4, label="seen by the monitor"),
+            Line2D([], [], ls="", marker="x", color=INK, ms=5, label="run ended there: a component failed"),
+            Rectangle((0, 0), 1, 1, fill=False, ec=BEYOND, lw=2.2, label=f"beyond {ALLOWANCE:g} of the limit"),
+        ]
+        figure.legend(handles=marks, loc="outside lower center", ncols=3)
 
 
 def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line: int, onset: int) -> None:
@@ -71,7 +63,7 @@ def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line:
         axes.add_patch(
             Rectangle((left + 0.06, line + 0.08), wide - 0.12, 0.84, fill=False, ec=BEYOND, lw=2.2, zorder=3)
         )
-    ink = "#1c1c1c" if 0.299 * r + 0.587 * g + 0.114 * b > 0.5 else "white"
+    ink = INK if 0.299 * r + 0.587 * g + 0.114 * b > 0.5 else "white"
     middle = left + 0.5 * wide
     axes.text(middle - 0.1, line + 0.52, f"{run.peak:.1f}", color=ink, ha="center", va="center", fontsize=7.5)
     if run.end == "run ended":
@@ -103,6 +95,6 @@ def _label(axes: Axes, rows: Sequence[Row], onsets: Sequence[float], lines: int)
         text = f"onset {onset:.2f} s, {'in contact' if in_contact[onset] else 'free'}"
         axes.text(SIZES * (i + 0.5), -0.35, text, ha="center", va="bottom", fontsize=9)
         if i:
-            axes.axvline(SIZES * i, color="#1c1c1c", lw=1.6)
+            axes.axvline(SIZES * i, color=INK, lw=1.6)
     for side in axes.spines.values():
         side.set_visible(False)

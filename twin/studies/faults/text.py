@@ -1,13 +1,12 @@
 """The matrix of faults as text of at most 80 columns, and as a Markdown table."""
 
-import textwrap
 from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.studies.faults.row import ALLOWANCE, Row
+from twin.studies.lines import markdown, wrapped
 
-WIDTH = 80
 UNITS = {
     None: "",
     "share": "",
@@ -35,36 +34,33 @@ def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
     safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)
     failing = [r for r in rows if r.fails]
     verdict = "FAILED" if failing else "PASSED"
-    lines = _wrapped(
+    sentences = [
         f"{experiment}  {verdict}: {safe} of {len(rows)} cases stay below {first.bound:g} N, the limit of "
         f"{first.limit:g} N plus {100 * (ALLOWANCE - 1):.0f} %; without the monitor {safe_unwatched}. "
         f"Healthy: no trip, at most {max(r.healthy_peak for r in rows):.1f} N."
-    )
+    ]
     claimed, allowed = [r for r in rows if r.said_to_be_seen], [r for r in rows if r.said_to_go_beyond]
-    lines += _wrapped(
+    sentences.append(
         f"Said before: the monitor sees {len(claimed)} cases; it saw {sum(r.detected for r in claimed)} of them. "
         f"Said before: the force may go beyond in {len(allowed)}; it did in {sum(not r.safe for r in allowed)} of them "
         f"and in {sum(r.loose for r in rows)} others."
     )
     ended = sum(r.unwatched.end == "run ended" and r.watched.end != "run ended" for r in rows)
     if ended:
-        lines += _wrapped(
+        sentences.append(
             f"Without the monitor {ended} more runs end early because a component fails; "
             "their peak is the one until then."
         )
+    lines = [line for sentence in sentences for line in wrapped(sentence, later=4)]
     lines += ["", _line(HEAD), _line(UNDER_HEAD)]
-    for row, of_kind in _worst(rows):
-        lines.append(_line((row.kind, *_cells(row, of_kind))))
+    lines += [_line((row.kind, *_cells(row, of_kind))) for row, of_kind in _worst(rows)]
     return "\n".join(line.rstrip() for line in [*lines, *_exceptions(rows)])
 
 
 def fault_matrix_table(rows: Sequence[Row]) -> str:
     """A Markdown table: the worst case of each kind."""
-    lines = ["| " + " | ".join(MARKDOWN) + " |", "|" + "---|" * len(MARKDOWN)]
-    for row, of_kind in _worst(rows):
-        cells = (f"`{row.kind}`", *_cells(row, of_kind), row.watched.end)
-        lines.append("| " + " | ".join(cell or "-" for cell in cells) + " |")
-    return "\n".join(lines)
+    lines = [(f"`{row.kind}`", *_cells(row, of_kind), row.watched.end) for row, of_kind in _worst(rows)]
+    return markdown(MARKDOWN, [[cell or "-" for cell in cells] for cells in lines])
 
 
 def magnitude_text(kind: str, magnitude: float | None) -> str:
@@ -122,8 +118,4 @@ def _named(row: Row) -> str:
 
 
 def _block(title: str, texts: Sequence[str]) -> list[str]:
-    return ["", title, *(line for text in texts for line in _wrapped(f"  {text}"))] if texts else []
-
-
-def _wrapped(text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, subsequent_indent="    ")
+    return ["", title, *(line for text in texts for line in wrapped(f"  {text}", later=4))] if texts else []

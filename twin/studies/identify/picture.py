@@ -4,37 +4,23 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from twin.studies.figure import save
+from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, picture
 from twin.studies.identify.identification import Identification
 from twin.studies.identify.windows import JOINTS_PER_METRE
 
-LOADING, UNLOADING, PAPER, INK = "#2f6db5", "#e2661a", "#c62828", "#1c1c1c"
-JOINTS = ("#2f6db5", "#8e44ad", "#2e7d32")
+LOADING, UNLOADING = PAPER_BLUE, PAPER_ORANGE
 STILL = 5e-4
 """m/s: slower in z is neither loading nor unloading."""
 
 
 def draw_identification(one: Identification, name: str, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
-    figure = Figure(figsize=(11, 8), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    (force, air), (depth, paper) = figure.subplots(2, 2)
-    _draw_force(force, one)
-    _draw_air(air, one)
-    _draw_depth(depth, one)
-    _draw_paper(paper, one)
-    for panel in (force, air, depth, paper):
-        panel.grid(alpha=0.25)
-        for side in ("top", "right"):
-            panel.spines[side].set_visible(False)
     k = one.estimate("k_s_eta")
-    figure.suptitle(
-        f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad", x=0.01, ha="left", fontweight="bold"
-    )
-    save(figure, path)
+    with picture(path, 11, 8, f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad") as figure:
+        draws = (_draw_force, _draw_air, _draw_depth, _draw_paper)
+        for draw, panel in zip(draws, figure.subplots(2, 2).flat, strict=True):
+            draw(panel, one)
 
 
 def _of_kind(one: Identification, kind: int) -> tuple[np.ndarray, np.ndarray]:
@@ -50,10 +36,9 @@ def _draw_force(axes: Axes, one: Identification) -> None:
     for side in (-0.5, 0.5):
         axes.axhline(side * max(one.model.resolution, 0.0), color="0.5", lw=0.8, ls="--")
     axes.set_title("on the scale: force by the springs less the reading", fontsize="medium", loc="left")
-    axes.set_xlabel("scale (N); dashed: half a step of its display")
-    axes.set_ylabel("residual (N)")
+    axes.set(xlabel="scale (N); dashed: half a step of its display", ylabel="residual (N)")
     if len(F):
-        axes.legend(frameon=False, fontsize="small", loc="best")
+        axes.legend(fontsize="small", loc="best")
 
 
 def _draw_halves(axes: Axes, one: Identification, window: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
@@ -73,18 +58,16 @@ def _draw_air(axes: Axes, one: Identification) -> None:
     for i, color in enumerate(JOINTS):
         axes.plot(t, np.degrees(r[i::3]), ".", ms=3, color=color, alpha=0.7, label=f"joint {i + 1}")
     axes.set_title("in free air: wind-up less that of the robot's weight", fontsize="medium", loc="left")
-    axes.set_xlabel("time (s)")
-    axes.set_ylabel("residual (deg, motor side)")
+    axes.set(xlabel="time (s)", ylabel="residual (deg, motor side)")
     if len(t):
-        axes.legend(frameon=False, fontsize="small", loc="best", ncols=3)
+        axes.legend(fontsize="small", loc="best", ncols=3)
 
 
 def _draw_depth(axes: Axes, one: Identification) -> None:
     r, window = _of_kind(one, 2)
     _draw_halves(axes, one, window, one.fit.seen.force[window], 1e6 * r)
     axes.set_title("the scale's own law: height less z_s - F/K/(1 - c p_z')", fontsize="medium", loc="left")
-    axes.set_xlabel("scale (N)")
-    axes.set_ylabel("residual (micrometres)")
+    axes.set(xlabel="scale (N)", ylabel="residual (micrometres)")
 
 
 def _draw_paper(axes: Axes, one: Identification) -> None:
@@ -97,13 +80,12 @@ def _draw_paper(axes: Axes, one: Identification) -> None:
     axes.plot(press.calculated, press.force, "o", ms=4, color=INK, label="measured, against (27)")
     reach = np.array([min(0.0, float(press.calculated.min())), float(press.calculated.max())])
     slope = press.steps[0].k_s_eta / believed
-    axes.plot(reach, slope * reach, color=PAPER, label=f"as printed: k_s eta = {press.steps[0].k_s_eta:.3f}")
+    axes.plot(reach, slope * reach, color=RED, label=f"as printed: k_s eta = {press.steps[0].k_s_eta:.3f}")
     slope = one.fit.x[0] / believed
     middle = press.calculated.mean(), press.force.mean()
     axes.plot(
         reach, middle[1] + slope * (reach - middle[0]), color=LOADING, ls="--",
         label=f"slope of the identified {one.fit.x[0]:.3f}",
     )  # fmt: skip
-    axes.set_xlabel("F_z by (20) to (27), believed k_s eta (N)")
-    axes.set_ylabel("scale (N)")
-    axes.legend(frameon=False, fontsize="small", loc="best")
+    axes.set(xlabel="F_z by (20) to (27), believed k_s eta (N)", ylabel="scale (N)")
+    axes.legend(fontsize="small", loc="best")

@@ -1,12 +1,12 @@
 """An identification as text of at most 80 columns: the answer, the table, what cannot be had, the paper's way."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
+from functools import partial
 
 from twin.studies.identify.identification import Identification, Quantity
 from twin.studies.identify.units import decimals, shown, shown_unit
+from twin.studies.lines import labelled, wrapped
 
-WIDTH = 80
 ALL_THREE = {"zero of joint": "zeros of the joints", "zero of wind-up": "zeros of the wind-ups"}
 
 
@@ -20,7 +20,7 @@ def identification_text(one: Identification, name: str, files: Mapping[str, str]
         f"believed {k.believed:g}"
     )
     lines = [
-        *textwrap.wrap(verdict, WIDTH, subsequent_indent="  ", break_on_hyphens=False),
+        *wrapped(verdict, later=2, whole=True),
         "",
         *_table(one, true),
         *_unknown(one),
@@ -28,7 +28,7 @@ def identification_text(one: Identification, name: str, files: Mapping[str, str]
         *_residuals(one),
     ]
     for note in one.notes:
-        lines += _wrapped("note", note)
+        lines += _labelled("note", note)
     return "\n".join([*lines, *(f"  {kind:<10} {path}" for kind, path in files.items())])
 
 
@@ -101,11 +101,11 @@ def _paper(one: Identification) -> list[str]:
     """The paper's procedure and its bias."""
     press = one.one_pose
     if press is None:
-        return _wrapped("paper", "no gradual press in one place, so Sec. III.A cannot be followed")
+        return _labelled("paper", "no gradual press in one place, so Sec. III.A cannot be followed")
     k = one.fit.x[0]
     # + 0.0: no minus before a zero
     x, y = (1e3 * press.place).round() + 0.0
-    lines = _wrapped(
+    lines = _labelled(
         "paper",
         f"Sec. III.A on the press of {press.start:.1f} to {press.end:.1f} s at ({x:.0f}, {y:.0f}) mm, "
         f"{press.force[0]:.1f} to {press.force[-1]:.1f} N, k_s eta by a line through the origin:",
@@ -119,20 +119,18 @@ def _residuals(one: Identification) -> list[str]:
     fit = one.fit
     air, scale = int((fit.rows.kind == 0).sum()) // 3, int((fit.rows.kind == 1).sum())
     share = fit.misfit(0, 1, 2)
-    lines = _wrapped(
+    lines = _labelled(
         "fit",
         f"{air} windows of {fit.seen.length:g} s in free air, {scale} on the scale, in {fit.clusters} independent "
         f"stretches; residuals are {share:.2f} of what rounding leaves in one sample",
     )
     if share > 1.0:
-        lines += _wrapped("doubt", "more than rounding explains: lengths, masses or the scale are not as believed")
+        lines += _labelled("doubt", "more than rounding explains: lengths, masses or the scale are not as believed")
     return lines
 
 
 def _item(text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False)
+    return wrapped(text, "    ", 6, whole=True)
 
 
-def _wrapped(label: str, text: str) -> list[str]:
-    head = f"  {label:<10} "
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
+_labelled = partial(labelled, whole=True)

@@ -3,41 +3,32 @@
 from pathlib import Path
 
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from twin.studies.figure import save
+from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, picture
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
 
-PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE = "#2f6db5", "#eab308", "#e2661a", "#8c8c8c"
-"""Blue, yellow, orange and grey, as its caption says; the order of lightness also tells them apart in print."""
-TRUTH = "#1c1c1c"
+PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE, TRUTH = PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE, GREY, INK
 
 
 def draw_fig4(runs: Fig4Runs, path: Path) -> None:
     """Write the picture to `path` (PNG). Forces are the controller's estimates; the true F_z is dotted."""
-    figure = Figure(figsize=(12, 7.5), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
-    _draw_z(a, runs)
-    _draw_force(b, runs)
-    _draw_friction(c, runs.imperfect, 0, "x")
-    _draw_friction(d, (runs.force_position, runs.position), 1, "y")
-    limits = [min(c.get_ylim()[0], d.get_ylim()[0]), max(c.get_ylim()[1], d.get_ylim()[1])]
-    c.set_ylim(*limits)
-    d.set_ylim(*limits)
-    for axes, letter in ((a, "A"), (b, "B"), (c, "C"), (d, "D")):
-        axes.set_title(letter, loc="left", fontweight="bold")
-        axes.grid(alpha=0.25)
-        axes.set_xlim(0, 20)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-    # ideal runs have no force in x, by symmetry
-    text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
-    c.set_title(text, loc="right", fontsize="medium")
-    for axes in (c, d):
-        axes.set_xlabel("time (s)")
-    save(figure, path)
+    with picture(path, 12, 7.5) as figure:
+        (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
+        _draw_z(a, runs)
+        _draw_force(b, runs)
+        _draw_friction(c, runs.imperfect, 0, "x")
+        _draw_friction(d, (runs.force_position, runs.position), 1, "y")
+        limits = [min(c.get_ylim()[0], d.get_ylim()[0]), max(c.get_ylim()[1], d.get_ylim()[1])]
+        c.set_ylim(*limits)
+        d.set_ylim(*limits)
+        for axes, letter in ((a, "A"), (b, "B"), (c, "C"), (d, "D")):
+            axes.set_title(letter, loc="left", fontweight="bold")
+            axes.set_xlim(0, 20)
+        # ideal runs have no force in x, by symmetry
+        text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
+        c.set_title(text, loc="right", fontsize="medium")
+        for axes in (c, d):
+            axes.set_xlabel("time (s)")
 
 
 def _draw_z(axes: Axes, runs: Fig4Runs) -> None:
@@ -47,7 +38,7 @@ def _draw_z(axes: Axes, runs: Fig4Runs) -> None:
     axes.plot(p.t, 1e3 * p.z, color=P_BASED, lw=1.6, label="P-based")
     axes.plot(fp.t, 1e3 * fp.z, color=FP_BASED, lw=1.6, label="F&P-based")
     axes.set_ylabel("z position (mm)")
-    axes.legend(frameon=False, loc="upper right")
+    axes.legend(loc="upper right")
 
 
 def _draw_force(axes: Axes, runs: Fig4Runs) -> None:
@@ -58,7 +49,7 @@ def _draw_force(axes: Axes, runs: Fig4Runs) -> None:
     axes.plot(p.t_plant, p.true_F_z, color=TRUTH, lw=0.8, ls=":", label="true force (plant)")
     axes.plot(fp.t_plant, fp.true_F_z, color=TRUTH, lw=0.8, ls=":")
     axes.set_ylabel("F_z, pressing (N)")
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(loc="lower right")
 
 
 def _draw_friction(axes: Axes, pair: tuple[Fig4Run, Fig4Run] | None, axis: int, letter: str) -> None:
@@ -66,4 +57,4 @@ def _draw_friction(axes: Axes, pair: tuple[Fig4Run, Fig4Run] | None, axis: int, 
     for run, color, label in zip(pair or (), (FP_BASED, P_BASED), ("F&P-based", "P-based"), strict=False):
         axes.plot(run.t, run.F_ee_B[:, axis], color=color, lw=0.9, label=label)
     axes.set_ylabel(f"F_{letter} (N)")
-    axes.legend(frameon=False, loc="lower left")
+    axes.legend(loc="lower left")

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 from matplotlib.patches import Circle
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.monitor import Monitor
 from twin.experiment.task import Push, Roll, Tap
-from twin.studies.figure import save
+from twin.studies.figure import GREEN, ORANGE, picture
 from twin.studies.metrics.path import along_and_off
 from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig5 import CLAIMS
@@ -21,7 +19,7 @@ from twin.studies.paper.fig5_runs import TaskRun, settings
 from twin.studies.paper.fig5_score import Fig5Score, TaskScore
 from twin.studies.paper.fig5_space import REFERENCE, TRACE, TRUTH, draw_in_space
 
-ESTIMATE, SHIFTED = "#e69f00", "#009e73"
+ESTIMATE, SHIFTED = ORANGE, GREEN
 JUDGED = "#e9eef5"
 TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
 TAPS = 3
@@ -34,33 +32,27 @@ ALIKE = 0.35
 def draw_fig5(score: Fig5Score, path: Path) -> None:
     """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each."""
     shown = shown_tasks(score)
-    figure = Figure(figsize=(3.5 * len(shown) + 0.6, 9.6), dpi=110)
-    FigureCanvasAgg(figure)
-    grid = figure.add_gridspec(
-        3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
-        left=0.055, right=0.972, top=0.92, bottom=0.1,
-    )  # fmt: skip
-    floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
-    for column, task in enumerate(shown):
-        space = figure.add_subplot(grid[0, column], projection="3d")
-        draw_in_space(space, task.run, floor)
-        corner = {"transform": space.transAxes, "va": "bottom"}
-        space.text2D(0.0, 1.115, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
-        place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.tripped}"
-        space.text2D(0.0, 1.0, f"{task.manner}\n{place}", fontsize=8, **corner)
-        way, force = (figure.add_subplot(grid[row, column]) for row in (1, 2))
-        WAYS[task.kind](way, task.run)
-        _draw_force(force, task.run)
-        for axes in (way, force):
-            axes.grid(alpha=0.25)
-            axes.tick_params(labelsize=8)
-            for side in ("top", "right"):
-                axes.spines[side].set_visible(False)
-    handles = {
-        label: handle for axes in figure.axes for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
-    }
-    figure.legend(handles.values(), handles.keys(), loc="lower center", ncols=len(handles), frameon=False, fontsize=9)
-    save(figure, path)
+    with picture(path, 3.5 * len(shown) + 0.6, 9.6, by_hand=True) as figure:
+        grid = figure.add_gridspec(
+            3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
+            left=0.055, right=0.972, top=0.92, bottom=0.1,
+        )  # fmt: skip
+        floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
+        for column, task in enumerate(shown):
+            space = figure.add_subplot(grid[0, column], projection="3d")
+            draw_in_space(space, task.run, floor)
+            corner = {"transform": space.transAxes, "va": "bottom"}
+            space.text2D(0.0, 1.115, TITLES[task.kind], fontweight="bold", fontsize=12, **corner)
+            place = f"{task.drive} on {task.body}{', safety monitor tripped' * task.run.tripped}"
+            space.text2D(0.0, 1.0, f"{task.manner}\n{place}", fontsize=8, **corner)
+            way, force = (figure.add_subplot(grid[row, column]) for row in (1, 2))
+            WAYS[task.kind](way, task.run)
+            _draw_force(force, task.run)
+            for axes in (way, force):
+                axes.tick_params(labelsize=8)
+        found = [axes.get_legend_handles_labels() for axes in figure.axes]
+        marks = {label: mark for marks, labels in found for mark, label in zip(marks, labels, strict=True)}
+        figure.legend(marks.values(), marks.keys(), loc="lower center", ncols=len(marks), fontsize=9)
 
 
 def shown_tasks(score: Fig5Score) -> list[TaskScore]:

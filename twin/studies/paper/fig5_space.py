@@ -8,9 +8,10 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.task import Push, Roll
+from twin.studies.figure import BLUE, GREY, INK, VERMILION
 from twin.studies.paper.fig5_runs import TaskRun, settings
 
-TRUTH, REFERENCE, TRACE, MOVING = "#1c1c1c", "#8c8c8c", "#d55e00", "#0072b2"
+TRUTH, REFERENCE, TRACE, MOVING = INK, GREY, VERMILION, BLUE
 """Truth black, reference grey; the paper's red and blue in the shades of Okabe and Ito."""
 SURFACE = "#f2d9c4"
 REACH = 25.0
@@ -43,13 +44,12 @@ def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
     axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(bottom, TOP))
     axes.set_box_aspect((1, 1, HEIGHT), zoom=1.06)
     axes.view_init(elev=24, azim=-52)
-    axes.set_xlabel("x (mm)", fontsize=8, labelpad=-6)
-    axes.set_ylabel("y (mm)", fontsize=8, labelpad=-6)
-    axes.set_zlabel("z (mm)", fontsize=8, labelpad=-6)
+    for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
+        axis.set_label_text(f"{letter} (mm)", fontsize=8)
+        axis.labelpad = -6
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
     axes.tick_params(labelsize=7, pad=-3)
     axes.grid(False)
-    for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
-        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
 
 
 def _height(run: TaskRun) -> float:

@@ -1,14 +1,13 @@
 """Claims beside what was measured, as text of at most 80 columns: the verdict first."""
 
-import textwrap
 from collections.abc import Iterable, Sequence
 
+from twin.studies.lines import WIDTH, wrapped
 from twin.studies.paper.claim import Finding
 from twin.studies.paper.fig5_score import Fig5Score, TaskScore
 from twin.studies.paper.score import Score, bound_used, tally
 
 MARKS = {"holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproducible": "n/a"}
-WIDTH = 80
 FEW = 4
 """More runs than these become a table."""
 KINDS = ("press", "tap", "roll", "push")
@@ -103,7 +102,4 @@ def _text(lines: Iterable[str]) -> str:
 
 
 def _folded(line: str) -> list[str]:
-    if len(line) <= WIDTH:
-        return [line]
-    indent = " " * (len(line) - len(line.lstrip()))
-    return textwrap.wrap(line, WIDTH, subsequent_indent=indent + "  ", drop_whitespace=True)
+    return wrapped(line, later=len(line) - len(line.lstrip()) + 2) if len(line) > WIDTH else [line]

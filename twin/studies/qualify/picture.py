@@ -4,45 +4,37 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from twin.studies.figure import save
+from twin.studies.figure import GREY, INK, PAPER_BLUE, picture
 from twin.studies.qualify.bench import Response
 from twin.studies.qualify.operating_range import LOAD_IN_USE, LOAD_PEAK, SPEED_IN_USE, TICK
 from twin.studies.qualify.qualification import Qualification
 from twin.studies.qualify.step import BAND
 from twin.studies.qualify.work_cycle import COMMANDED, LOADED
 
-COMMAND, SPEED, LOAD, MARK = "#8c8c8c", "#2f6db5", "#c2571a", "#1c1c1c"
+COMMAND, SPEED, LOAD, MARK = GREY, PAPER_BLUE, "#c2571a", INK
 BEFORE, AFTER = 0.02, 0.25
 """How much of a step is shown (s)."""
 
 
 def draw_drive_check(done: Qualification, path: Path) -> None:
     """Write the picture to `path` (PNG)."""
-    figure = Figure(figsize=(11, 7), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    (a, b), (c, d) = figure.subplots(2, 2)
-    curves = done.curves
-    if curves.cycle is not None:
-        _draw_step(a, done, curves.cycle)
-        _draw_load_step(b, curves.cycle)
-    if len(curves.frequencies):
-        _draw_frequency_response(c, done)
-    if curves.overload is not None:
-        _draw_overload(d, done, curves.overload)
-    titles = ("Step of the command", f"Step of the load to {LOAD_IN_USE:g} N m", "Small signals", "Growing load")
-    for axes, title in zip((a, b, c, d), titles, strict=True):
-        axes.set_title(title, loc="left")
-        axes.grid(alpha=0.25)
-        for side in ("top", "right"):
-            axes.spines[side].set_visible(False)
-        if not axes.has_data():
-            axes.text(0.5, 0.5, "the drive failed", ha="center", va="center", transform=axes.transAxes)
     verdict = "qualified" if not done.failed else "NOT qualified: " + ", ".join(done.failed)
-    figure.suptitle(f"{done.plan.label}   {verdict}", x=0.01, ha="left", fontweight="bold")
-    save(figure, path)
+    with picture(path, 11, 7, f"{done.plan.label}   {verdict}") as figure:
+        (a, b), (c, d) = figure.subplots(2, 2)
+        curves = done.curves
+        if curves.cycle is not None:
+            _draw_step(a, done, curves.cycle)
+            _draw_load_step(b, curves.cycle)
+        if len(curves.frequencies):
+            _draw_frequency_response(c, done)
+        if curves.overload is not None:
+            _draw_overload(d, done, curves.overload)
+        titles = ("Step of the command", f"Step of the load to {LOAD_IN_USE:g} N m", "Small signals", "Growing load")
+        for axes, title in zip((a, b, c, d), titles, strict=True):
+            axes.set_title(title, loc="left")
+            if not axes.has_data():
+                axes.text(0.5, 0.5, "the drive failed", ha="center", va="center", transform=axes.transAxes)
 
 
 def _draw_step(axes: Axes, done: Qualification, cycle: Response) -> None:
@@ -56,7 +48,7 @@ def _draw_step(axes: Axes, done: Qualification, cycle: Response) -> None:
     if settled is not None and settled < AFTER:
         axes.axvline(1e3 * settled, color=MARK, lw=0.9, ls=":", label=f"settled, {1e3 * settled:.0f} ms")
     axes.set(xlabel="time after the step (ms)", ylabel="motor speed (rad/s)")
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(loc="lower right")
 
 
 def _draw_load_step(axes: Axes, cycle: Response) -> None:
@@ -69,7 +61,7 @@ def _draw_load_step(axes: Axes, cycle: Response) -> None:
     axes.set_ylim(min(low, SPEED_IN_USE - 0.1), max(high, SPEED_IN_USE + 0.05))
     axes.axvline(0.0, color=LOAD, lw=0.9, ls=":", label="load comes on")
     axes.set(xlabel="time after the step (ms)", ylabel="motor speed (rad/s)")
-    axes.legend(frameon=False, loc="lower right")
+    axes.legend(loc="lower right")
 
 
 def _draw_frequency_response(axes: Axes, done: Qualification) -> None:
@@ -106,4 +98,4 @@ def _draw_overload(axes: Axes, done: Qualification, overload: Response) -> None:
     axes.set_ylim(-0.3 * SPEED_IN_USE, 1.6 * SPEED_IN_USE)
     axes.set_xlim(0.0, max(1.1 * LOAD_PEAK, 1.1 * (stall or float(load[-1]))))
     axes.set(xlabel="load (N m)", ylabel="motor speed (rad/s)")
-    axes.legend(edgecolor="none", framealpha=0.9, loc="lower left")
+    axes.legend(frameon=True, edgecolor="none", framealpha=0.9, loc="lower left")

@@ -1,14 +1,13 @@
 """Checked, compared and shelved drives as text of at most 80 columns."""
 
-import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from twin.studies.lines import WIDTH, markdown, wrapped
 from twin.studies.qualify.comparison import Trial
 from twin.studies.qualify.shelf import ShelvedDrive
 from twin.studies.qualify.true_run import COMPARED
 
-WIDTH = 80
 SHOWN_IN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
 """SI unit -> (factor, unit) that people read."""
 
@@ -31,7 +30,7 @@ def check_text(facts: Mapping[str, Any]) -> str:
     for measure in facts["measures"].values():
         lines += _hanging(f"  {measure['text']:20} {_quantity(measure['value'], measure['unit'])} ", measure["remark"])
     for warning in facts["warnings"]:
-        lines += textwrap.wrap(f"warning: {warning}", WIDTH, subsequent_indent="  ")
+        lines += wrapped(f"warning: {warning}", later=2)
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -41,18 +40,13 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     Args:
         checked: `Qualification.facts` of each.
     """
-    head = {name: (measure["text"], measure["unit"]) for name, measure in checked[0]["measures"].items()}
-    lines = [
-        "| drive | "
-        + " | ".join(f"{text} ({_unit_in_table(unit, name)})" for name, (text, unit) in head.items())
-        + " |"
-    ]
-    lines.append("|---" * (1 + len(head)) + "|")
+    measures = checked[0]["measures"].items()
+    head = ["drive", *(f"{one['text']} ({_unit_in_table(one['unit'], name)})" for name, one in measures)]
+    rows = []
     for facts in checked:
-        cells = [_table_cell(name, measure) for name, measure in facts["measures"].items()]
-        name = facts["drive"].removesuffix(".fmu")
-        lines.append(f"| {name}{'' if facts['qualified'] else ' (NOT qualified)'} | " + " | ".join(cells) + " |")
-    return "\n".join(lines)
+        drive = facts["drive"].removesuffix(".fmu") + ("" if facts["qualified"] else " (NOT qualified)")
+        rows.append([drive, *(_table_cell(name, measure) for name, measure in facts["measures"].items())])
+    return markdown(head, rows)
 
 
 def compare_text(trials: Sequence[Trial]) -> str:
@@ -126,11 +120,11 @@ def _unit_shown(name: str) -> tuple[float, str]:
 
 
 def _hanging(head: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head)) or [head]
+    return wrapped(text, head) or [head]
 
 
 def _wrapped(mark: str, texts: Sequence[str]) -> list[str]:
-    return [line for text in texts for line in textwrap.wrap(mark + text, WIDTH, subsequent_indent="  ")]
+    return [line for text in texts for line in wrapped(mark + text, later=2)]
 
 
 def _cut(name: str, most: int) -> str:

@@ -4,14 +4,11 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from twin.studies.figure import save
+from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, RED, picture
 from twin.studies.replay.replay import Indicator, Replay, pressing
 
-MEASURED, ESTIMATE, TWIN, PLANT, ALARM = "#1c1c1c", "#eab308", "#e2661a", "#2f6db5", "#c62828"
-JOINTS = ("#2f6db5", "#8e44ad", "#2e7d32")
+MEASURED, ESTIMATE, TWIN, PLANT, ALARM = INK, PAPER_YELLOW, PAPER_ORANGE, PAPER_BLUE, RED
 
 
 def draw_replay(replay: Replay, name: str, path: Path) -> None:
@@ -19,31 +16,26 @@ def draw_replay(replay: Replay, name: str, path: Path) -> None:
     force = [one for one in replay.indicators if one.unit == "N"]
     joints = [one for one in replay.indicators if one.unit == "rad"]
     panels = 1 + bool(force) + bool(joints) + bool(replay.indicators)
-    figure = Figure(figsize=(11, 1.2 + 2.3 * panels), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
-    rest = iter(axes)
-    _draw_forces(next(rest), replay)
-    if force:
-        _draw_force_residual(next(rest), force[0])
-    if joints:
-        _draw_joint_residuals(next(rest), joints)
-    if replay.indicators:
-        _draw_sums(next(rest), replay.indicators)
-    first = replay.first_alarm
-    for panel in axes:
-        panel.grid(alpha=0.25)
-        panel.margins(x=0)
-        for start, end in replay.log.gaps:
-            panel.axvspan(start, end, color="0.9")
-        if first is not None:
-            panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM, alpha=0.06)
-            panel.axvline(first.drift.alarm, color=ALARM, lw=1.0)
-        for side in ("top", "right"):
-            panel.spines[side].set_visible(False)
-    axes[0].set_title(_title(replay, name), loc="left", fontweight="bold")
-    axes[-1].set_xlabel("time (s)")
-    save(figure, path)
+    with picture(path, 11, 1.2 + 2.3 * panels) as figure:
+        axes = list(np.atleast_1d(figure.subplots(panels, 1, sharex=True)))
+        rest = iter(axes)
+        _draw_forces(next(rest), replay)
+        if force:
+            _draw_force_residual(next(rest), force[0])
+        if joints:
+            _draw_joint_residuals(next(rest), joints)
+        if replay.indicators:
+            _draw_sums(next(rest), replay.indicators)
+        first = replay.first_alarm
+        for panel in axes:
+            panel.margins(x=0)
+            for start, end in replay.log.gaps:
+                panel.axvspan(start, end, color="0.9")
+            if first is not None:
+                panel.axvspan(first.drift.since, replay.log.t[-1], color=ALARM, alpha=0.06)
+                panel.axvline(first.drift.alarm, color=ALARM, lw=1.0)
+        axes[0].set_title(_title(replay, name), loc="left", fontweight="bold")
+        axes[-1].set_xlabel("time (s)")
 
 
 def _title(replay: Replay, name: str) -> str:
@@ -64,20 +56,20 @@ def _draw_forces(axes: Axes, replay: Replay) -> None:
         force = replay.log.force
         axes.step(force.t, force.values, where="post", color=MEASURED, lw=1.0, label="measured")
     axes.set_ylabel("F_z, pressing (N)")
-    axes.legend(frameon=False, loc="best", fontsize="small")
+    axes.legend(loc="best", fontsize="small")
 
 
 def _draw_force_residual(axes: Axes, one: Indicator) -> None:
     _draw_residual(axes, one, 1.0, TWIN, "estimate, dead zone taken off, less measured: means of blocks")
     axes.set_ylabel("force residual (N)")
-    axes.legend(frameon=False, loc="best", fontsize="small")
+    axes.legend(loc="best", fontsize="small")
 
 
 def _draw_joint_residuals(axes: Axes, joints: list[Indicator]) -> None:
     for one, color in zip(joints, JOINTS, strict=True):
         _draw_residual(axes, one, float(np.degrees(1.0)), color, f"{one.name}, model less robot")
     axes.set_ylabel("joint residual (deg)")
-    axes.legend(frameon=False, loc="best", fontsize="small", ncols=3)
+    axes.legend(loc="best", fontsize="small", ncols=3)
 
 
 def _draw_residual(axes: Axes, one: Indicator, scale: float, color: str, label: str) -> None:
@@ -114,4 +106,4 @@ def _draw_sums(axes: Axes, indicators: tuple[Indicator, ...]) -> None:
     axes.set_ylabel("cumulative sum / H")
     low, high = axes.get_ylim()
     axes.set_ylim(max(min(low, -1.4), -4.0), min(max(high, 1.4), 4.0))
-    axes.legend(frameon=False, loc="best", fontsize="small", ncols=4)
+    axes.legend(loc="best", fontsize="small", ncols=4)

@@ -1,13 +1,12 @@
 """A replay as text of at most 80 columns: the verdict first, then why, then where the files are."""
 
-import textwrap
 from collections.abc import Mapping
 from enum import StrEnum
 from math import degrees, isnan
 
+from twin.studies.lines import labelled, wrapped
 from twin.studies.replay.replay import Indicator, Replay
 
-WIDTH = 80
 ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
 
 
@@ -65,22 +64,18 @@ def _reasons(replay: Replay) -> list[str]:
         found = "matches" if d.matches else f"since {d.since:.3f} s, seen at {d.alarm:.3f} s"
         told.append(f"  {one.name:<11} {slack:>11} {largest:>11}   {found}")
     if replay.first_alarm:
-        told += _wrapped("", "A spring, belt, encoder, the body or the force sensor has changed: which, is not said.")
+        told += wrapped("A spring, belt, encoder, the body or the force sensor has changed: which, is not said.", "  ")
     if not replay.indicators and replay.log.force is not None:
-        return _wrapped("", "The log ends before one block of 1 s after the baseline.")
+        return wrapped("The log ends before one block of 1 s after the baseline.", "  ")
     if replay.log.force is None:
-        told += _wrapped(
-            "",
+        told += wrapped(
             "No force was measured, and the estimate comes from the encoders alone: if k_s is not what the twin "
             "believes, it is wrong by that share and nothing contradicts it. Name a measured force with "
             "--map scale.F_z=COLUMN[N]" + ("." if replay.plant else ", or let the plant model run with --plant."),
+            "  ",
+            whole=True,
         )
     return told
-
-
-def _wrapped(label: str, text: str) -> list[str]:
-    head = f"  {label:<10} " if label else "  "
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head), break_on_hyphens=False)
 
 
 def _table(replay: Replay) -> list[str]:
@@ -103,10 +98,10 @@ def _or_dash(value: float, form: str) -> str:
 def _samples(replay: Replay) -> list[str]:
     log = replay.log
     lost = f"{log.missing} missing in {len(log.gaps)} gaps" if len(log.gaps) else "none missing"
-    told = _wrapped("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}")
+    told = labelled("samples", f"{len(log.t)}, one every {1e3 * log.period:.4g} ms, {lost}")
     if len(replay.starts) > 1:
         again = ", ".join(f"{start:.3f}" for start in replay.starts[1:])
-        told += _wrapped("restarts", f"the plant model starts anew after gaps, at {again} s")
+        told += labelled("restarts", f"the plant model starts anew after gaps, at {again} s")
     for note in log.notes:
-        told += _wrapped("note", note)
+        told += labelled("note", note, whole=True)
     return told

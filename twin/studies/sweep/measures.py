@@ -1,12 +1,11 @@
 """The numbers that a sweep keeps of a run: measures of what is true, with units in their names."""
 
-import difflib
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 
 if TYPE_CHECKING:
     from twin.experiment.measure import Measure
@@ -85,9 +84,7 @@ def checked_metric(place: str, metric: str, known: Sequence[str]) -> str:
         InputRefused: it is none of those `known`.
     """
     if metric not in known:
-        close = difflib.get_close_matches(metric, known, 1)
-        hint = f"did you mean {close[0]}?" if close else f"known are {', '.join(known)}"
-        raise InputRefused(f"{place} {metric}: no such metric; {hint}")
+        raise InputRefused(f"{place} {metric}: no such metric; {nearest(metric, known)}")
     return metric
 
 

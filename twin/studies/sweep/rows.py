@@ -5,7 +5,7 @@ import os
 from pathlib import Path
 from typing import Any
 
-from twin.errors import ComponentFailed, InputRefused
+from twin.errors import ComponentFailed, InputRefused, disk_refusals
 from twin.files import read_bytes
 from twin.studies.sweep.shapes import RowShape, parsed
 
@@ -55,10 +55,8 @@ class Rows:
         import fcntl
 
         self.path = path
-        try:
+        with disk_refusals(path, kind=InputRefused, remedy="choose another --out"):
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
-        except OSError as problem:
-            raise InputRefused(f"{path}: cannot be written: {problem.strerror}; choose another --out") from None
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
             self.rows, self._end = read_rows(path)
@@ -83,16 +81,15 @@ class Rows:
             DiskFailed: no space, or worse; nothing of the batch is in the file then.
         """
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
-        try:
-            rest = memoryview(content)
-            while rest:
-                rest = rest[os.write(self._fd, rest) :]
-            os.fsync(self._fd)
-        except OSError as problem:
-            os.ftruncate(self._fd, self._end)
-            raise DiskFailed(
-                f"{self.path}: cannot be written: {problem.strerror}; {len(self.rows)} finished runs are kept. "
-                "Make room, then give the same command to go on"
-            ) from None
+        kept = f"{len(self.rows)} finished runs are kept. Make room, then give the same command to go on"
+        with disk_refusals(self.path, kind=DiskFailed, remedy=kept):
+            try:
+                rest = memoryview(content)
+                while rest:
+                    rest = rest[os.write(self._fd, rest) :]
+                os.fsync(self._fd)
+            except OSError:
+                os.ftruncate(self._fd, self._end)
+                raise
         self._end += len(content)
         self.rows += batch

@@ -1,34 +1,33 @@
 """What tuning came to as text of at most 80 columns: whether the goals are met, the gains, then before and after."""
 
 import math
-import textwrap
 from collections.abc import Iterator
 from pathlib import Path
 
+from twin.studies.lines import wrapped
 from twin.studies.tune.fragment import goals_sentence
 from twin.studies.tune.prediction import HORIZON, Answer
 from twin.studies.tune.search import Miss
 from twin.studies.tune.trial import Whole
 from twin.studies.tune.tuned import Judged, Tuned, worst_places
 
-WIDTH = 80
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
 
 
 def tuning_text(done: Tuned) -> str:
     """For people."""
-    lines = [*_verdict(done), "", *_gains(done), *_wrapped("  goals     ", goals_sentence(done)), ""]
+    lines = [*_verdict(done), "", *_gains(done), *wrapped(goals_sentence(done), "  goals     "), ""]
     lines += [*_table(done), "", *_runs(done)]
     for drive in done.drives:
         model = drive.drives[0]
         if model.turning or model.residual > DOUBT:
             text = f"the linear model of {drive.labels[0]} is {100.0 * model.residual:.2g} % off its measured response"
-            lines += _wrapped("note  ", f"{text}; trust what is simulated")
+            lines += wrapped(f"{text}; trust what is simulated", "note  ")
     if not done.after.trials:
-        lines += _wrapped("note  ", "no step is simulated: tasks lead this robot, and damping that only they have acts")
+        lines += wrapped("no step is simulated: tasks lead this robot, and damping that only they have acts", "note  ")
     for problem in done.problems:
-        lines += _wrapped("note  ", f"left out: {problem}")
+        lines += wrapped(f"left out: {problem}", "note  ")
     return "\n".join(line.rstrip() for line in lines)
 
 
@@ -41,9 +40,9 @@ def _verdict(done: Tuned) -> Iterator[str]:
         return
     yield f"{name}  GOALS NOT MET; this is the best that was found"
     for miss in done.after.misses:
-        yield from _wrapped("  missed    ", _miss(done, miss))
+        yield from wrapped(_miss(done, miss), "  missed    ")
     for sentence in done.contradictions:
-        yield from _wrapped("  missed    ", sentence)
+        yield from wrapped(sentence, "  missed    ")
 
 
 def _miss(done: Tuned, miss: Miss) -> str:
@@ -116,7 +115,7 @@ def _runs(done: Tuned) -> Iterator[str]:
     for before, after in zip(done.before.wholes, done.after.wholes, strict=True):
         text = f"{_run(before)} before, {_run(after)} after"
         kind = "z" if after.outcome is None or after.outcome.force_error is None else "force"
-        yield from _wrapped("run   ", f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)")
+        yield from wrapped(f"the experiment itself, {Path(after.drive).stem}: {kind} off by {text} (rms)", "run   ")
 
 
 def _run(whole: Whole) -> str:
@@ -125,7 +124,3 @@ def _run(whole: Whole) -> str:
     force, z = whole.outcome.force_error, 1e3 * whole.outcome.z_error
     error = f"{z:.2g} mm" if force is None else f"{force:.2g} N"
     return f"{error} and a safety trip" if whole.trip else error
-
-
-def _wrapped(head: str, text: str) -> list[str]:
-    return textwrap.wrap(text, WIDTH, initial_indent=head, subsequent_indent=" " * len(head))

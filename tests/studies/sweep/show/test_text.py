@@ -3,10 +3,11 @@
 import numpy as np
 
 from tests.studies.sweep.statistics.rows import kept, row
+from twin.studies.lines import WIDTH
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.saltelli import saltelli_cube
 from twin.studies.sweep.show.parts import Asked, headline, parts
-from twin.studies.sweep.show.text import WIDTH, sweep_text
+from twin.studies.sweep.show.text import sweep_text
 from twin.studies.sweep.show.words import interval, number, short
 
 ASKED = Asked("force_error_N", "lateral_error_mm", 5)

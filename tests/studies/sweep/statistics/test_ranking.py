@@ -22,7 +22,7 @@ def test_a_metric_of_which_less_is_not_better_ranks_nothing(metric: str):
 
 
 def test_a_misspelt_metric_is_corrected():
-    with pytest.raises(InputRefused, match="did you mean peak_N"):
+    with pytest.raises(InputRefused, match="did you mean 'peak_N"):
         checked_rank("--by", "peek_N", KNOWN)
 
 

@@ -8,7 +8,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 
 from twin.cache_folder import cache_folder
-from twin.errors import InputRefused
+from twin.errors import InputRefused, disk_refusals
 
 
 def home() -> Path:
@@ -32,15 +32,13 @@ def keep(contents: Mapping[str, bytes]) -> None:
         InputRefused: one is not what its hash says, or cannot be written.
     """
     folder = home()
-    try:
+    with disk_refusals(folder, kind=InputRefused, remedy="set TWIN_CACHE there"):
         for digest, content in contents.items():
             if hashlib.sha256(content).hexdigest() != digest:
                 raise InputRefused(f"{digest}: was damaged on its way; give the same command again")
             with tempfile.NamedTemporaryFile(dir=folder, prefix=f".{digest[:12]}-", delete=False) as scratch:
                 scratch.write(content)
             os.replace(scratch.name, folder / digest)
-    except OSError as problem:
-        raise InputRefused(f"{folder}: cannot be written: {problem.strerror}; set TWIN_CACHE there") from None
 
 
 def lay_out(files: Mapping[str, str], folder: Path) -> None:

@@ -4,10 +4,8 @@ from pathlib import Path
 
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from twin.studies.figure import save
+from twin.studies.figure import picture
 from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.statistics.bands import Bands
@@ -32,36 +30,32 @@ def draw_bands(bands: Bands, kept: Kept, path: Path) -> None:
     """Write the picture to `path` (PNG): panels A to D of Fig. 4, and below them what is true.
 
     Raises:
-        OSError: it cannot be written.
+        NotWritten: the disk refuses.
     """
-    figure = Figure(figsize=(12, 10.5), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(3, 2, sharex=True)
-    for axes, (letter, name, label, scale) in zip(panels.ravel(), PANELS, strict=True):
-        if letter == "A":
-            _draw(axes, bands, "force_position.z_cmd", scale, FP_REFERENCE, "F&P-based-ref")
-        for run, color, who in RUNS:
-            _draw(axes, bands, f"{run}.{name}", scale, color, who)
-        axes.set_ylabel(label)
-        axes.set_title(letter, loc="left", fontweight="bold")
-        axes.legend(frameon=False)
-        axes.grid(alpha=0.25)
-        axes.set_xlim(0, 20)
-        axes.spines[["top", "right"]].set_visible(False)
-    for pair in ((panels[1, 0], panels[1, 1]), (panels[0, 1], panels[2, 1])):
-        limits = [axes.get_ylim() for axes in pair]
-        for axes in pair:
-            axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
-    settled = bands.t >= SETTLED
-    z = [1e3 * bands[f"{run}.true_z"][:, settled] for run, _, _ in RUNS]
-    panels[2, 0].set_ylim(min(map(np.min, z)) - MARGIN, max(map(np.max, z)) + MARGIN)
-    for axes in panels[2]:
-        axes.set_xlabel("time (s)")
-    figure.suptitle(
-        f"{kept.name}: {bands.runs} of {kept.runs} runs; line: median, dark: 25 to 75 %, light: 5 to 95 %",
-        x=0.01, ha="left", fontsize=11,
-    )  # fmt: skip
-    save(figure, path)
+    with picture(path, 12, 10.5) as figure:
+        panels = figure.subplots(3, 2, sharex=True)
+        for axes, (letter, name, label, scale) in zip(panels.ravel(), PANELS, strict=True):
+            if letter == "A":
+                _draw(axes, bands, "force_position.z_cmd", scale, FP_REFERENCE, "F&P-based-ref")
+            for run, color, who in RUNS:
+                _draw(axes, bands, f"{run}.{name}", scale, color, who)
+            axes.set_ylabel(label)
+            axes.set_title(letter, loc="left", fontweight="bold")
+            axes.legend()
+            axes.set_xlim(0, 20)
+        for pair in ((panels[1, 0], panels[1, 1]), (panels[0, 1], panels[2, 1])):
+            limits = [axes.get_ylim() for axes in pair]
+            for axes in pair:
+                axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
+        settled = bands.t >= SETTLED
+        z = [1e3 * bands[f"{run}.true_z"][:, settled] for run, _, _ in RUNS]
+        panels[2, 0].set_ylim(min(map(np.min, z)) - MARGIN, max(map(np.max, z)) + MARGIN)
+        for axes in panels[2]:
+            axes.set_xlabel("time (s)")
+        figure.suptitle(
+            f"{kept.name}: {bands.runs} of {kept.runs} runs; line: median, dark: 25 to 75 %, light: 5 to 95 %",
+            x=0.01, ha="left", fontsize=11,
+        )  # fmt: skip
 
 
 def _draw(axes: Axes, bands: Bands, name: str, scale: float, color: str, label: str) -> None:

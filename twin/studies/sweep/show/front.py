@@ -1,20 +1,17 @@
 """What trades off in a sweep: every run over two metrics, the front that no run beats, failures counted."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
-
-from twin.studies.figure import save
+from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
+from twin.studies.lines import counted
 from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.parts import Asked
-from twin.studies.sweep.show.words import counted
 from twin.studies.sweep.statistics.pareto import pareto_front
 from twin.studies.sweep.statistics.ranking import best, drives_in, value
 
-COLORS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
-"""Okabe and Ito's, which colour-blind readers tell apart."""
+COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
 MARKERS = "osD^vP*X"
 
 
@@ -22,29 +19,27 @@ def draw_front(kept: Kept, asked: Asked, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:
-        OSError: it cannot be written.
+        NotWritten: the disk refuses.
     """
-    figure = Figure(figsize=(7.5, 4.8), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    axes = figure.subplots()
-    ranked = best(kept.rows, asked.by)
-    for number, drive in enumerate(drives_in(kept.rows)):
-        mine = [row for row in ranked if row["drive"] == drive]
-        points = np.array([(value(row, asked.by), value(row, asked.against)) for row in mine]).reshape(-1, 2)
-        axes.scatter(
-            points[:, 0], points[:, 1], s=26, color=COLORS[number % len(COLORS)], marker=MARKERS[number % len(MARKERS)],
-            alpha=0.75, lw=0, label=f"{drive or 'runs'} ({len(mine)})",
-        )  # fmt: skip
-    front = np.array(
-        [(value(r, asked.by), value(r, asked.against)) for r in pareto_front(ranked, asked.by, asked.against)]
-    )
-    axes.step(front[:, 0], front[:, 1], where="post", color="#1c1c1c", lw=1.2, label="Pareto front")
-    axes.scatter(front[:, 0], front[:, 1], s=70, facecolors="none", edgecolors="#1c1c1c", lw=1.2)
-    axes.set(xlabel=f"{asked.by} (less is better)", ylabel=f"{asked.against} (less is better)")
-    axes.grid(alpha=0.25)
-    axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False)
-    absent = len(kept.rows) - len(ranked)
-    text = f"; {counted(absent, 'run')} not shown: failed, tripped or beyond the limits" if absent else ""
-    figure.suptitle(f"{kept.name}: {len(ranked)} of {kept.runs} runs{text}", x=0.01, ha="left", fontsize=10)
-    save(figure, path)
+    with picture(path, 7.5, 4.8) as figure:
+        axes = figure.subplots()
+        ranked = best(kept.rows, asked.by)
+        for number, drive in enumerate(drives_in(kept.rows)):
+            mine = [row for row in ranked if row["drive"] == drive]
+            x, y = _points(mine, asked)
+            axes.scatter(
+                x, y, s=26, color=COLORS[number % len(COLORS)], marker=MARKERS[number % len(MARKERS)],
+                alpha=0.75, lw=0, label=f"{drive or 'runs'} ({len(mine)})",
+            )  # fmt: skip
+        x, y = _points(pareto_front(ranked, asked.by, asked.against), asked)
+        axes.step(x, y, where="post", color=INK, lw=1.2, label="Pareto front")
+        axes.scatter(x, y, s=70, facecolors="none", edgecolors=INK, lw=1.2)
+        axes.set(xlabel=f"{asked.by} (less is better)", ylabel=f"{asked.against} (less is better)")
+        axes.legend()
+        absent = len(kept.rows) - len(ranked)
+        text = f"; {counted(absent, 'run')} not shown: failed, tripped or beyond the limits" if absent else ""
+        figure.suptitle(f"{kept.name}: {len(ranked)} of {kept.runs} runs{text}", x=0.01, ha="left", fontsize=10)
+
+
+def _points(rows: Sequence[Row], asked: Asked) -> list[list[float]]:
+    return [[value(row, metric) for row in rows] for metric in (asked.by, asked.against)]

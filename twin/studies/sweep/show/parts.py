@@ -6,12 +6,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin.errors import plain
+from twin.studies.lines import counted
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.claims import claims_part, least_sure
 from twin.studies.sweep.show.sensitivity import sensitivity_parts
 from twin.studies.sweep.show.table import Part
-from twin.studies.sweep.show.words import counted, number, short, shown
+from twin.studies.sweep.show.words import number, short, shown
 from twin.studies.sweep.statistics.claims import likelihoods
 from twin.studies.sweep.statistics.distribution import BINS, QUANTILES, Spread, spread
 from twin.studies.sweep.statistics.drives import drive_ranking

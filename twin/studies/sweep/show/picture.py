@@ -4,9 +4,15 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import Normalize
+from matplotlib.lines import Line2D
+from matplotlib.patches import Rectangle
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from twin.errors import InputRefused
-from twin.studies.figure import save
+from twin.studies.figure import INK, MAP, VERMILION, picture
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.words import short
@@ -14,7 +20,7 @@ from twin.studies.sweep.statistics.ranking import drives_in, is_number, numeric_
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
-INK, FAILED = "#1c1c1c", "#d55e00"
+FAILED = VERMILION
 
 
 def axes_of(kept: Kept, x: str | None, y: str | None) -> tuple[str, str] | None:
@@ -45,40 +51,30 @@ def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> No
     Cells of a grid show the best run at that point over all other parameters; draws of a sample are dots. An orange
     cross is a run that has no number.
     """
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import Normalize
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
     drives = drives_in(kept.rows)
     rows = [row for row in kept.rows if all(is_number(row["parameters"].get(label)) for label in axes)]
     values = [number for row in rows if np.isfinite(number := value(row, metric))]
     columns = min(3, len(drives))
     lines = -(-len(drives) // columns)
-    figure = Figure(figsize=(2.2 + 4.0 * columns, 1.4 + 3.4 * lines), dpi=110, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
-    shade = ScalarMappable(Normalize(min(values, default=0.0), max(values, default=1.0)), COLORS)
-    for panel, drive in zip(panels, drives, strict=False):
-        _draw_panel(panel, shade, [row for row in rows if row["drive"] == drive], axes, metric)
-        panel.set_title(drive or "", fontsize=10, fontweight="bold")
-    for panel in panels[len(drives) :]:
-        panel.set_visible(False)
-    names = short(kept.labels)
-    figure.supxlabel(names[axes[0]], fontsize=10)
-    figure.supylabel(names[axes[1]], fontsize=10)
-    figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02)
-    if len(values) < len(rows):
-        cross = Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2, label=f"no {metric}: see the row's reason")
-        figure.legend(handles=[cross], loc="outside lower center", frameon=False)
-    figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
-    save(figure, path)
+    with picture(path, 2.2 + 4.0 * columns, 1.4 + 3.4 * lines, look=MAP) as figure:
+        panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
+        shade = ScalarMappable(Normalize(min(values, default=0.0), max(values, default=1.0)), COLORS)
+        for panel, drive in zip(panels, drives, strict=False):
+            _draw_panel(panel, shade, [row for row in rows if row["drive"] == drive], axes, metric)
+            panel.set_title(drive or "", fontsize=10, fontweight="bold")
+        for panel in panels[len(drives) :]:
+            panel.set_visible(False)
+        names = short(kept.labels)
+        figure.supxlabel(names[axes[0]], fontsize=10)
+        figure.supylabel(names[axes[1]], fontsize=10)
+        figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02)
+        if len(values) < len(rows):
+            cross = Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2)
+            figure.legend([cross], [f"no {metric}: see the row's reason"], loc="outside lower center")
+        figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
-def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:
-    from matplotlib.ticker import LogLocator, NullFormatter
-
+def _draw_panel(panel: Axes, shade: ScalarMappable, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:
     x, y = (np.array([float(row["parameters"][label]) for row in rows]) for label in axes)
     numbers = np.array([value(row, metric) for row in rows])
     levels = [np.unique(values) for values in (x, y)]
@@ -89,31 +85,26 @@ def _draw_panel(panel, shade, rows: Sequence[Row], axes: tuple[str, str], metric
                 here = numbers[(x == at_x) & (y == at_y)]
                 if len(here):
                     _draw_cell(panel, shade, i, j, here)
-        for axis, level in ((panel.xaxis, levels[0]), (panel.yaxis, levels[1])):
+        for axis, level in zip((panel.xaxis, panel.yaxis), levels, strict=True):
             axis.set_ticks(np.arange(len(level)), [f"{number:.4g}" for number in level])
         panel.tick_params(length=0, labelsize=8)
-        panel.set_xlim(-0.5, len(levels[0]) - 0.5)
-        panel.set_ylim(-0.5, len(levels[1]) - 0.5)
+        panel.set(xlim=(-0.5, len(levels[0]) - 0.5), ylim=(-0.5, len(levels[1]) - 0.5))
         return
     good = np.isfinite(numbers)
-    panel.scatter(x[good], y[good], c=numbers[good], cmap=shade.cmap, norm=shade.norm, s=42, ec=INK, lw=0.5)
+    panel.scatter(x[good], y[good], c=shade.to_rgba(numbers[good]), s=42, ec=INK, lw=0.5)
     panel.scatter(x[~good], y[~good], marker="x", color=FAILED, s=42, lw=2)
-    for level, scale, axis in zip(
-        levels, (panel.set_xscale, panel.set_yscale), (panel.xaxis, panel.yaxis), strict=True
-    ):
+    for letter, axis, level in zip("xy", (panel.xaxis, panel.yaxis), levels, strict=True):
         # several octaves, all positive: a ratio says more than a difference
         if len(level) > 1 and level[0] > 0.0 and level[-1] / level[0] >= 4.0:
-            scale("log")
+            panel.set(**{f"{letter}scale": "log"})
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter(lambda number, position: f"{number:g}")
             axis.set_minor_formatter(NullFormatter())
     panel.tick_params(labelsize=8)
-    panel.grid(alpha=0.3)
+    panel.grid()
 
 
-def _draw_cell(panel, shade, i: int, j: int, numbers: np.ndarray) -> None:
-    from matplotlib.patches import Rectangle
-
+def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, numbers: np.ndarray) -> None:
     finite = numbers[np.isfinite(numbers)]
     if len(finite) == 0:
         panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc="#f0f0f0", ec="white"))

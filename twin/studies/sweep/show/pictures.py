@@ -3,8 +3,11 @@
 from pathlib import Path
 
 from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.show.bands import draw_bands
+from twin.studies.sweep.show.front import draw_front
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.picture import axes_of, draw_sweep
+from twin.studies.sweep.show.spread import draw_spreads
 from twin.studies.sweep.statistics.bands import bands
 from twin.studies.sweep.statistics.pareto import pareto_front
 from twin.studies.sweep.statistics.ranking import metrics_in
@@ -23,8 +26,6 @@ def write_pictures(kept: Kept, asked: Asked, x: str | None, y: str | None, folde
     axes = axes_of(kept, x, y)
     found = bands(kept.rows)
     if found:
-        from twin.studies.sweep.show.bands import draw_bands
-
         files["bands"] = folder / "bands.png"
         draw_bands(found, kept, files["bands"])
     # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map
@@ -32,13 +33,9 @@ def write_pictures(kept: Kept, asked: Asked, x: str | None, y: str | None, folde
         files["map"] = folder / "map.png"
         draw_sweep(kept, axes, asked.by, files["map"])
     if not found and len(pareto_front(kept.rows, asked.by, asked.against)) > 1:
-        from twin.studies.sweep.show.front import draw_front
-
         files["front"] = folder / "front.png"
         draw_front(kept, asked, files["front"])
     if len(kept.rows) > 1 and metrics_in(kept.rows):
-        from twin.studies.sweep.show.spread import draw_spreads
-
         files["metrics"] = folder / "metrics.png"
         draw_spreads(kept, files["metrics"])
     return files

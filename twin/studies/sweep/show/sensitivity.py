@@ -2,10 +2,11 @@
 
 from dataclasses import replace
 
+from twin.studies.lines import counted
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.table import Part
-from twin.studies.sweep.show.words import counted, interval, short
+from twin.studies.sweep.show.words import interval, short
 from twin.studies.sweep.statistics.correlation import FEW, Correlation, rank_correlation
 from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels
 from twin.studies.sweep.statistics.sobol_indices import sobol_indices, why_no_indices

@@ -3,10 +3,8 @@
 from pathlib import Path
 
 import numpy as np
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.figure import Figure
 
-from twin.studies.figure import save
+from twin.studies.figure import BARE, INK, picture
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.show.front import COLORS
 from twin.studies.sweep.statistics.distribution import spread
@@ -19,30 +17,27 @@ def draw_spreads(kept: Kept, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:
-        OSError: it cannot be written.
+        NotWritten: the disk refuses.
     """
     metrics, drives = metrics_in(kept.rows), drives_in(kept.rows)
     lines = -(-len(metrics) // COLUMNS)
-    figure = Figure(figsize=(11, 0.8 + 2.3 * lines), dpi=100, layout="constrained")
-    FigureCanvasAgg(figure)
-    panels = figure.subplots(lines, COLUMNS, squeeze=False).ravel()
-    for axes, metric in zip(panels, metrics, strict=False):
-        found = spread(kept.rows, metric)
-        assert found is not None
-        for number, drive in enumerate(drives):
-            values = [value(row, metric) for row in kept.rows if row["drive"] == drive]
-            axes.hist(
-                [one for one in values if np.isfinite(one)], found.edges, color=COLORS[number % len(COLORS)],
-                histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
-            )  # fmt: skip
-        axes.axvline(found.quantiles[2], color="#1c1c1c", lw=1.0, ls="--")
-        axes.set(xlabel=metric + (f" ({found.missing} runs have none)" if found.missing else ""), ylabel="runs")
-        axes.spines[["top", "right"]].set_visible(False)
-        axes.tick_params(labelsize=8)
-    for axes in panels[len(metrics) :]:
-        axes.set_visible(False)
-    if len(drives) > 1:
-        handles, labels = panels[0].get_legend_handles_labels()
-        figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(drives)), frameon=False)
-    figure.suptitle(f"{kept.name}: {len(kept.rows)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
-    save(figure, path)
+    with picture(path, 11, 0.8 + 2.3 * lines, look=BARE) as figure:
+        panels = figure.subplots(lines, COLUMNS, squeeze=False).ravel()
+        for axes, metric in zip(panels, metrics, strict=False):
+            found = spread(kept.rows, metric)
+            assert found is not None
+            for number, drive in enumerate(drives):
+                values = [value(row, metric) for row in kept.rows if row["drive"] == drive]
+                axes.hist(
+                    [one for one in values if np.isfinite(one)], found.edges, color=COLORS[number % len(COLORS)],
+                    histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
+                )  # fmt: skip
+            axes.axvline(found.quantiles[2], color=INK, lw=1.0, ls="--")
+            axes.set(xlabel=metric + (f" ({found.missing} runs have none)" if found.missing else ""), ylabel="runs")
+            axes.tick_params(labelsize=8)
+        for axes in panels[len(metrics) :]:
+            axes.set_visible(False)
+        if len(drives) > 1:
+            handles, labels = panels[0].get_legend_handles_labels()
+            figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(drives)))
+        figure.suptitle(f"{kept.name}: {len(kept.rows)} runs; dashed: median", x=0.01, ha="left", fontsize=10)

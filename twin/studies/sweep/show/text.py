@@ -1,14 +1,11 @@
 """What a sweep came to, in 80 columns: answer first, then reasons, then where files are."""
 
-import textwrap
 from collections.abc import Sequence
 
+from twin.studies.lines import WIDTH, counted, wrapped
 from twin.studies.sweep.folder import Kept
 from twin.studies.sweep.show.parts import Asked, headline, parts
 from twin.studies.sweep.show.table import Part
-from twin.studies.sweep.show.words import counted
-
-WIDTH = 80
 
 
 def sweep_text(kept: Kept, asked: Asked) -> str:
@@ -28,7 +25,7 @@ def _part(part: Part) -> list[str]:
     lines = [_folded(part.title)]
     if part.rows:
         lines += _aligned([list(column) for column in zip(part.head, *part.rows, strict=True)])
-    return lines + [_folded(remark, "    ", "  ") for remark in part.remarks]
+    return lines + [_folded(remark, 4, "  ") for remark in part.remarks]
 
 
 def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
@@ -48,5 +45,5 @@ def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
     return [*lines, f"  ({counted(left_out, 'more column')} in --html)"] if left_out else lines
 
 
-def _folded(text: str, later: str = "  ", first: str = "") -> str:
-    return "\n".join(textwrap.wrap(text, WIDTH, initial_indent=first, subsequent_indent=later, break_on_hyphens=False))
+def _folded(text: str, later: int = 2, first: str = "") -> str:
+    return "\n".join(wrapped(text, first, later, whole=True))

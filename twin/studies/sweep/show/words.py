@@ -37,8 +37,3 @@ def shown(parameter: object) -> str:
     if parameter is None:
         return "-"
     return f"{parameter:.4g}" if isinstance(parameter, float) else str(parameter)
-
-
-def counted(count: int, noun: str) -> str:
-    """`1 run`, `2 runs`."""
-    return f"{count} {noun}{'' if count == 1 else 's'}"
