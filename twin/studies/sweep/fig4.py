@@ -58,7 +58,7 @@ def _of_one(run: Fig4Run) -> dict[str, tuple[Curve, Curve]]:
     """(times, values) by name."""
     return {
         "z": (run.t, run.z),
-        "true_z": (run.t_plant, run.recording["plant.p_B"][:, 2]),
+        "true_z": (run.t_plant, run.true_z),
         "F_z": (run.t, run.F_z),
         "true_F_z": (run.t_plant, run.true_F_z),
         "F_x": (run.t, run.F_ee_B[:, 0]),
