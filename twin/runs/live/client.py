@@ -11,7 +11,6 @@ from twin.errors import InputRefused
 from twin.runs.live.protocol import (
     AskParameters,
     FollowParameters,
-    LeaveParameters,
     Level,
     Message,
     Request,
@@ -129,9 +128,9 @@ class Client:
                 return [parameter_values(self._values(asked.names), asked.id)]
             case SetParameters():
                 return self._set(asked)
-            case FollowParameters():
+            case FollowParameters(op="subscribeParameterUpdates"):
                 self._follows |= self._values(asked.names).keys()
-            case LeaveParameters():
+            case FollowParameters():
                 self._follows -= self._values(asked.names).keys()
         return []
 

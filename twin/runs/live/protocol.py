@@ -141,16 +141,11 @@ class SetParameters(_Request):
 
 
 class FollowParameters(_Request):
-    op: Literal["subscribeParameterUpdates"]
+    op: Literal["subscribeParameterUpdates", "unsubscribeParameterUpdates"]
     names: list[str] = Field(alias="parameterNames")
 
 
-class LeaveParameters(_Request):
-    op: Literal["unsubscribeParameterUpdates"]
-    names: list[str] = Field(alias="parameterNames")
-
-
-Request = Subscribe | Unsubscribe | AskParameters | SetParameters | FollowParameters | LeaveParameters
+Request = Subscribe | Unsubscribe | AskParameters | SetParameters | FollowParameters
 _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
 
 

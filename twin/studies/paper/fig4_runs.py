@@ -1,7 +1,6 @@
 """The two runs behind Fig. 4, as curves."""
 
 from collections.abc import Callable
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -74,6 +73,11 @@ class Fig4Run:
     def is_in_step(self) -> bool:
         """Whether estimator and controller tell of the same instants, as they do where nothing was lost."""
         return np.array_equal(self.recording.time("estimator"), self.t)
+
+    @cached_property
+    def true_z_error(self) -> Curve:
+        """True z minus the pre-defined reference (m), at the controller's rate."""
+        return np.interp(self.t, self.t_plant, self.true_z) - self.z_ref
 
     @cached_property
     def F_z_ref(self) -> float:

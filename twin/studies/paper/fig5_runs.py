@@ -1,7 +1,6 @@
 """The tasks in a recording (Fig. 5), as curves of what truly happened."""
 
 from collections.abc import Callable
-from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -28,10 +27,6 @@ def _read(of: "Callable[[TaskRun], Curve]") -> "cached_property[Curve]":
     return cached_property(of)
 
 
-def _read(of: "Callable[[TaskRun], Curve]") -> "cached_property[Curve]":
-    return cached_property(of)
-
-
 @dataclass(frozen=True)
 class TaskRun:
     """One task of a run, from its first phase to its last; without samples if the run never came to it.
@@ -41,7 +36,7 @@ class TaskRun:
 
     Attributes:
         recording: of the run. number: which task of the run, counted from 1. task: what was asked for, SI.
-        F_z: true pressing force (N). p_B: true position of the platform (m). v_z: its vertical speed (m/s), up positive.
+        F_z: true pressing force (N). p_B: true position of the platform (m). v_z: its vertical speed upwards (m/s).
     """
 
     recording: Recording

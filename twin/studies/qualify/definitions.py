@@ -32,7 +32,6 @@ CHECKS = {
     "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
 }
 """Name -> what holds. All disqualify a drive but `reset` and `state`: nothing that runs an experiment needs those."""
-
 MEASURES = {
     "speed": Definition(
         "speed in use", "rad/s",

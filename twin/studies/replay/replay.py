@@ -102,10 +102,10 @@ def replayed(
     motion, starts = motions(model, robot.t, best["theta_m"], best["p_B"]) if plant else (None, [])
     forces, indicators = {}, []
     if robot.force is not None:
-        courses = {"estimator": estimator, "twin": best} | ({"plant": motion} if motion else {})
-        if best is estimator:
-            del courses["twin"]
-        forces = {name: _force_residual(robot, course) for name, course in courses.items()}
+        courses = {"estimator": estimator} | ({} if best is estimator else {"twin": best})
+        courses |= {"plant": motion} if motion else {}
+        t, measured = robot.force.t, robot.force.values
+        forces = {name: residual(robot.t, pressing(one), robot.gaps, t, measured) for name, one in courses.items()}
         judged = forces.get("twin", forces["estimator"])
         if len(judged.t) < FEWEST:
             raise InputRefused(f"{robot.path}: {len(judged.t)} measured forces while the encoders were there; too few")
@@ -123,11 +123,6 @@ def replayed(
 def pressing(outputs: Outputs) -> NDArray[np.float64]:
     """Pressing force F_z (n,), N, of an estimator or a plant."""
     return -outputs["F_ee_B"][:, 2]
-
-
-def _force_residual(robot: RobotLog, outputs: Outputs) -> Residual:
-    assert robot.force is not None
-    return residual(robot.t, pressing(outputs), robot.gaps, robot.force.t, robot.force.values)
 
 
 def _indicator(

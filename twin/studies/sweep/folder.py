@@ -79,9 +79,8 @@ def kept(folder: Path) -> Kept:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     rows, _ = read_rows(folder / ROWS)
     rows.sort(key=lambda row: row["run"])
-    labels, metrics = tuple(facts["labels"]), tuple(facts["metrics"])
-    design, drives = facts["design"], tuple(facts["drives"])
-    return Kept(facts["sweep"], facts["runs"], design, drives, labels, metrics, facts["limits"], rows)
+    lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
+    return Kept(facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"], rows=rows, **lists)
 
 
 def _read(folder: Path) -> dict[str, Any]:

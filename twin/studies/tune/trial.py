@@ -17,7 +17,7 @@ from twin.runs.trace import Trace
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.tune.corner import Corner, at_stiffness
 from twin.studies.tune.gains import LawGains, with_gains
-from twin.studies.tune.prediction import HALF_POWER, HORIZON, Answer, answer, final_value
+from twin.studies.tune.prediction import HALF_POWER, HORIZON, Answer, answer, step_response
 
 REST = 3.0
 """Time (s) before the step, in which the platform sags under the drives' droop."""
@@ -73,7 +73,7 @@ def step_trial(corner: Corner, gains: LawGains) -> Trial | None:
         return None
     i = 3 if corner.point.force_on else 2
     size = FORCE_STEP * corner.point.F_z if corner.point.force_on else HEIGHT_STEP
-    end = size * final_value(corner, gains, i)
+    end = size * step_response(corner, gains, i)[2]
     share = (moved - still) / end
     tick = corner.experiment.cosim.tick
     t = tick * np.arange(len(share), dtype=np.float64)
