@@ -122,6 +122,7 @@ def compared(
     notes += [f"no instants in common: {', '.join(apart)}"] if apart else []
     notes += [moved.note] if moved.note else []
     rows.sort(key=lambda row: (-row.used, -row.max_error / (row.span or 1.0), row.signal))
+    same = a.path.stat().st_size == b.path.stat().st_size and a.path.read_bytes() == b.path.read_bytes()
     only_a, only_b = (tuple(n for n in log.series if n not in other.series) for log, other in ((a, b), (b, a)))
     return Comparison(
         a=a.path,
@@ -132,10 +133,6 @@ def compared(
         apart=tuple(apart),
         only_a=only_a,
         only_b=only_b,
-        identical=_same_bytes(a.path, b.path),
+        identical=same,
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def _same_bytes(a: Path, b: Path) -> bool:
-    return a.stat().st_size == b.stat().st_size and a.read_bytes() == b.read_bytes()

@@ -61,7 +61,7 @@ def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
         InputRefused: the drive cannot be loaded or initialised, or does not take such a tick.
     """
     ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
-    signals = playback("signals", ports, np.repeat(inputs, plan.axes, axis=1))
+    signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
     component = drive("drive", plan, tick, 0.0, float(inputs[0, 1]))
     try:
         wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
@@ -126,7 +126,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-def playback(name: str, ports: tuple[Port, ...], values: np.ndarray) -> Component:
+def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
     """Sampled component without inputs: at tick k its outputs are row k of `values`, after the last row that one.
 
     Args:
@@ -135,7 +135,7 @@ def playback(name: str, ports: tuple[Port, ...], values: np.ndarray) -> Componen
     rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
     memory = np.array([(rows.ctypes.data, len(rows), rows.shape[1], 0)], dtype=MEMORY)
     return Component(
-        name=name,
+        name="signals",
         inputs=(),
         outputs=ports,
         sampled=True,

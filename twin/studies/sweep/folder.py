@@ -5,15 +5,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from twin.errors import InputRefused
 from twin.files import read_bytes
 from twin.studies.sweep.plan import Plan
-from twin.studies.sweep.rows import ROWS, Row, read_rows
-from twin.studies.sweep.shapes import Facts, parsed
+from twin.studies.sweep.rows import MOST_RUNS, ROWS, Row, Shape, parsed, read_rows
 from twin.writing import made_folder, write_json
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
+
+
+class Facts(Shape):
+    """sweep.json; its keys as in `Kept`, and what all runs have in common."""
+
+    sweep: str
+    runs: int = Field(ge=1, le=MOST_RUNS)
+    design: str
+    drives: list[str]
+    labels: list[str]
+    metrics: list[str]
+    limits: dict[str, float]
+    configuration: dict[str, str]
 
 
 @dataclass(frozen=True)

@@ -8,13 +8,12 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.studies.analyse.linear_point import Linearised
-from twin.studies.tune.contradiction import contradiction
 from twin.studies.tune.corner import Corner, corners
 from twin.studies.tune.gains import LawGains, gains_of
 from twin.studies.tune.goals import Goals
 from twin.studies.tune.prediction import Answer, Prediction, confirmed, predicted
 from twin.studies.tune.search import Miss, best_gains, worst_misses
-from twin.studies.tune.trial import Trial, Whole, can_be_tried, step_trial, whole_run
+from twin.studies.tune.trial import Trial, Whole, can_be_tried, contradiction, step_trial, whole_run
 from twin.writing import finite
 
 
