@@ -3,6 +3,7 @@
 import tempfile
 import threading
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -65,7 +66,7 @@ def warm_run(job: Job, plan: Plan, processes: int) -> tuple[float, float]:
 def memory(job: Job, task: Task) -> tuple[int, int]:
     """Resident memory of a worker after 100 and after `MANY` short runs (bytes)."""
     found = []
-    with WorkerProcess(job) as worker:
+    with closing(WorkerProcess(job)) as worker:
         for run in range(1, MANY + 1):
             settings = (f"{KEY}={500 + run}", "duration_s=2")
             worker.facts(replace(task, run=run, settings=settings), threading.Event())

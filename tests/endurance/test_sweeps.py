@@ -1,6 +1,7 @@
 """A worker of a sweep for ten thousand runs: `make endurance`."""
 
 import threading
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -25,7 +26,7 @@ def test_ten_thousand_runs_in_one_process_neither_leak_nor_need_much(root: Path,
     plan = planned(written(tmp_path, text))
     (task,) = plan.tasks
     memory: list[float] = []
-    with WorkerProcess(job(plan, tmp_path)) as worker:
+    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
         for run in range(1, RUNS + 1):
             stiffness = f"contact.stiffness_N_per_m={500 + run}"
             facts = worker.facts(replace(task, run=run, settings=(*task.settings, stiffness)), threading.Event())

@@ -103,7 +103,7 @@ def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, t
     plan = stiffnesses(root, tmp_path, "[500, 700]")
     first, task = plan.tasks
     stopping = threading.Event()
-    with WorkerProcess(job(plan, tmp_path)) as worker:
+    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
         assert worker.facts(first, stopping)
         assert worker._process is not None
         pid = worker._process.pid

@@ -9,10 +9,9 @@ import numpy as np
 
 from twin.recording.logs.log import Log, Series
 from twin.studies.compare.alignment import Alignment, Shift, shift
-from twin.studies.compare.errors import ComparisonRefused
 from twin.studies.compare.pairing import no_overlap, paired, spans
 from twin.studies.compare.row import Curves, Row, curves, row
-from twin.studies.compare.tolerance import Rule, allowance
+from twin.studies.compare.tolerance import ComparisonRefused, Rule, allowance
 from twin.studies.paper.digitised.provenance import provenance
 from twin.writing import finite
 
@@ -59,20 +58,17 @@ class Comparison:
 
     def facts(self) -> dict[str, Any]:
         """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
-        rows = [asdict(r) | {"inside": r.first_exit is None} for r in self.rows]
-        facts = {
+        told = {key: getattr(self, key) for key in ("only_a", "only_b", "notes")}
+        return finite({
             "a": str(self.a),
             "b": str(self.b),
             "identical": self.identical,
             "inside": not self.outside,
             "covered": self.least_covered[1],
             "shift": self.shift.seconds,
-            "rows": rows,
-            "only_a": self.only_a,
-            "only_b": self.only_b,
-            "notes": self.notes,
-        }
-        return finite(facts)
+            "rows": [asdict(row) | {"inside": row.first_exit is None} for row in self.rows],
+            **told,
+        })  # fmt: skip
 
 
 def compared(

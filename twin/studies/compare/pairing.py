@@ -8,8 +8,7 @@ import numpy as np
 
 from twin.recording.logs.log import Log, Series
 from twin.recording.logs.units import Dimension, Unit, known_unit
-from twin.studies.compare.errors import ComparisonRefused
-from twin.studies.compare.tolerance import Rule, matches
+from twin.studies.compare.tolerance import ComparisonRefused, Rule, matches
 
 
 def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:

@@ -105,7 +105,7 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
         np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 1)
     ]
     *means, travel = columns
-    every = Windows(*means, np.floor(means[0] / CLUSTER).astype(np.int64), length)  # type: ignore[call-arg]
+    every = Windows._make([*means, np.floor(means[0] / CLUSTER).astype(np.int64), length])
     counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
     calm = np.all(np.abs(every.acceleration) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
     return every.where((counts >= COUNTS) & calm)

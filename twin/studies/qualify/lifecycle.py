@@ -9,7 +9,7 @@ from twin.drive.instance import Instance, Setting
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
 from twin.runs.assembly.drives import DrivePlan
-from twin.studies.qualify.finding import Check, Finding, judged
+from twin.studies.qualify.definitions import Check, Finding, judged
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
 
 TICKS = 50

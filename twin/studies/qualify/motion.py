@@ -4,8 +4,7 @@ import numpy as np
 
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.definitions import NEGLIGIBLE_DROOP
-from twin.studies.qualify.finding import Finding, Measure, judged
+from twin.studies.qualify.definitions import NEGLIGIBLE_DROOP, Finding, Measure, judged
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, SPEED_LIMIT, TICK
 from twin.studies.qualify.work_cycle import AVERAGE, END, LOADED, work_cycle
 

@@ -5,7 +5,7 @@ import numpy as np
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.finding import Measure
+from twin.studies.qualify.definitions import Measure
 from twin.studies.qualify.operating_range import LOAD_MOST, LOAD_PEAK, SPEED_IN_USE, TICK
 
 START = 0.5

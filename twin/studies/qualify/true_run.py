@@ -6,8 +6,7 @@ from twin.controller.phase import PhaseKind
 from twin.runs.trace import Trace
 from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
 from twin.studies.metrics.tracking import rms
-from twin.studies.qualify.definitions import Definition
-from twin.studies.qualify.finding import Measure
+from twin.studies.qualify.definitions import Definition, Measure
 
 BAND = 0.05
 """Share of the reference (force) or of its last change (position) within which the robot has settled."""

@@ -3,7 +3,7 @@
 import queue
 import threading
 from collections.abc import Generator, Sequence
-from contextlib import suppress
+from contextlib import closing, suppress
 
 from twin.studies.sweep.engine import Job, Result
 from twin.studies.sweep.plan import Task
@@ -26,7 +26,7 @@ class Pool:
 
         def work() -> None:
             try:
-                with WorkerProcess(job) as worker, suppress(queue.Empty):
+                with closing(WorkerProcess(job)) as worker, suppress(queue.Empty):
                     while not stopping.is_set():
                         task = waiting.get_nowait()
                         if (facts := worker.facts(task, stopping)) is not None:

@@ -1,19 +1,20 @@
-"""One run of a sweep, in whatever process it happens."""
+"""One run of a sweep, in whatever process it happens; and the job of a worker process, runs as long as orders come."""
 
 import contextlib
+import json
+import shutil
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from twin.drive.reuse import free_kept
+from twin.drive.reuse import free_kept, keep_instances
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
+from twin.runs.guard.voice import Voice
+from twin.runs.loop import Simulated, simulate
 from twin.runs.outcome import Tally
 from twin.runs.run import execute
 from twin.runs.trace import Trace
@@ -34,16 +35,20 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     """
     began = time.perf_counter()
     try:
-        ran = _measured(load_experiment(path, settings, drive), bool(claims))
+        done, metrics, run = _simulated(load_experiment(path, settings, drive), bool(claims))
         paper = {}
-        if claims and not ran.trip:
-            paper = _judged(ran, _measured(load_experiment(path, [*settings, COMPANION], drive), True))
+        if claims and not done.trip:
+            companion, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
+            if companion.trip:
+                raise ComponentFailed(f"without force control: {companion.trip}")
+            assert run is not None and other is not None
+            paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
         free_kept()
         return Finding(*_told(problem), {}, time.perf_counter() - began, 0.0)
-    status = "tripped" if ran.trip else "done"
-    return Finding(status, ran.trip, ran.metrics, time.perf_counter() - began, ran.stepping, paper)
+    status = "tripped" if done.trip else "done"
+    return Finding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
 
 
 def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
@@ -74,24 +79,11 @@ def _told(problem: Exception) -> tuple[str, str]:
     return "failed", f"{type(problem).__name__}: {problem}"
 
 
-@dataclass(frozen=True)
-class _Ran:
-    """A run that came to its end.
-
-    Attributes:
-        trip: why the monitor tripped; "" if it did not. stepping: wall time (s). run: None if nobody looks at it.
-    """
-
-    metrics: dict[str, float | None]
-    trip: str
-    stepping: float
-    run: Trace | None
-
-
-def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
+def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], Trace | None]:
+    """(how a run went, its metrics, the run itself if it is to be had `whole` or was needed for them)."""
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        tally, run = Tally(assembly.system), Trace() if experiment.measures or kept_whole else None
+        tally, run = Tally(assembly.system), Trace() if experiment.measures or whole else None
         done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
     metrics = metrics_of(tally.outcome)
     if run:
@@ -100,16 +92,39 @@ def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
             # no step, or a force that never comes, at some values: then there are no such numbers
             with contextlib.suppress(InputRefused):
                 metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
-    return _Ran(metrics, done.trip, done.stepping, run)
+    return done, metrics, run
 
 
-def _judged(ran: _Ran, companion: _Ran) -> dict[str, Any]:
-    """What the pair says to the paper.
+def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
+    """Run every order; what is imported, compiled or unpacked for one is there for the next.
+
+    Notes: {"finding": facts of `Finding`} after each.
+
+    Args:
+        experiment: its file. folder: where recordings go, a folder per run. claims: see `trial`.
+        reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
+        orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
+            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in
+            a sweep that records failures never meets it.
 
     Raises:
-        ComponentFailed: the monitor tripped in the companion.
+        RecordingFailed: the disk is full.
     """
-    assert ran.run is not None and companion.run is not None
-    if companion.trip:
-        raise ComponentFailed(f"without force control: {companion.trip}")
-    return findings(Fig4Runs(Fig4Run(ran.run), Fig4Run(companion.run)))
+    keep_instances(reuse == "reset")
+    with open(orders, encoding="utf-8") as lines:
+        for line in lines:
+            order = json.loads(line)
+            what = Path(experiment), order["drive"], order["settings"]
+            own = Path(folder) / f"{order['run']:06d}"
+            voice.loading()
+            if order["record"] != "none":
+                # what an earlier attempt left of the same run
+                shutil.rmtree(own, ignore_errors=True)
+            if order["record"] == "all":
+                record(*what, own)
+                voice.loading()
+            finding = trial(*what, claims)
+            if order["record"] == "failures" and finding.status != "done":
+                voice.loading()
+                record(*what, own)
+            voice.note(finding=finding.facts)

@@ -14,11 +14,11 @@ from twin.studies.sweep.engine import Job
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 
-JOB = "twin.studies.sweep.worker:served"
+JOB = "twin.studies.sweep.trial:served"
 
 
 class WorkerProcess:
-    """Runs one run after the other in a guarded process; a context manager at whose exit nothing of it is left.
+    """Runs one run after the other in a guarded process, of which nothing is left when it is closed.
 
     Args:
         job: what the runs have in common.
@@ -28,12 +28,6 @@ class WorkerProcess:
         self._job = job
         self._process: GuardedProcess | None = None
         self._ends = ExitStack()
-
-    def __enter__(self) -> "WorkerProcess":
-        return self
-
-    def __exit__(self, *failure: object) -> None:
-        self.close()
 
     def close(self) -> None:
         """End the process; the next run gets a fresh one."""

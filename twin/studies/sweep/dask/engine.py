@@ -36,7 +36,7 @@ AHEAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
 LOOK = 1.0
 """How often (s) the cluster is looked at: connection, threads."""
-FORSAKEN = 30.0
+NO_WORKERS = 30.0
 """Seconds without any worker after which nobody waits for one any more."""
 DIED = failure("the Dask worker died whenever it was tried")
 
@@ -85,7 +85,7 @@ class _Batches:
         self._under_way: dict[Future, list[Task]] = {}
         self._ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self._seconds = BATCH_SECONDS
-        self._threads, self._looked, self._manned = 1, -LOOK, time.monotonic()
+        self._threads, self._looked, self._worker_seen = 1, -LOOK, time.monotonic()
 
     def results(self, packed: Sequence[Task]) -> Generator[list[Result]]:
         """Of all tasks, `packed`, as `Dask.results`."""
@@ -134,10 +134,10 @@ class _Batches:
             raise self._lost() from None
         self._looked = time.monotonic()
         if threads:
-            self._threads, self._manned = threads, self._looked
-        elif self._looked - self._manned > FORSAKEN:
+            self._threads, self._worker_seen = threads, self._looked
+        elif self._looked - self._worker_seen > NO_WORKERS:
             raise ClusterLost(
-                f"the last worker of {self._address} has been gone for {FORSAKEN:g} s; finished runs are kept. "
+                f"the last worker of {self._address} has been gone for {NO_WORKERS:g} s; finished runs are kept. "
                 f"Start others with dask worker {self._address} --nthreads 1, then give the same command to go on"
             )
 
