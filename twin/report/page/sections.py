@@ -39,13 +39,10 @@ class Section(NamedTuple):
 def sections(runs: Sequence[ReportRun], picture: Markup | None, budgets: Sequence[Budget] = ()) -> list[Section]:
     """Everything after the replay; `budgets`: of each run, or none."""
     own = {run.label: one for run, one in zip(runs, budgets, strict=False)}
+    budget = _of_each(runs, lambda run: accuracy(own[run.label], run.label)) if own else None
     found = [
         ("figure", "Figure", picture),
-        (
-            "accuracy",
-            "Accuracy budget",
-            _of_each(runs, lambda run: accuracy(own[run.label], run.label)) if own else None,
-        ),
+        ("accuracy", "Accuracy budget", budget),
         ("events", "Events", _of_each(runs, events)),
         ("drives", "Drives and FMUs", _of_each(runs, drives)),
         ("parameters", "Parameters", _of_each(runs, _folded_parameters)),

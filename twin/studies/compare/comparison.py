@@ -58,7 +58,6 @@ class Comparison:
 
     def facts(self) -> dict[str, Any]:
         """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
-        told = {key: getattr(self, key) for key in ("only_a", "only_b", "notes")}
         return finite({
             "a": str(self.a),
             "b": str(self.b),
@@ -67,7 +66,9 @@ class Comparison:
             "covered": self.least_covered[1],
             "shift": self.shift.seconds,
             "rows": [asdict(row) | {"inside": row.first_exit is None} for row in self.rows],
-            **told,
+            "only_a": self.only_a,
+            "only_b": self.only_b,
+            "notes": self.notes,
         })  # fmt: skip
 
 
