@@ -28,6 +28,11 @@ def served_runs(voice: Voice, port: int, origins: list[str], **arguments: Any) -
             raise
         raise InputRefused("--live: websockets is not installed; pip install 'twin[live]'") from None
 
-    announce, warn = (lambda address: voice.note(serving=address)), (lambda sentence: voice.note(refused=sentence))
+    def announce(address: str) -> None:
+        voice.note(serving=address)
+
+    def warn(sentence: str) -> None:
+        voice.note(refused=sentence)
+
     with LiveServer(port, announce, warn, origins) as server:
         recorded_runs(voice, **arguments, viewer=server)

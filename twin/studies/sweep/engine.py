@@ -32,7 +32,7 @@ class Job:
 
     @property
     def arguments(self) -> dict[str, str]:
-        """Of `twin.studies.sweep.trial.served`, but for the orders; absolute, because an FMU may change the folder."""
+        """Of `twin.studies.sweep.worker.served`, but for the orders; absolute, because an FMU may change the folder."""
         return {
             "experiment": str(self.experiment.absolute()),
             "folder": str(self.recordings.absolute()),

@@ -1,19 +1,16 @@
-"""One run of a sweep, in whatever process it happens; and the job of a worker process, runs as long as orders come."""
+"""One run of a sweep, in whatever process it happens."""
 
 import contextlib
-import json
-import shutil
 import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.drive.reuse import free_kept, keep_instances
+from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.assembly.load import load_experiment
-from twin.runs.guard.voice import Voice
 from twin.runs.loop import Simulated, simulate
 from twin.runs.outcome import Tally
 from twin.runs.run import execute
@@ -93,38 +90,3 @@ def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str
             with contextlib.suppress(InputRefused):
                 metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
     return done, metrics, run
-
-
-def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
-    """Run every order; what is imported, compiled or unpacked for one is there for the next.
-
-    Notes: {"finding": facts of `Finding`} after each.
-
-    Args:
-        experiment: its file. folder: where recordings go, a folder per run. claims: see `trial`.
-        reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
-        orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
-            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in
-            a sweep that records failures never meets it.
-
-    Raises:
-        RecordingFailed: the disk is full.
-    """
-    keep_instances(reuse == "reset")
-    with open(orders, encoding="utf-8") as lines:
-        for line in lines:
-            order = json.loads(line)
-            what = Path(experiment), order["drive"], order["settings"]
-            own = Path(folder) / f"{order['run']:06d}"
-            voice.loading()
-            if order["record"] != "none":
-                # what an earlier attempt left of the same run
-                shutil.rmtree(own, ignore_errors=True)
-            if order["record"] == "all":
-                record(*what, own)
-                voice.loading()
-            finding = trial(*what, claims)
-            if order["record"] == "failures" and finding.status != "done":
-                voice.loading()
-                record(*what, own)
-            voice.note(finding=finding.facts)

@@ -14,7 +14,7 @@ from twin.studies.sweep.engine import Job
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 
-JOB = "twin.studies.sweep.trial:served"
+JOB = "twin.studies.sweep.worker:served"
 
 
 class WorkerProcess:

@@ -1,0 +1,44 @@
+"""The job of a worker process: runs one after the other for as long as orders come."""
+
+import json
+import shutil
+from pathlib import Path
+
+from twin.drive.reuse import keep_instances
+from twin.runs.guard.voice import Voice
+from twin.studies.sweep.trial import record, trial
+
+
+def served(voice: Voice, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
+    """Run every order; what is imported, compiled or unpacked for one is there for the next.
+
+    Notes: {"finding": facts of `Finding`} after each.
+
+    Args:
+        experiment: its file. folder: where recordings go, a folder per run. claims: see `trial`.
+        reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
+        orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
+            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in
+            a sweep that records failures never meets it.
+
+    Raises:
+        RecordingFailed: the disk is full.
+    """
+    keep_instances(reuse == "reset")
+    with open(orders, encoding="utf-8") as lines:
+        for line in lines:
+            order = json.loads(line)
+            what = Path(experiment), order["drive"], order["settings"]
+            own = Path(folder) / f"{order['run']:06d}"
+            voice.loading()
+            if order["record"] != "none":
+                # what an earlier attempt left of the same run
+                shutil.rmtree(own, ignore_errors=True)
+            if order["record"] == "all":
+                record(*what, own)
+                voice.loading()
+            finding = trial(*what, claims)
+            if order["record"] == "failures" and finding.status != "done":
+                voice.loading()
+                record(*what, own)
+            voice.note(finding=finding.facts)
