@@ -78,13 +78,13 @@ def batch_seconds(client) -> float:
 
 
 def bytes_per_second(client) -> float:
-    """From this process through the scheduler into a depot."""
-    from twin.studies.sweep.dask import depot
+    """From this process through the scheduler into a file store."""
+    from twin.studies.sweep.dask import file_store
 
     content = os.urandom(MEGABYTES * 1_000_000)
     digest = hashlib.sha256(content).hexdigest()
     began = time.perf_counter()
-    client.run(depot.keep, {digest: content})
+    client.run(file_store.keep, {digest: content})
     seconds = time.perf_counter() - began
-    (depot.home() / digest).unlink()
+    (file_store.home() / digest).unlink()
     return len(content) / seconds

@@ -3,6 +3,7 @@
 import tempfile
 import threading
 import time
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +13,7 @@ from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import Plan, Task, plan_of
 from twin.studies.sweep.pool import Pool
-from twin.studies.sweep.station import Station
+from twin.studies.sweep.worker_process import WorkerProcess
 
 WARM_UP = 5
 """Runs of each process until everything is imported, compiled and unpacked."""
@@ -65,11 +66,11 @@ def warm_run(job: Job, plan: Plan, processes: int) -> tuple[float, float]:
 def memory(job: Job, task: Task) -> tuple[int, int]:
     """Resident memory of a worker after 100 and after `MANY` short runs (bytes)."""
     found = []
-    with Station(job) as station:
+    with closing(WorkerProcess(job)) as worker:
         for run in range(1, MANY + 1):
             settings = (f"{KEY}={500 + run}", "duration_s=2")
-            station.facts(replace(task, run=run, settings=settings), threading.Event())
+            worker.facts(replace(task, run=run, settings=settings), threading.Event())
             if run in (100, MANY):
-                found.append(station.memory)
+                found.append(worker.memory)
     early, late = found
     return early, late

@@ -14,7 +14,7 @@ ALONE = {
     "drive/unpacked.py": "a cache",
     "native_cache.py": "a cache",
     "native_seal.py": "a cache",
-    "studies/sweep/dask/depot.py": "a cache",
+    "studies/sweep/dask/file_store.py": "a cache",
     "recording/folder.py": "the folder of a run must be new",
     "runs/guard/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",

@@ -1,7 +1,7 @@
 """The monolithic reference in terms of python-control, and by label.
 
-`coupled_system` says what is integrated; `twin.studies.analyse.linear.coupled` is the same compiled, which makes 20 s
-of it affordable, and `test_monolith.py` holds the two together.
+`coupled_system` says what is integrated; `coupled_derivative` of `twin.studies.converge.monolith` is the same compiled,
+which makes 20 s of it affordable, and `test_monolith.py` holds the two together.
 """
 
 from dataclasses import replace

@@ -1,6 +1,7 @@
 """A worker of a sweep for ten thousand runs: `make endurance`."""
 
 import threading
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,7 +9,7 @@ import pytest
 
 from tests.studies.sweep.definitions import job, stiffness_text, written
 from twin.studies.sweep.plan import planned
-from twin.studies.sweep.station import Station
+from twin.studies.sweep.worker_process import WorkerProcess
 
 pytestmark = [
     pytest.mark.endurance,
@@ -25,13 +26,13 @@ def test_ten_thousand_runs_in_one_process_neither_leak_nor_need_much(root: Path,
     plan = planned(written(tmp_path, text))
     (task,) = plan.tasks
     memory: list[float] = []
-    with Station(job(plan, tmp_path)) as station:
+    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
         for run in range(1, RUNS + 1):
             stiffness = f"contact.stiffness_N_per_m={500 + run}"
-            facts = station.facts(replace(task, run=run, settings=(*task.settings, stiffness)), threading.Event())
+            facts = worker.facts(replace(task, run=run, settings=(*task.settings, stiffness)), threading.Event())
             assert facts and facts["status"] == "done"
             if run % 1000 == 0:
-                memory.append(station.memory)
+                memory.append(worker.memory)
     print(drive, [round(value / MB, 2) for value in memory])
     # the first thousand fill caches and allocators
     assert memory[-1] - memory[0] < (len(memory) - 1) * 1.0 * MB

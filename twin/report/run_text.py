@@ -17,16 +17,9 @@ def run_text(run: Mapping[str, Any]) -> str:
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
-    return "\n".join(
-        [
-            *lines,
-            *_outcome(run["outcome"]),
-            *_events(run),
-            *_drives(run),
-            *_substituted(run),
-            _row("recording", run["recording"]),
-        ]
-    )
+    lines += [*_outcome(run["outcome"]), *_events(run), *_drives(run)]
+    lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
+    return "\n".join([*lines, _row("recording", run["recording"])])
 
 
 def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
@@ -73,11 +66,6 @@ def _drives(run: Mapping[str, Any]) -> Iterator[str]:
         yield _row("drive", head)
         for line in rest:
             yield from wrapped(line.strip(), " " * 13, 15)
-
-
-def _substituted(run: Mapping[str, Any]) -> Iterator[str]:
-    for name, kind in run["substituted"].items():
-        yield _row("substitute", f"{name}: {kind}")
 
 
 def _row(name: str, text: object) -> str:

@@ -5,8 +5,9 @@ import time
 from pathlib import Path
 from typing import Any
 
-from twin.runs.guard.reporter import Reporter
 from twin.studies.identify.errors import NotIdentifiable
+
+from twin.runs.guard.reporter import Reporter
 
 
 def echo(reporter: Reporter, **arguments: Any) -> dict[str, Any]:

@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from twin.studies.compare.alignment import alignment, shift
-from twin.studies.compare.errors import ComparisonRefused
+from twin.studies.compare.tolerance import ComparisonRefused
 
 from .logs import log_of
 

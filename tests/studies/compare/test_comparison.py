@@ -8,9 +8,8 @@ import pytest
 from twin.recording.logs.log import Log, Series
 from twin.studies.compare.alignment import alignment
 from twin.studies.compare.comparison import Comparison, compared
-from twin.studies.compare.coverage import coverage
-from twin.studies.compare.errors import ComparisonRefused
-from twin.studies.compare.tolerance import rules
+from twin.studies.compare.row import coverage
+from twin.studies.compare.tolerance import ComparisonRefused, rules
 
 from .logs import log_of
 

@@ -3,8 +3,7 @@ from pathlib import Path
 import pytest
 
 from twin.recording.logs.units import unit
-from twin.studies.compare.errors import ComparisonRefused
-from twin.studies.compare.tolerance import Allowance, allowance, matches, rules
+from twin.studies.compare.tolerance import Allowance, ComparisonRefused, allowance, matches, rules
 
 N, M = unit("N", ""), unit("m", "")
 

@@ -11,8 +11,7 @@ from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.errors import TwinError
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log, Series
-from twin.studies.identify.errors import NotIdentifiable
-from twin.studies.identify.identification import identified
+from twin.studies.identify.identification import NotIdentifiable, identified
 from twin.studies.identify.truth import truth
 from twin.studies.replay.model import Model, loaded_model
 

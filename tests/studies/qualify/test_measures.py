@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.finding import Check
+from twin.studies.qualify.definitions import Check
 from twin.studies.qualify.frequency import bandwidth
 from twin.studies.qualify.operating_range import TICK
 from twin.studies.qualify.qualification import Qualification

@@ -17,7 +17,7 @@ from twin.errors import TwinError
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.plan import Plan, Task, planned
 from twin.studies.sweep.pool import Pool
-from twin.studies.sweep.station import Station
+from twin.studies.sweep.worker_process import WorkerProcess
 
 COST = ("seconds", "stepping_s")
 LIMITS = Limits(step=2.0)
@@ -103,16 +103,16 @@ def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, t
     plan = stiffnesses(root, tmp_path, "[500, 700]")
     first, task = plan.tasks
     stopping = threading.Event()
-    with Station(job(plan, tmp_path)) as station:
-        assert station.facts(first, stopping)
-        assert station._worker is not None
-        pid = station._worker._process.pid
+    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
+        assert worker.facts(first, stopping)
+        assert worker._process is not None
+        pid = worker._process.pid
         # so that it cannot be ready before it is killed
         os.kill(pid, signal.SIGSTOP)
         threading.Timer(0.2, os.kill, (pid, signal.SIGKILL)).start()
-        facts = station.facts(task, stopping)
-        assert station._worker._process.pid != pid
-        again = station.facts(task, stopping)
+        facts = worker.facts(task, stopping)
+        assert worker._process.pid != pid
+        again = worker.facts(task, stopping)
     assert facts and again
     assert facts["status"] == "done" and facts["metrics"] == again["metrics"]
 

@@ -19,7 +19,7 @@ def draw_one_run(run: Fig4Run, path: Path) -> None:
         height.plot(run.t, 1e3 * run.z_cmd, color=FP_REFERENCE, lw=1.2, label="after the force loop")
         height.plot(run.t, 1e3 * run.z_ref, color=PRE_DEFINE, lw=2.2, label="pre-defined")
         height.plot(run.t, 1e3 * run.z, color=FP_BASED, lw=1.6, label="estimated")
-        _dotted(height, run.t_plant, 1e3 * run.recording["plant.p_B"][:, 2])
+        _dotted(height, run.t_plant, 1e3 * run.true_z)
         height.set_ylabel("z position (mm)")
         force.plot(run.t, run.recording["controller.F_z_ref"], color=PRE_DEFINE, lw=1.6, label="reference")
         force.plot(run.t, run.F_z, color=FP_BASED, lw=1.6, label="estimated")

@@ -9,8 +9,8 @@ from string import Template
 from typing import Any
 
 from twin.report.page.block import Block
-from twin.report.page.curves import curves
 from twin.report.page.markup import Markup, element, joined
+from twin.report.page.panels import curves
 from twin.report.page.picture import picture
 from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.scene import scene

@@ -1,11 +1,12 @@
-"""What the plots of a report show, one panel under the other: truth beside belief, then the drives."""
+"""What the plots of a report show, one panel under the other: truth beside belief, then the drives; with samples."""
 
 import math
 from collections.abc import Callable, Iterable, Sequence
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
+from twin.report.page.block import Block, thinned, thinning
 from twin.report.page.run import ReportRun
 from twin.studies.metrics.response import Curve
 
@@ -18,6 +19,8 @@ Reader = Callable[[ReportRun], Samples | None]
 DEG = math.degrees(1.0)
 MM = 1e3
 JOINTS = (0, 1, 2)
+MOST_SAMPLES = 4_000_000
+"""In a page: about 4 MB, and a dozen milliseconds of decoding."""
 
 
 class Quantity(NamedTuple):
@@ -103,10 +106,9 @@ def _of_joints(label: str, role: Role, read: Callable[[int], Reader], shown: boo
     return tuple(Quantity(f"{label} {joint + 1}", role, read(joint), joint, shown) for joint in JOINTS)
 
 
-def _of_axes(axes: str, role: Role, word: str, key: str, scale: float, shown: bool = True) -> tuple[Quantity, ...]:
+def _x_and_y(role: Role, word: str, key: str, scale: float, shown: bool = True) -> tuple[Quantity, ...]:
     return tuple(
-        Quantity(f"{letter}, {word}", role, series(key, "xyz".index(letter), scale), number, shown)
-        for number, letter in enumerate(axes)
+        Quantity(f"{letter}, {word}", role, series(key, axis, scale), axis, shown) for axis, letter in enumerate("xy")
     )
 
 
@@ -136,14 +138,14 @@ PANELS = (
     ),
     Panel(
         "Position x, y", "mm",
-        (*_of_axes("xy", "truth", "true", "plant.p_B", MM),
-         *_of_axes("xy", "reference", "pre-defined", "controller.p_ref_B", MM),
-         *_of_axes("xy", "belief", "estimated", "estimator.p_B", MM, shown=False)),
+        (*_x_and_y("truth", "true", "plant.p_B", MM),
+         *_x_and_y("reference", "pre-defined", "controller.p_ref_B", MM),
+         *_x_and_y("belief", "estimated", "estimator.p_B", MM, shown=False)),
     ),
     Panel(
         "Force along x, y on the surface", "N",
-        (*_of_axes("xy", "belief", "estimated", "estimator.F_ee_B", 1.0),
-         *_of_axes("xy", "truth", "true", "plant.F_ee_B", 1.0)),
+        (*_x_and_y("belief", "estimated", "estimator.F_ee_B", 1.0),
+         *_x_and_y("truth", "true", "plant.F_ee_B", 1.0)),
     ),
     Panel(
         "Joint torque tau_l", "N m",
@@ -197,3 +199,44 @@ def _shows_something(panel: Panel, runs: Sequence[ReportRun]) -> bool:
         for quantity in panel.quantities
         for samples in map(quantity.read, runs)
     )
+
+
+def curves(runs: Sequence[ReportRun], blocks: Sequence[Block]) -> tuple[list[dict[str, Any]], int]:
+    """(panels for JSON, factor by which samples are thinned); the samples of each run go into its block.
+
+    A curve is [first sample in the block, number, time of the first (s), time from one to the next (s)]; null where a
+    run does not have it.
+    """
+    found = [
+        (panel, [(quantity, [quantity.read(run) for run in runs]) for quantity in panel.quantities])
+        for panel in panels(runs)
+    ]
+    total = sum(len(one[0]) for _, rows in found for _, samples in rows for one in samples if one)
+    factor = thinning(total, MOST_SAMPLES)
+    facts = [
+        {
+            "title": panel.title,
+            "unit": "" if panel.unit == "1" else panel.unit,
+            "rows": [
+                {
+                    "label": quantity.label,
+                    "role": quantity.role,
+                    "member": quantity.member,
+                    "shown": quantity.shown and (len(runs) == 1 or quantity.role in ("truth", "reference")),
+                    "curves": [_curve(one, block, factor) for one, block in zip(samples, blocks, strict=True)],
+                }
+                for quantity, samples in rows
+                if any(samples)
+            ],
+        }
+        for panel, rows in found
+    ]
+    return facts, factor
+
+
+def _curve(samples: Samples | None, block: Block, factor: int) -> list[float] | None:
+    if samples is None:
+        return None
+    t, values = samples
+    step = float(t[-1] - t[0]) / max(1, len(t) - 1)
+    return [*block.add(thinned(values, factor)), float(t[0]), step * factor]

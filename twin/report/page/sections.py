@@ -38,18 +38,18 @@ class Section(NamedTuple):
 
 def sections(runs: Sequence[ReportRun], picture: Markup | None, budgets: Sequence[Budget] = ()) -> list[Section]:
     """Everything after the replay; `budgets`: of each run, or none."""
-    found: list[tuple[str, str, Markup]] = []
-    if picture is not None:
-        found.append(("figure", "Figure", picture))
-    if budgets:
-        own = dict(zip([run.label for run in runs], budgets, strict=True))
-        found.append(("accuracy", "Accuracy budget", _of_each(runs, lambda run: accuracy(own[run.label], run.label))))
-    found.append(("events", "Events", _of_each(runs, events)))
-    found.append(("drives", "Drives and FMUs", _of_each(runs, drives)))
-    found.append(("parameters", "Parameters", _of_each(runs, _folded_parameters)))
-    found.append(("timing", "Timing", timing(runs)))
-    found.append(("provenance", "How to make this again", _of_each(runs, provenance)))
-    return [Section(key, title, section(key, title, html)) for key, title, html in found]
+    own = {run.label: one for run, one in zip(runs, budgets, strict=False)}
+    budget = _of_each(runs, lambda run: accuracy(own[run.label], run.label)) if own else None
+    found = [
+        ("figure", "Figure", picture),
+        ("accuracy", "Accuracy budget", budget),
+        ("events", "Events", _of_each(runs, events)),
+        ("drives", "Drives and FMUs", _of_each(runs, drives)),
+        ("parameters", "Parameters", _of_each(runs, _folded_parameters)),
+        ("timing", "Timing", timing(runs)),
+        ("provenance", "How to make this again", _of_each(runs, provenance)),
+    ]
+    return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: Verdict) -> Markup:

@@ -1,7 +1,7 @@
 """What a report says first: how it went, in a sentence, and every claim behind it."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from twin.errors import InputRefused
@@ -66,11 +66,10 @@ def verdict(runs: Sequence[ReportRun]) -> Verdict:
         for task in fig5.tasks:
             whose = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
             groups.append(Group(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings))
-    deviations = [remark for run in runs for remark in _deviations(run, len(runs) > 1)]
-    alarms = [remark for run in runs for remark in _alarms(run, len(runs) > 1)]
+    deviations, alarms = _told(runs, lambda run: run.recording.deviations), _told(runs, _alarms)
     findings = [finding for group in groups for finding in group.findings]
     remarks = [*alarms[1:], *deviations, *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
-    remarks += [remark for run in runs for remark in _faults(run, len(runs) > 1)]
+    remarks += _told(runs, _faults)
     good = None if not findings and not alarms else not failed(findings) and not alarms
     return Verdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
@@ -88,11 +87,8 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[Finding], alarms: Se
     outcomes = [outcome(run) for run in runs]
     if not said and len(runs) == 1 and outcomes[0]:
         return outcomes[0]
-    return "; ".join(said) or f"{_numbered(len(runs))} complete, without failure or trip; no claim applies"
-
-
-def _numbered(count: int) -> str:
-    return "The run is" if count == 1 else f"All {count} runs are"
+    who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
+    return "; ".join(said) or f"{who} complete, without failure or trip; no claim applies"
 
 
 def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:
@@ -133,21 +129,18 @@ def _is_fig4(run: ReportRun, mode: str) -> bool:
     return asked and run.has("controller.F_z", "plant.F_ee_B", "estimator.p_B", "scale.F_z")
 
 
-def _alarms(run: ReportRun, several: bool) -> list[str]:
+def _told(runs: Sequence[ReportRun], texts: Callable[[ReportRun], Iterable[str]]) -> list[str]:
+    """`texts` of every run, of several under their names."""
+    return [f"{run.label}: {text}" if len(runs) > 1 else text for run in runs for text in texts(run)]
+
+
+def _alarms(run: ReportRun) -> list[str]:
     """What is wrong with a run: it is not whole, a component failed, the monitor tripped."""
-    who = f"{run.label}: " if several else ""
     note = run.recording.note
     texts = [f"{note[0].upper()}{note[1:]}"] if note else []
     serious = [event for event in run.recording.events if event.level in ("error", "fatal")]
-    texts += [f"{event.text} ({event.time:.3f} s)" for event in serious]
-    return [f"{who}{text}" for text in texts]
+    return texts + [f"{event.text} ({event.time:.3f} s)" for event in serious]
 
 
-def _deviations(run: ReportRun, several: bool) -> list[str]:
-    who = f"{run.label}: " if several else ""
-    return [f"{who}{text}" for text in run.recording.deviations]
-
-
-def _faults(run: ReportRun, several: bool) -> list[str]:
-    who = f"{run.label}: " if several else ""
-    return [f"{who}injected on purpose: {json.dumps(fault)}" for fault in run.values.get("fault", ())]
+def _faults(run: ReportRun) -> list[str]:
+    return [f"injected on purpose: {json.dumps(fault)}" for fault in run.values.get("fault", ())]

@@ -55,7 +55,7 @@ class Broadcast:
         self.wanted: frozenset[int] = frozenset()
         self.port, self._gate, self._tuning = port, gate, tuning
         self._numbers = {channel.number for channel in channels}
-        self._greeting = (server_info("twin", str(time.time_ns())), advertisement(channels))
+        self._greeting = (server_info(str(time.time_ns())), advertisement(channels))
         self._clients: set[Client] = set()
         self._refused: set[str] = set()
         self._begun = False

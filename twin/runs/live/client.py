@@ -8,22 +8,8 @@ from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from twin.errors import InputRefused
-from twin.runs.live.protocol import (
-    AskParameters,
-    FollowParameters,
-    LeaveParameters,
-    Level,
-    Message,
-    Request,
-    SetParameters,
-    Subscribe,
-    Unsubscribe,
-    message_data,
-    parameter_values,
-    request,
-    status,
-    time_now,
-)
+from twin.runs.live import protocol
+from twin.runs.live.protocol import Level, Message, message_data, status, time_now
 from twin.runs.tuning import Tuning
 
 BACKLOG = 1024
@@ -84,7 +70,7 @@ class Client:
     def tell(self, names: Sequence[str]) -> None:
         """Send it what has become of those of the parameters `names` that it follows."""
         if wanted := self._follows.intersection(names):
-            self._put(parameter_values(self._values(wanted)))
+            self._put(protocol.parameter_values(self._values(wanted)))
 
     async def farewell(self, patience: float) -> None:
         """Send what is waiting and say goodbye; after `patience` (s) it is left as it is."""
@@ -113,29 +99,29 @@ class Client:
         if isinstance(said, bytes):
             return [status(Level.ERROR, "not understood: nothing binary is expected here")]
         try:
-            return self._answer(request(said))
+            return self._answer(protocol.request(said))
         except InputRefused as refusal:
             return [status(Level.ERROR, str(refusal))]
 
-    def _answer(self, asked: Request) -> list[str]:
+    def _answer(self, asked: protocol.Request) -> list[str]:
         match asked:
-            case Subscribe():
+            case protocol.Subscribe():
                 return self._subscribe(asked)
-            case Unsubscribe():
+            case protocol.Unsubscribe():
                 left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
                 self.subscriptions = left
                 self._subscribed(False)
-            case AskParameters():
-                return [parameter_values(self._values(asked.names), asked.id)]
-            case SetParameters():
+            case protocol.AskParameters():
+                return [protocol.parameter_values(self._values(asked.names), asked.id)]
+            case protocol.SetParameters():
                 return self._set(asked)
-            case FollowParameters():
+            case protocol.FollowParameters(op="subscribeParameterUpdates"):
                 self._follows |= self._values(asked.names).keys()
-            case LeaveParameters():
+            case protocol.FollowParameters():
                 self._follows -= self._values(asked.names).keys()
         return []
 
-    def _subscribe(self, asked: Subscribe) -> list[str]:
+    def _subscribe(self, asked: protocol.Subscribe) -> list[str]:
         answers, before = [], len(self.subscriptions)
         for wanted in asked.subscriptions:
             if wanted.channel not in self._channels:
@@ -148,7 +134,7 @@ class Client:
             self._subscribed(True)
         return answers
 
-    def _set(self, asked: SetParameters) -> list[str]:
+    def _set(self, asked: protocol.SetParameters) -> list[str]:
         """What the answer says of a refused one is the value that it keeps."""
         answers, names = [], [wish.name for wish in asked.parameters]
         if self._may_tune:
@@ -161,7 +147,7 @@ class Client:
         else:
             answers.append(status(Level.WARNING, WATCHES))
         if asked.id is not None and names:
-            answers.append(parameter_values(self._values(names), asked.id))
+            answers.append(protocol.parameter_values(self._values(names), asked.id))
         return answers
 
     def _values(self, names: Collection[str]) -> dict[str, float]:

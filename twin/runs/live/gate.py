@@ -46,9 +46,8 @@ class Gate:
         hosts, origins = headers.get_all("Host"), headers.get_all("Origin")
         if len(hosts) != 1 or not re.fullmatch(HERE, hosts[0].lower()):
             return f"Host {', '.join(hosts)}: not a name of this machine's own address; open ws://127.0.0.1"
-        if not origins:
-            return ""
-        if len(origins) == 1 and self._allowed(origins[0].lower()):
+        origin = origins[0].lower() if len(origins) == 1 else ""
+        if not origins or origin in self._origins or re.fullmatch(rf"https?://{HERE}", origin):
             return ""
         named = ", ".join(origins)
         return f"a page of {named}: not an origin that may watch; twin run --live --origin {named} lets it in"
@@ -59,6 +58,3 @@ class Gate:
         if named is None:
             return None
         return any(secrets.compare_digest(each.encode(), self.token.encode()) for each in named)
-
-    def _allowed(self, origin: str) -> bool:
-        return origin in self._origins or re.fullmatch(rf"https?://{HERE}", origin) is not None

@@ -46,10 +46,10 @@ class Message(NamedTuple):
     content: bytes
 
 
-def server_info(name: str, session: str) -> str:
+def server_info(session: str) -> str:
     """The first message: a viewer that comes back and finds another `session` forgets what it has seen."""
     capabilities = ["time", "parameters", "parametersSubscribe"]
-    return _said("serverInfo", name=name, capabilities=capabilities, metadata={}, sessionId=session)
+    return _said("serverInfo", name="twin", capabilities=capabilities, metadata={}, sessionId=session)
 
 
 def advertisement(channels: Sequence[Channel]) -> str:
@@ -141,16 +141,11 @@ class SetParameters(_Request):
 
 
 class FollowParameters(_Request):
-    op: Literal["subscribeParameterUpdates"]
+    op: Literal["subscribeParameterUpdates", "unsubscribeParameterUpdates"]
     names: list[str] = Field(alias="parameterNames")
 
 
-class LeaveParameters(_Request):
-    op: Literal["unsubscribeParameterUpdates"]
-    names: list[str] = Field(alias="parameterNames")
-
-
-Request = Subscribe | Unsubscribe | AskParameters | SetParameters | FollowParameters | LeaveParameters
+Request = Subscribe | Unsubscribe | AskParameters | SetParameters | FollowParameters
 _REQUESTS: TypeAdapter[Request] = TypeAdapter(Annotated[Request, Field(discriminator="op")])
 
 

@@ -1,8 +1,9 @@
 """The server that runs are watched through: Foxglove's WebSocket protocol on this machine's own address."""
 
 import socket
+import threading
+from collections import deque
 from collections.abc import Callable, Sequence
-from types import TracebackType
 from typing import Self
 
 import numpy as np
@@ -10,12 +11,14 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.runs.live.broadcast import HOST, Broadcast
 from twin.runs.live.gate import Gate
-from twin.runs.live.publisher import Publisher
 from twin.runs.live.topics import Topics
 from twin.runs.observer import Event
 from twin.runs.scene.scene import Scene
 from twin.runs.streams import Stream
 from twin.runs.tuning import Tuning
+
+SPACING = 0.02
+"""Wall time (s) from one message of a topic to the next: 50 Hz, below the 60 Hz above which Lichtblick warns."""
 
 
 class LiveServer:
@@ -54,9 +57,7 @@ class LiveServer:
     def __enter__(self) -> Self:
         return self
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
+    def __exit__(self, *failure: object) -> None:
         self._held.close()
         self._sign_off()
 
@@ -95,3 +96,53 @@ class LiveServer:
 
 def _refusal(port: int, problem: Exception) -> InputRefused:
     return InputRefused(f"--port {port}: {problem}; choose another one, or 0 for any that is free")
+
+
+class Publisher:
+    """Publishes the rows of one run while it goes on; begins at once.
+
+    The thread that steps only leaves its newest row here; a thread of this class takes it away from time to time,
+    whatever the pace of the run. Making the messages in the thread that steps would cost that one much more, and more
+    often.
+
+    Args:
+        topics: of the run. broadcast: takes their messages.
+    """
+
+    def __init__(self, topics: Topics, broadcast: Broadcast):
+        self._topics, self._broadcast = topics, broadcast
+        self._happened: deque[Event] = deque()
+        self._newest: tuple[int, np.ndarray] | None = None
+        self._published = -1
+        self._finished = threading.Event()
+        self._thread = threading.Thread(target=self._work, daemon=True)
+        self._thread.start()
+
+    def put(self, tick: int, row: np.ndarray, events: Sequence[Event]) -> None:
+        """What has happened, and the row of `tick`, which is copied. The next row takes its place if that is sooner."""
+        if events:
+            self._happened.extend(events)
+        # one assignment, so the other thread sees either the old pair or the new one
+        self._newest = (tick, row.copy())
+
+    def finish(self) -> None:
+        """Publish the last row and stop."""
+        self._finished.set()
+        self._thread.join()
+
+    def _work(self) -> None:
+        while not self._finished.wait(SPACING):
+            self._publish()
+        self._publish()
+
+    def _publish(self) -> None:
+        newest = self._newest
+        if newest is None or newest[0] == self._published:
+            return
+        tick, row = newest
+        events = [self._happened.popleft() for _ in range(len(self._happened))]
+        still = self._broadcast.newcomer.is_set()
+        self._broadcast.newcomer.clear()
+        messages = self._topics.messages(tick, row, events, still, self._broadcast.wanted)
+        self._broadcast.publish(self._topics.time(tick), list(messages))
+        self._published = tick

@@ -20,14 +20,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
-from twin.drive.contract import LOAD
 from twin.errors import InputRefused
-from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
+from twin.runs.assembly.drives import DrivePlan
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
 from twin.studies.metrics.response import Curve
+from twin.studies.qualify.bench import on_bench
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE
-from twin.studies.qualify.signals import playback
 
 PERIOD = 1.0
 """Of the sum of sines (s)."""
@@ -129,13 +127,6 @@ def _played(steady: Inputs, channel: int, added: Curve) -> Curve:
 
 def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
     """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; of three axes the first."""
-    ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
-    signals = playback("signals", ports, np.repeat(inputs, plan.axes, axis=1))
-    component = drive("drive", plan, tick, 0.0, float(inputs[0, 1]))
-    try:
-        wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
-        system = System([signals, component], wires, tick)
+    with on_bench(plan, tick, inputs) as system:
         rows = Simulation(system, len(inputs), len(inputs) + 1).run()
         return np.diff(rows[:, system.columns("drive.theta_m").start])
-    finally:
-        component.close()

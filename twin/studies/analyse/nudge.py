@@ -86,6 +86,12 @@ def swing(p_B: Matrix) -> float:
     return float(max(np.ptp(p - np.polyval(np.polyfit(t, p, 1), t)) for p in p_B.T))
 
 
+def undisturbed(experiment: Experiment, **contact: float) -> Experiment:
+    """With values of its contact, which stands still; no fault, change, monitor or display."""
+    still = experiment.contact.model_copy(update={"breathing": None, "shift": None, **contact})
+    return replace(experiment, contact=still, faults=(), changes=(), monitor=None, scale=None)
+
+
 def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experiment:
     """Held at `point` and nudged once, by way points, which tasks do not heed; nothing else moves or breaks."""
     x, y, z = point.p_B
@@ -96,12 +102,7 @@ def held(experiment: Experiment, point: OperatingPoint, nudge: float) -> Experim
     mode = "force_position" if point.force_on else "position"
     computer = c.model_copy(update={**NO_LIMIT, "mode": mode, "force": c.force.model_copy(update=force)})
     alone = replace(
-        experiment,
-        faults=(),
-        changes=(),
-        monitor=None,
-        scale=None,
-        contact=experiment.contact.model_copy(update={"breathing": None, "shift": None}),
+        undisturbed(experiment),
         reference=WayPoints((0.0, NUDGED - period, NUDGED), (point.p_B, point.p_B, nudged)),
         controller=computer,
         duration_ticks=round(OVER / experiment.cosim.tick),

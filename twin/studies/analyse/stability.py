@@ -15,6 +15,7 @@ from twin.studies.analyse.linear_point import Linearised, LinearPoint
 from twin.studies.analyse.operating_point import on_stiffness, operating_points
 
 POSITION, FORCE = LOOPS[:3], LOOPS[3:]
+LAWS = {"position": POSITION, "force": FORCE}
 NEUTRAL = 1e-9
 """What rounding may add to the magnitude of a pole."""
 STIFFNESSES = np.geomspace(100.0, 50_000.0, 41)
@@ -162,7 +163,7 @@ def limit_checks(shared: Linearised, judged: list[PointStability]) -> list[Limit
     Where no gain of a law makes the robot stable there is nothing to try.
     """
     checks: list[LimitCheck] = []
-    for law, loops in (("position", POSITION), ("force", FORCE)):
+    for law, loops in LAWS.items():
         for in_contact in (False, True):
             there = [p for p in judged if p.linear.point.in_contact == in_contact and loops[0] in p.linear.gains]
             at = min(there, key=lambda point: _room(point, law), default=None)
@@ -180,8 +181,7 @@ def _maps(shared: Linearised, judged: list[PointStability]) -> list[StabilityMap
     at = min(with_force or pressing, key=lambda point: _room(point, law), default=None)
     if at is None:
         return []
-    maps = [stability_map(shared, at.linear, "position", POSITION)]
-    return [*maps, stability_map(shared, at.linear, "force", FORCE)] if with_force else maps
+    return [stability_map(shared, at.linear, law, names) for law, names in LAWS.items() if names[0] in at.linear.gains]
 
 
 def _room(point: PointStability, law: str) -> float:
@@ -194,9 +194,7 @@ def judged_point(linear: LinearPoint) -> PointStability:
     loops, gains = linear.loops, linear.gains
     stable = spectral_radius(loops, gains) < 1.0 - NEUTRAL
     found = poles(closed_poles(loops, gains), loops.dt)
-    limits = {"position": gain_limit(loops, gains, POSITION)}
-    if "force" in gains:
-        limits["force"] = gain_limit(loops, gains, FORCE)
+    limits = {law: gain_limit(loops, gains, names) for law, names in LAWS.items() if names[0] in gains}
     if not stable:
         return PointStability(linear, False, found, {}, None, limits)
     each = {name: margins(loops, gains, name) for name in gains}

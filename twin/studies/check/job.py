@@ -5,18 +5,13 @@ from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
+from pydantic import TypeAdapter
+
 from twin.errors import InputRefused, TwinError
 from twin.experiment.drive_files import shelved
 from twin.experiment.named import experiment_file
 from twin.experiment.source import located
-from twin.studies.check.baseline import (
-    OWN,
-    Entry,
-    baseline_of,
-    baseline_text,
-    known_baseline,
-    stored_drives,
-)
+from twin.studies.check.baseline import OWN, Entry, baseline_of, baseline_text, known_baseline, stored_drives
 from twin.studies.check.check import measured_with, stored_baseline
 from twin.studies.check.verdict import Verdict, verdict
 
@@ -51,8 +46,7 @@ class Outcome:
     @classmethod
     def of(cls, note: dict[str, Any]) -> "Outcome":
         """Put together again what `checked` has taken apart."""
-        verdict = note["verdict"] and Verdict.of(note["verdict"])
-        return cls(**note | {"pair": Pair(**note["pair"]), "verdict": verdict})
+        return TypeAdapter(cls).validate_python(note)
 
 
 def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> list[Pair]:
@@ -67,7 +61,9 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
-        files = [_stored_experiment(stored.name) for stored in sorted(folder.glob("*")) if stored.is_dir()]
+        # one that has gone is told of when its turn comes, and costs the others nothing
+        stored = [one.name for one in sorted(folder.glob("*")) if one.is_dir()]
+        files = [located(f"experiments/{name}.toml", Path.cwd()) for name in stored]
     if not files:
         raise InputRefused(
             f"{folder}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
@@ -84,11 +80,6 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
         # without a baseline the one that is missing is told of
         for drive in dict.fromkeys(named or stored_drives(folder, file.stem) or [OWN])
     ]
-
-
-def _stored_experiment(name: str) -> Path:
-    """The experiment of a baseline; one that has gone is told of when its turn comes, and costs the others nothing."""
-    return located(f"experiments/{name}.toml", Path.cwd())
 
 
 def checked(reporter: Any, work: Sequence[Pair], folder: Path, date: str, reason: str) -> None:

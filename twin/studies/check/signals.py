@@ -12,7 +12,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Led, Measure, Watched
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
-from twin.runs.assembly.assemble import Assembly, assemble
+from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.loop import simulate
 from twin.runs.streams import streams_of
@@ -77,7 +77,8 @@ def run_for_measures(experiment: Experiment) -> Signals:
         done = simulate(assembly, experiment.duration_ticks, [run]).completed()
         if done.trip:
             raise SafetyTrip(f"{experiment.name}: {done.trip}")
-        return Signals(run, geometry_of(experiment.controller.model), _fmus(assembly))
+        fmus = {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}
+        return Signals(run, geometry_of(experiment.controller.model), fmus)
 
 
 def refuse_unknown(experiment: Experiment, system: System) -> None:
@@ -106,7 +107,3 @@ def _signals(measure: Measure) -> list[tuple[str, str]]:
     """(key, signal) of everything that `measure` looks at by name."""
     named = [("signal", measure.signal)] if isinstance(measure, Watched) else []
     return [*named, ("reference", measure.reference)] if isinstance(measure, Led) else named
-
-
-def _fmus(assembly: Assembly) -> dict[str, str]:
-    return {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}

@@ -13,6 +13,7 @@ from twin.studies.check.measurement import Measured, Sampled
 from twin.studies.check.metric import Metric
 from twin.studies.compare.tube import reach
 from twin.studies.metrics.response import within
+from twin.writing import finite
 
 Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
 """`moved`: beyond its bound, where neither way is better. `new`, `gone`: only now, only then. `outside`: of a tube."""
@@ -70,29 +71,13 @@ class Verdict:
     notes: tuple[str, ...]
     outside: tuple[Outside, ...] = ()
 
-    @classmethod
-    def of(cls, facts: dict[str, Any]) -> "Verdict":
-        """Put together again what `dataclasses.asdict` has taken apart."""
-        rows, outside = (Row(**row) for row in facts["rows"]), (Outside(**curve) for curve in facts["outside"])
-        return cls(facts["experiment"], facts["drive"], tuple(rows), tuple(facts["notes"]), tuple(outside))
-
     @property
     def deviations(self) -> tuple[Row, ...]:
         return tuple(row for row in self.rows if row.word != "ok")
 
     def facts(self) -> dict[str, Any]:
         """For JSON; None for what is not a number."""
-        rows = [{key: None if value != value else value for key, value in asdict(row).items()} for row in self.rows]
-        outside = [
-            {
-                key: [None if y != y else y for y in value] if key == "now" else value
-                for key, value in asdict(curve).items()
-            }
-            for curve in self.outside
-        ]
-        return {
-            "experiment": self.experiment, "drive": self.drive, "rows": rows, "notes": self.notes, "outside": outside,
-        }  # fmt: skip
+        return finite(asdict(self))
 
 
 def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> Verdict:

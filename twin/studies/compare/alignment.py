@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple, cast, get_args
 import numpy as np
 
 from twin.recording.logs.log import Log, Series
-from twin.studies.compare.errors import ComparisonRefused
+from twin.studies.compare.tolerance import ComparisonRefused
 
 Kind = Literal["none", "start", "event", "fit"]
 LEAST_OVERLAP = 0.5

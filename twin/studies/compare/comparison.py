@@ -9,10 +9,9 @@ import numpy as np
 
 from twin.recording.logs.log import Log, Series
 from twin.studies.compare.alignment import Alignment, Shift, shift
-from twin.studies.compare.errors import ComparisonRefused
 from twin.studies.compare.pairing import no_overlap, paired, spans
 from twin.studies.compare.row import Curves, Row, curves, row
-from twin.studies.compare.tolerance import Rule, allowance
+from twin.studies.compare.tolerance import ComparisonRefused, Rule, allowance
 from twin.studies.paper.digitised.provenance import provenance
 from twin.writing import finite
 
@@ -59,20 +58,18 @@ class Comparison:
 
     def facts(self) -> dict[str, Any]:
         """Everything but the curves, for JSON; SI units, None for what is infinite or not a number."""
-        rows = [asdict(r) | {"inside": r.first_exit is None} for r in self.rows]
-        facts = {
+        return finite({
             "a": str(self.a),
             "b": str(self.b),
             "identical": self.identical,
             "inside": not self.outside,
             "covered": self.least_covered[1],
             "shift": self.shift.seconds,
-            "rows": rows,
+            "rows": [asdict(row) | {"inside": row.first_exit is None} for row in self.rows],
             "only_a": self.only_a,
             "only_b": self.only_b,
             "notes": self.notes,
-        }
-        return finite(facts)
+        })  # fmt: skip
 
 
 def compared(
@@ -122,6 +119,7 @@ def compared(
     notes += [f"no instants in common: {', '.join(apart)}"] if apart else []
     notes += [moved.note] if moved.note else []
     rows.sort(key=lambda row: (-row.used, -row.max_error / (row.span or 1.0), row.signal))
+    same = a.path.stat().st_size == b.path.stat().st_size and a.path.read_bytes() == b.path.read_bytes()
     only_a, only_b = (tuple(n for n in log.series if n not in other.series) for log, other in ((a, b), (b, a)))
     return Comparison(
         a=a.path,
@@ -132,10 +130,6 @@ def compared(
         apart=tuple(apart),
         only_a=only_a,
         only_b=only_b,
-        identical=_same_bytes(a.path, b.path),
+        identical=same,
         notes=tuple(dict.fromkeys(notes)),
     )
-
-
-def _same_bytes(a: Path, b: Path) -> bool:
-    return a.stat().st_size == b.stat().st_size and a.read_bytes() == b.read_bytes()

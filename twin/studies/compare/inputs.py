@@ -6,7 +6,7 @@ from pathlib import Path
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.log import Log
 from twin.recording.logs.reader import is_recording, read_log
-from twin.studies.compare.errors import ComparisonRefused
+from twin.studies.compare.tolerance import ComparisonRefused
 
 
 def both(a: Path, b: Path, maps: Sequence[str] = ()) -> tuple[Log, Log]:

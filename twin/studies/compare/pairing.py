@@ -7,8 +7,7 @@ import numpy as np
 
 from twin.errors import nearest
 from twin.recording.logs.log import Log, Series
-from twin.studies.compare.errors import ComparisonRefused
-from twin.studies.compare.tolerance import Rule, matches
+from twin.studies.compare.tolerance import ComparisonRefused, Rule, matches
 from twin.units import Dimension, Unit, known_unit
 
 

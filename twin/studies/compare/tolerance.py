@@ -20,11 +20,14 @@ from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.files import read_toml
-from twin.studies.compare.errors import ComparisonRefused
 from twin.units import Dimension, Unit, known_unit
 
 SECONDS = Dimension(s=1)
 _RULE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")
+
+
+class ComparisonRefused(InputRefused):
+    """Two logs, or the tolerances for them, do not fit together: what was found, what was expected, what to do."""
 
 
 @dataclass(frozen=True)

@@ -1,30 +1,59 @@
 """The reference without any coupling: drives and plant as one differential equation.
 
-scipy integrates `twin.studies.analyse.linear.coupled` from controller tick to controller tick; at a tick the same
-compiled encoder, estimator and controller run as in the co-simulation. What is left to differ is the coupling alone.
+A drive here is T_m d omega_m/dt = omega_ref - droop tau_load - omega_m, d theta_m/dt = omega_m: `velocity_servo.fmu`
+with its limits out of reach (equations (1) to (4) of its README). T_m = 0 and droop = 0 make `ideal_velocity.fmu`,
+whose shaft turns as commanded. Drive and spring exchange theta_m and tau_load at every instant, not once per tick.
+
+scipy integrates that from controller tick to controller tick; at a tick the same compiled encoder, estimator and
+controller run as in the co-simulation. What is left to differ is the coupling alone.
 """
 
 from dataclasses import dataclass
 
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twin.controller.estimator import Estimator
+from twin.cosim.port import port_record
 from twin.experiment.experiment import Experiment
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
+from twin.plant.dynamics import derivative
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
 from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
-from twin.studies.analyse.linear.coupled import MOTION, coupled_derivative
 from twin.studies.converge.by_hand import Sampled
 
 # 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
 # 4e-5 N
 RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
+MOTION = port_record(OUTPUTS)
+
+
+@njit(cache=True)
+def coupled_derivative(parameters, T_m, droop, omega_ref, x):
+    """dx/dt (14,) at x = (theta_m (3), omega_m (3), the plant's state (8)), SI.
+
+    Args:
+        parameters: `PlantParameters`; the surface stays at rest.
+        T_m, droop: of each drive in s and rad/s per N m, (3,) each. omega_ref: command in rad/s, (3,).
+    """
+    dx = np.zeros_like(x)
+    y = np.empty(1, dtype=MOTION)[0]
+    outputs(parameters, x[6:], x[:3], STILL, STILL, y)
+    for leg in range(3):
+        target = omega_ref[leg] - droop[leg] * y.tau_load[leg]
+        if T_m[leg] > 0.0:
+            dx[leg] = x[3 + leg]
+            dx[3 + leg] = (target - x[3 + leg]) / T_m[leg]
+        else:
+            dx[leg] = target
+    derivative(parameters, x[6:], x[:3], STILL, STILL, dx[6:])
+    return dx
 
 
 @dataclass(frozen=True)

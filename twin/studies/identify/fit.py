@@ -133,10 +133,6 @@ def fit(
         x = there
         candidates = settled if number < RETURNING else used
         used = candidates.where(clear(x, candidates, belief.N))
-    return _finished(x, scale, used, belief, unknowns, resolution, fixed, surface, change < CONVERGED)
-
-
-def _finished(x, scale, used, belief, unknowns, resolution, fixed, surface, converged) -> Fit:
     at, A = _linearised(x, scale, used, belief, resolution, surface)
     inverse, unseen, singular = _seen(A, fixed)
     r = at.residual / at.sigma
@@ -144,9 +140,8 @@ def _finished(x, scale, used, belief, unknowns, resolution, fixed, surface, conv
     variance = float(r @ r) / max(len(r) - COUNT, 1)
     independent = variance * inverse @ inverse.T * np.outer(scale, scale)
     clusters = len(np.unique(used.cluster))
-    return Fit(
-        unknowns, x, covariance, independent, unseen, singular, used, at, converged, clusters, t_factor(clusters)
-    )
+    factor = t_factor(clusters)
+    return Fit(unknowns, x, covariance, independent, unseen, singular, used, at, change < CONVERGED, clusters, factor)
 
 
 def _linearised(x, scale, used, belief, resolution, surface) -> tuple[Rows, NDArray[np.float64]]:

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 from twin.controller.belief import Belief
 from twin.studies.identify.balance import on_scale, pose, pressing_force
 from twin.studies.identify.clustered import line
-from twin.studies.identify.estimate import Estimate
 from twin.studies.identify.fit import Fit
 from twin.studies.identify.parameters import JOINT_ZERO
+from twin.studies.identify.units import Estimate
 from twin.studies.identify.windows import Windows
 
 SLIDING = 1e-3

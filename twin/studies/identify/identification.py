@@ -7,17 +7,16 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from twin.controller.belief import Belief
-from twin.errors import Unreachable
+from twin.errors import TwinError, Unreachable
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.studies.identify.balance import CONTACT, in_air, on_scale
-from twin.studies.identify.errors import NotIdentifiable
-from twin.studies.identify.estimate import Estimate
 from twin.studies.identify.fit import TOLD, Fit, fit
 from twin.studies.identify.friction import friction
 from twin.studies.identify.motor_torque import spring_stiffness
 from twin.studies.identify.one_pose import OnePose, one_pose
 from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
+from twin.studies.identify.units import Estimate
 from twin.studies.identify.windows import COUNTS, Windows, windows
 from twin.studies.replay.model import Model
 from twin.studies.replay.robot_log import robot_log
@@ -31,6 +30,12 @@ NO_SPRING = 2.0
 micrometres), say less than they spoil: what was pressed is skin, or no plane."""
 LOSS_SEEN = 0.02
 """A smaller ln(eta) is what friction and the scale's delay leave, not a belt that loses."""
+
+
+class NotIdentifiable(TwinError):
+    """The log is in order, but what was asked cannot be had from it: why, and what to record instead."""
+
+    exit_code = 1
 
 
 @dataclass(frozen=True)

@@ -12,9 +12,9 @@ from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.studies.identify.balance import wind_up, wound
 from twin.studies.identify.clustered import line
-from twin.studies.identify.estimate import Estimate
 from twin.studies.identify.fit import Fit
 from twin.studies.identify.parameters import BACKLASH
+from twin.studies.identify.units import Estimate
 from twin.studies.identify.windows import Windows
 
 

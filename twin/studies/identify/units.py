@@ -1,10 +1,17 @@
-"""In which unit and with how many digits each identified quantity is read."""
+"""A number with its interval, and in which unit and with how many digits it is read."""
 
 from math import degrees, floor, log10
-
-from twin.studies.identify.estimate import Estimate
+from typing import NamedTuple
 
 SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
+
+
+class Estimate(NamedTuple):
+    """value +- half_width, a 95 % interval, in the SI unit `unit`."""
+
+    value: float
+    half_width: float
+    unit: str
 
 
 def shown(value: float, unit: str) -> float:

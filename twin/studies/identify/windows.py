@@ -101,17 +101,13 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
         for a, b in zip(*_edges(bins), strict=True)
         if b - a >= full and np.all(known[a:b])
     ]
-    columns = [np.array(column) for column in zip(*rows, strict=True)] or [
+    columns: list[Any] = [np.array(column) for column in zip(*rows, strict=True)] or [
         np.empty((0, 3) if wide else 0) for wide in (0, 1, 1, 1, 1, 1, 0, 0, 0, 0, 1)
     ]
     *means, travel = columns
-    t, motor, joint, speed, acceleration, spread, force_mean, force_rate, lowest, highest = means
+    every = Windows._make([*means, np.floor(means[0] / CLUSTER).astype(np.int64), length])
     counts = np.mean(travel, axis=1) * belief.motor_counts / (2.0 * np.pi)
-    calm = np.all(np.abs(acceleration) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
-    cluster = np.floor(t / CLUSTER).astype(np.int64)
-    every = Windows(
-        t, motor, joint, speed, acceleration, spread, force_mean, force_rate, lowest, highest, cluster, length
-    )
+    calm = np.all(np.abs(every.acceleration) <= ACCELERATION * JOINTS_PER_METRE, axis=1)
     return every.where((counts >= COUNTS) & calm)
 
 

@@ -4,18 +4,16 @@ The words are the paper's. Of the bounds, the sweep's way, 0.6 N, 5.6 s, 5 N and
 from them a run may be, and every other bound, is ours.
 """
 
+from operator import attrgetter
+
 from twin.studies.metrics.response import overshoot
 from twin.studies.paper import fig4_measures as measure
 from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig4_measures import in_x, while_sweeping
-from twin.studies.paper.fig4_runs import Fig4Runs
 
 SMALL_Z = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
 SHARE = "ours: 5 % of the reference"
-
-
-def _without_x(runs: Fig4Runs) -> str:
-    return runs.without_x
+WITHOUT_X = attrgetter("without_x")
 
 
 CLAIMS = (
@@ -135,13 +133,13 @@ CLAIMS = (
     Claim(
         "x_small", "imperfect runs: |F_x| over |F_y|, rms", "4 C",
         "The forces in the x-axis direction have small fluctuations compared to those in the y-axis direction",
-        in_x(measure.x_share), high=0.25, source="ours: 'small', a quarter at most, in both runs", trivial=_without_x,
+        in_x(measure.x_share), high=0.25, source="ours: 'small', a quarter at most, in both runs", trivial=WITHOUT_X,
     ),
     Claim(
         "friction_smaller_x", "imperfect runs: F_x, position only over f-p", "4 C",
         "the frictional force based on the position control is less than one based on the force-position control",
         in_x(measure.friction_share(0)), high=0.98, source="ours: less, by more than the estimate's noise",
-        trivial=_without_x,
+        trivial=WITHOUT_X,
     ),
     Claim(
         "friction_smaller", "position only: friction F_y smaller (rms ratio)", "4 D",

@@ -1,5 +1,6 @@
 """The two runs behind Fig. 4, as curves."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Protocol
@@ -35,19 +36,38 @@ class Series(Protocol):
     def time(self, topic: str) -> np.ndarray: ...
 
 
+def _read(of: Callable[[Series], Curve]) -> "cached_property[Curve]":
+    return cached_property(lambda run: of(run.recording))
+
+
 @dataclass(frozen=True)
 class Fig4Run:
-    """One run. Curves at the controller's rate on `t`, those of the plant (the truth) at the tick on `t_plant`."""
+    """One run. Curves at the controller's rate on `t`, those of the plant (the truth) at the tick on `t_plant`.
+
+    Attributes:
+        t, t_plant, t_scale: times (n,), s, of controller, plant and electronic scale.
+        F_z, F_ee_B: pressing force as the controller estimates it, low-passed (N); force on the environment as
+            estimated, unfiltered (n, 3), N. F_z_ref: what the former should be (N).
+        true_F_z, true_F_ee_B: the same in truth, on `t_plant`. scale_F_z: the scale's reading (N), on `t_scale`.
+        p_B, z: position as the controller estimates it (n, 3), m: what the paper's encoders give; its height.
+        z_ref, z_cmd: height asked for, pre-defined and after the force loop (m). true_z: in truth, on `t_plant`.
+    """
 
     recording: Series
 
-    @cached_property
-    def t(self) -> Curve:
-        return self.recording.time("controller")
-
-    @cached_property
-    def t_plant(self) -> Curve:
-        return self.recording.time("plant")
+    t = _read(lambda series: series.time("controller"))
+    t_plant = _read(lambda series: series.time("plant"))
+    t_scale = _read(lambda series: series.time("scale"))
+    F_z = _read(lambda series: series["controller.F_z"])
+    F_ee_B = _read(lambda series: series["estimator.F_ee_B"])
+    true_F_ee_B = _read(lambda series: series["plant.F_ee_B"])
+    true_F_z = _read(lambda series: -series["plant.F_ee_B"][:, 2])
+    scale_F_z = _read(lambda series: series["scale.F_z"])
+    p_B = _read(lambda series: series["estimator.p_B"])
+    z = _read(lambda series: series["estimator.p_B"][:, 2])
+    z_ref = _read(lambda series: series["controller.p_ref_B"][:, 2])
+    z_cmd = _read(lambda series: series["controller.p_cmd_B"][:, 2])
+    true_z = _read(lambda series: series["plant.p_B"][:, 2])
 
     @property
     def is_in_step(self) -> bool:
@@ -55,61 +75,13 @@ class Fig4Run:
         return np.array_equal(self.recording.time("estimator"), self.t)
 
     @cached_property
-    def F_z(self) -> Curve:
-        """Pressing force as the controller estimates it, low-passed (N)."""
-        return self.recording["controller.F_z"]
-
-    @cached_property
-    def F_ee_B(self) -> Curve:
-        """Force on the environment as estimated, unfiltered (n, 3), N."""
-        return self.recording["estimator.F_ee_B"]
-
-    @cached_property
-    def true_F_ee_B(self) -> Curve:
-        return self.recording["plant.F_ee_B"]
-
-    @cached_property
-    def true_F_z(self) -> Curve:
-        return -self.true_F_ee_B[:, 2]
+    def true_z_error(self) -> Curve:
+        """True z minus the pre-defined reference (m), at the controller's rate."""
+        return np.interp(self.t, self.t_plant, self.true_z) - self.z_ref
 
     @cached_property
     def F_z_ref(self) -> float:
         return float(self.recording["controller.F_z_ref"][0])
-
-    @cached_property
-    def scale_F_z(self) -> Curve:
-        """The electronic scale's reading (N), on `t_scale`."""
-        return self.recording["scale.F_z"]
-
-    @cached_property
-    def t_scale(self) -> Curve:
-        return self.recording.time("scale")
-
-    @cached_property
-    def p_B(self) -> Curve:
-        """Position as the controller estimates it (n, 3), m: what the paper's encoders give."""
-        return self.recording["estimator.p_B"]
-
-    @cached_property
-    def z(self) -> Curve:
-        """z as the controller estimates it (m)."""
-        return self.p_B[:, 2]
-
-    @cached_property
-    def z_ref(self) -> Curve:
-        """Pre-defined z reference (m)."""
-        return self.recording["controller.p_ref_B"][:, 2]
-
-    @cached_property
-    def z_cmd(self) -> Curve:
-        """z reference after the force loop (m)."""
-        return self.recording["controller.p_cmd_B"][:, 2]
-
-    @cached_property
-    def true_z_error(self) -> Curve:
-        """True z minus the pre-defined reference (m), at the controller's rate."""
-        true_z = np.interp(self.t, self.t_plant, self.recording["plant.p_B"][:, 2])
-        return true_z - self.z_ref
 
     @cached_property
     def trigger_time(self) -> float:

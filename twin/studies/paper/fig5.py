@@ -16,22 +16,6 @@ from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig5_runs import Mask, TaskRun
 
 
-def _gentle(figure: str, quote: str) -> Claim:
-    return Claim(
-        "touch_speed", "speed at the first touch", figure, quote,
-        measure.during(PhaseKind.DESCEND, measure.speed_of_touch), high=20.0, unit="mm/s", scale=1e3, digits=1,
-        source="ours: 0.21 kg that hit 1250 N/m at v press with v sqrt(K m), at 20 mm/s half the trigger's 0.6 N",
-    )  # fmt: skip
-
-
-def _gradual(figure: str, quote: str) -> Claim:
-    return Claim(
-        "steepness", "steepest rise of F_z over the mean rise", figure, quote,
-        measure.during(PhaseKind.BUILD_UP, measure.steepness), high=2.0,
-        source="ours: a smooth rise (3 x^2 - 2 x^3) takes 1.5, twice is still gradual; over 0.2 s",
-    )  # fmt: skip
-
-
 def _excess(figure: str, quote: str, share: float, why: str) -> Claim:
     return Claim(
         "excess", "largest F_z above its reference", figure, quote,
@@ -50,8 +34,20 @@ def _untripped(figure: str) -> Claim:
 
 def _common(figure: str, down: str, build_up: str) -> tuple[Claim, ...]:
     """What every task that presses owes: a gentle touch, a gradual rise, no overshoot, no trip."""
-    excess = _excess(figure, build_up, 5.0, "ours: 'until the pre-defined force is reached', 5 % of it as in Fig. 4")
-    return _gentle(figure, down), _gradual(figure, build_up), excess, _untripped(figure)
+    return (
+        Claim(
+            "touch_speed", "speed at the first touch", figure, down,
+            measure.during(PhaseKind.DESCEND, measure.speed_of_touch), high=20.0, unit="mm/s", scale=1e3, digits=1,
+            source="ours: 0.21 kg that hit 1250 N/m at v press with v sqrt(K m), at 20 mm/s half the trigger's 0.6 N",
+        ),
+        Claim(
+            "steepness", "steepest rise of F_z over the mean rise", figure, build_up,
+            measure.during(PhaseKind.BUILD_UP, measure.steepness), high=2.0,
+            source="ours: a smooth rise (3 x^2 - 2 x^3) takes 1.5, twice is still gradual; over 0.2 s",
+        ),
+        _excess(figure, build_up, 5.0, "ours: 'until the pre-defined force is reached', 5 % of it as in Fig. 4"),
+        _untripped(figure),
+    )  # fmt: skip
 
 
 def _constant_force(figure: str, mask: Callable[[TaskRun], Mask], high: float, why: str) -> Claim:

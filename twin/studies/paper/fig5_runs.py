@@ -1,5 +1,6 @@
 """The tasks in a recording (Fig. 5), as curves of what truly happened."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -22,6 +23,10 @@ TOUCH = 0.1
 """Share of the pre-defined force that counts as a tap."""
 
 
+def _read(of: "Callable[[TaskRun], Curve]") -> "cached_property[Curve]":
+    return cached_property(of)
+
+
 @dataclass(frozen=True)
 class TaskRun:
     """One task of a run, from its first phase to its last; without samples if the run never came to it.
@@ -31,6 +36,7 @@ class TaskRun:
 
     Attributes:
         recording: of the run. number: which task of the run, counted from 1. task: what was asked for, SI.
+        F_z: true pressing force (N). p_B: true position of the platform (m). v_z: its vertical speed upwards (m/s).
     """
 
     recording: Recording
@@ -55,24 +61,10 @@ class TaskRun:
         """A series of the controller, held."""
         return self.recording[f"controller.{name}"][self._held[self._window]]
 
-    @cached_property
-    def t(self) -> Curve:
-        return self.recording.time("plant")[self._window]
-
-    @cached_property
-    def F_z(self) -> Curve:
-        """True pressing force (N)."""
-        return -self.recording["plant.F_ee_B"][self._window, 2]
-
-    @cached_property
-    def p_B(self) -> Curve:
-        """True position of the platform (m)."""
-        return self.recording["plant.p_B"][self._window]
-
-    @cached_property
-    def v_z(self) -> Curve:
-        """True vertical speed (m/s), up positive."""
-        return self.recording["plant.v_B"][self._window, 2]
+    t = _read(lambda run: run.recording.time("plant")[run._window])
+    F_z = _read(lambda run: -run.recording["plant.F_ee_B"][run._window, 2])
+    p_B = _read(lambda run: run.recording["plant.p_B"][run._window])
+    v_z = _read(lambda run: run.recording["plant.v_B"][run._window, 2])
 
     @cached_property
     def phase(self) -> NDArray[np.int64]:

@@ -1,20 +1,25 @@
 """The bench: one drive, a commanded speed and a load, both known beforehand."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import carray
 
+from twin.cosim.component import Component
+from twin.cosim.native import doubles_at, step_function
+from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.contract import LOAD
 from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.operating_range import TICK
-from twin.studies.qualify.signals import playback
 
 SLICE_TICKS = 500
+MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,27 @@ class Response:
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
 
 
+@contextmanager
+def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
+    """A system of "signals", which plays `inputs` back, and a fresh instance of the drive, "drive", at theta_m = 0.
+
+    Args:
+        plan: the drive; all axes of one of three are commanded and loaded alike.
+        tick: s. inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
+
+    Raises:
+        InputRefused: the drive cannot be loaded or initialised, or does not take such a tick.
+    """
+    ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
+    signals = playback(ports, np.repeat(inputs, plan.axes, axis=1))
+    component = drive("drive", plan, tick, 0.0, float(inputs[0, 1]))
+    try:
+        wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
+        yield System([signals, component], wires, tick)
+    finally:
+        component.close()
+
+
 def response(
     plan: DrivePlan,
     omega_ref: Curve,
@@ -63,12 +89,7 @@ def response(
         InputRefused: the drive cannot be loaded or initialised, or does not take a tick of `TICK`.
         ComponentFailed: it returned an error, NaN or infinity.
     """
-    ports = tuple(replace(port, size=plan.axes) for port in (OMEGA_REF, LOAD.port))
-    signals = playback("signals", ports, np.repeat(np.column_stack([omega_ref, tau_load]), plan.axes, axis=1))
-    component = drive("drive", plan, TICK, 0.0, float(tau_load[0]))
-    try:
-        wires = [(f"signals.{port.name}", f"drive.{port.name}") for port in component.inputs]
-        system = System([signals, component], wires, TICK)
+    with on_bench(plan, TICK, np.column_stack([omega_ref, tau_load])) as system:
         simulation = Simulation(system, len(omega_ref) - 1, SLICE_TICKS, timed=True)
         theta_m = system.columns("drive.theta_m").start
         rows = np.empty((len(omega_ref), system.outputs_width))
@@ -83,10 +104,8 @@ def response(
                 break
         if simulation.failure:
             raise simulation.failure
-    finally:
-        component.close()
     rows = rows[: simulation.next_tick]
-    of_drive = simulation.cycles[system.components.index(component)] / simulation.cycles.sum()
+    of_drive = simulation.cycles[system.components.index(system.component("drive"))] / simulation.cycles.sum()
     return Response(
         t=TICK * np.arange(len(rows), dtype=float),
         omega_ref=rows[:, system.columns("signals.omega_ref").start],
@@ -94,4 +113,34 @@ def response(
         theta_m=rows[:, theta_m],
         omega_m=rows[:, system.columns("drive.omega_m").start],
         cost=float(of_drive * elapsed / len(rows)),
+    )
+
+
+@step_function(MEMORY)
+def step(m, t, h, u, y):
+    rows, y_ = carray(doubles_at(m.rows), m.count * m.size), carray(y, m.size)
+    row = min(m.next, m.count - 1)
+    for j in range(m.size):
+        y_[j] = rows[row * m.size + j]
+    m.next += 1
+    return 0
+
+
+def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
+    """Sampled component without inputs: at tick k its outputs are row k of `values`, after the last row that one.
+
+    Args:
+        values: (ticks, width of `ports`).
+    """
+    rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
+    memory = np.array([(rows.ctypes.data, len(rows), rows.shape[1], 0)], dtype=MEMORY)
+    return Component(
+        name="signals",
+        inputs=(),
+        outputs=ports,
+        sampled=True,
+        step_address=step.address,
+        self_address=memory.ctypes.data,
+        initial_outputs=rows[0].copy(),
+        keep=(memory, rows),
     )

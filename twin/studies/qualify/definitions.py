@@ -1,6 +1,7 @@
-"""What is checked and measured: names, units and definitions, in the order in which they are shown."""
+"""What is checked and measured: names, units and definitions, in the order in which they are shown; what is found."""
 
-from typing import NamedTuple
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from twin.studies.qualify.operating_range import (
     BIAS_SPEED,
@@ -32,7 +33,6 @@ CHECKS = {
     "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
 }
 """Name -> what holds. All disqualify a drive but `reset` and `state`: nothing that runs an experiment needs those."""
-
 MEASURES = {
     "speed": Definition(
         "speed in use", "rad/s",
@@ -84,3 +84,44 @@ MEASURES = {
 
 NEGLIGIBLE_DROOP = RESOLUTION / LOAD_IN_USE
 """rad/s per N m. One encoder count per second of averaging: less than this is not told from none."""
+
+
+Verdict = Literal["ok", "FAIL", "note"]
+
+
+@dataclass(frozen=True)
+class Check:
+    """One thing that is right or not.
+
+    Attributes:
+        name: key in `CHECKS`.
+        verdict: "FAIL" disqualifies the drive, "note" is worth knowing and does not.
+        detail: the evidence, in a phrase.
+    """
+
+    name: str
+    verdict: Verdict
+    detail: str
+
+
+@dataclass(frozen=True)
+class Measure:
+    """One number.
+
+    Attributes:
+        name: key in `MEASURES`.
+        value: in the unit of the definition; None: not measurable.
+        remark: why not, or what to know about the value.
+    """
+
+    name: str
+    value: float | None
+    remark: str = ""
+
+
+Finding = Check | Measure
+
+
+def judged(name: str, right: bool, detail: str, otherwise: Verdict = "FAIL") -> Check:
+    """A check that is "ok" if `right`, else `otherwise`."""
+    return Check(name, "ok" if right else otherwise, detail)

@@ -5,22 +5,18 @@ import numpy as np
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.finding import Measure
+from twin.studies.qualify.definitions import Measure
 from twin.studies.qualify.operating_range import BIAS_SPEED, SMALL_SPEED, TICK
 
 LOWEST, HIGHEST = 0.25, 200.0
 """Hz. The lowest stands for none at all; the highest is a fifth of the rate at which the command changes."""
-
 PER_OCTAVE = 2
 FINELY = 5
 """Frequencies tried once more between the two that embrace the bandwidth."""
-
 LEAD_IN, PERIODS = 0.25, 1.0
 """Periods run before, and looked at, at each frequency."""
-
 LEAST_LEAD_IN, LEAST_TIME = 0.1, 0.2
 """Of each, at least that long (s): a drive's own transient, and ripple that has to average out."""
-
 HALF_POWER = 1.0 / np.sqrt(2.0)
 
 

@@ -9,12 +9,11 @@ from twin.drive.instance import Instance, Setting
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
 from twin.runs.assembly.drives import DrivePlan
-from twin.studies.qualify.finding import Check, Finding, judged
+from twin.studies.qualify.definitions import Check, Finding, judged
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
 
 TICKS = 50
 """Long enough for every sampled loop inside to have come round."""
-
 SHARE_OF_LIMIT = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
 

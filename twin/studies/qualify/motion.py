@@ -4,20 +4,16 @@ import numpy as np
 
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.definitions import NEGLIGIBLE_DROOP
-from twin.studies.qualify.finding import Finding, Measure, judged
+from twin.studies.qualify.definitions import NEGLIGIBLE_DROOP, Finding, Measure, judged
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, SPEED_LIMIT, TICK
 from twin.studies.qualify.work_cycle import AVERAGE, END, LOADED, work_cycle
 
 WRONG_SCALE = 1.5
 """No drive for this robot is that far off by itself; rpm (9.5), degrees (57) and gears are."""
-
 WRONG_RATE = 0.05
 """Twice what a register of 0.024 rad/s can be off at the speed in use."""
-
 SOON = 0.1
 """How long after the load step its effect is looked for (s): before an integral loop has made up for it."""
-
 NOT_FELT = 1e-9
 """rad. Rounding of the angle after seconds of turning."""
 

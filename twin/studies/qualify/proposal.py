@@ -57,12 +57,9 @@ def _table(description: FmuDescription, bound: Sequence[Binding], roles: Sequenc
     lines = ["", f"[{side}s]"]
     for role in roles:
         if role.causality == side:
-            lines += _bound_lines(role, bound) if bound else _doubtful_lines(role, _candidates(description, role))
+            known = [_line(role, b.variable) for b in bound if b.role == role]
+            lines += known if bound else _doubtful_lines(role, _candidates(description, role))
     return "\n".join(lines) + "\n"
-
-
-def _bound_lines(role: Role, bound: Sequence[Binding]) -> list[str]:
-    return [_line(role, b.variable) for b in bound if b.role == role]
 
 
 def _doubtful_lines(role: Role, candidates: list[Variable]) -> list[str]:

@@ -11,8 +11,7 @@ from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, planned
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.definitions import CHECKS, MEASURES
-from twin.studies.qualify.finding import Check, Finding, Measure
+from twin.studies.qualify.definitions import CHECKS, MEASURES, Check, Finding, Measure
 from twin.studies.qualify.frequency import bandwidth, frequency_response
 from twin.studies.qualify.lifecycle import lifecycle_findings
 from twin.studies.qualify.motion import direction_findings, load_findings

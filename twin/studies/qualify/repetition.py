@@ -7,7 +7,7 @@ import numpy as np
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.finding import Check, Finding, Measure, judged
+from twin.studies.qualify.definitions import Check, Finding, Measure, judged
 from twin.studies.qualify.operating_range import RESOLUTION, TICK
 from twin.studies.qualify.work_cycle import work_cycle
 

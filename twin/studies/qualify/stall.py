@@ -5,24 +5,19 @@ import numpy as np
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.bench import Response, response
-from twin.studies.qualify.finding import Measure
+from twin.studies.qualify.definitions import Measure
 from twin.studies.qualify.operating_range import LOAD_MOST, LOAD_PEAK, SPEED_IN_USE, TICK
 
 START = 0.5
 """s. The load starts to grow when the shaft turns steadily."""
-
 RATE = 0.25
 """N m/s. A shaft of 1e-4 kg m2 is braked from 0.5 rad/s within 0.02 s, and the load then is 0.005 N m too high."""
-
 SHARE = 0.1
 """Of the commanded speed: friction that is smoothed around standstill lets a model creep below it for ever."""
-
 WINDOW = 0.05
 """s. Over which the speed is averaged: a stepper swings while it turns."""
-
 UNCERTAINTY = 0.02
 """Of the stall torque: the load grows by 0.0125 N m within one `WINDOW`."""
-
 PATIENCE = 0.3
 """s. A shaft that has been slower than `SHARE` for that long is stalled."""
 

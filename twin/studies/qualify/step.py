@@ -4,7 +4,7 @@ import numpy as np
 
 from twin.studies.metrics.response import overshoot, rise_time, settling_time
 from twin.studies.qualify.bench import Response
-from twin.studies.qualify.finding import Finding, Measure
+from twin.studies.qualify.definitions import Finding, Measure
 from twin.studies.qualify.operating_range import SPEED_IN_USE
 from twin.studies.qualify.work_cycle import AVERAGE, COMMANDED, LOADED
 

@@ -1,22 +1,17 @@
 """What truly happened in an experiment, whatever the robot's controller believes of it, as curves and as numbers."""
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from twin.controller.phase import PhaseKind
 from twin.runs.trace import Trace
 from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
 from twin.studies.metrics.tracking import rms
-from twin.studies.qualify.definitions import Definition
-from twin.studies.qualify.finding import Measure
+from twin.studies.qualify.definitions import Definition, Measure
 
 BAND = 0.05
 """Share of the reference (force) or of its last change (position) within which the robot has settled."""
-
 STILL = 1e-9
 """m per tick. Rounding moves a reference that stands still by far less, any real motion by far more."""
-
 COMPARED = {
     "settling_time": Definition(
         "settles", "s",
@@ -50,40 +45,24 @@ COMPARED = {
 UNDER_FORCE = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 """Phases in which a task holds its force."""
 
-NO_CONTACT = {True: "", False: "no contact"}
-NOT_TOLD = {True: "", False: "the drive does not tell"}
 
-
-@dataclass(frozen=True)
 class TrueRun:
-    """A robot's `run`, every tick and signal of it."""
+    """A robot's `run`, every tick and signal of it.
 
-    run: Trace
+    Attributes:
+        t: s, (ticks,), as all of them.
+        F_z, F_z_ref: true pressing force, and what it should be while the force loop is on (N).
+        z, z_ref: true height of the platform; pre-defined, before the force loop shifts it, in tasks after that (m).
+    """
 
-    @property
-    def t(self) -> Curve:
-        """s, (ticks,)."""
-        return self.run.t
-
-    @property
-    def F_z(self) -> Curve:
-        """True pressing force (N), (ticks,)."""
-        return -self.run["plant.F_ee_B"][:, 2]
-
-    @property
-    def F_z_ref(self) -> Curve:
-        """What it should be while the force loop is on (N), (ticks,)."""
-        return self.run.held("controller.F_z_ref")
-
-    @property
-    def z(self) -> Curve:
-        """True height of the platform (m), (ticks,)."""
-        return self.run["plant.p_B"][:, 2]
-
-    @property
-    def z_ref(self) -> Curve:
-        """Pre-defined height, before the force loop shifts it, in tasks after that (m), (ticks,)."""
-        return self.run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
+    def __init__(self, run: Trace):
+        # tasks lead the robot, not way points
+        self.run, self._tasks = run, "controller.task" in run.fields()
+        self.t: Curve = run.t
+        self.F_z: Curve = -run["plant.F_ee_B"][:, 2]
+        self.F_z_ref: Curve = run.held("controller.F_z_ref")
+        self.z: Curve = run["plant.p_B"][:, 2]
+        self.z_ref: Curve = run.held("controller.p_cmd_B" if self._tasks else "controller.p_ref_B")[:, 2]
 
     def measures(self, cost: float) -> tuple[Measure, ...]:
         """All of `COMPARED`.
@@ -101,30 +80,18 @@ class TrueRun:
             Measure(
                 "rms_force_error",
                 rms(self.F_z[pressing] - self.F_z_ref[pressing]) if touching else None,
-                NO_CONTACT[touching],
+                "" if touching else "no contact",
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
-            Measure(
-                "peak_current", float(np.max(np.abs(current))) if current.size else None, NOT_TOLD[current.size > 0]
-            ),
+            _told("peak_current", float(np.max(np.abs(current))) if current.size else None),
             Measure("shaft_work", self._integral(np.maximum(0.0, shaft_power))),
-            Measure("energy", self._integral(power) if power.size else None, NOT_TOLD[power.size > 0]),
+            _told("energy", self._integral(power) if power.size else None),
             Measure("cost", cost),
         )
 
-    @property
-    def _tasks(self) -> bool:
-        """Whether tasks lead the robot, not way points."""
-        return "controller.task" in self.run.fields()
-
-    @property
-    def _force_loop(self) -> np.ndarray:
-        """Whether the force loop is on, (ticks,)."""
-        return self.run.held("controller.triggered")
-
     def _approach(self) -> tuple[Measure, Measure]:
         """Measures `settling_time` and `overshoot`: of the force once it is controlled, else of the height."""
-        on = self._force_loop
+        on = self.run.held("controller.triggered")
         if self._tasks:
             beyond = 100.0 * overshoot(self.F_z[on], float(self.F_z_ref[on].max())) if np.any(on) else None
             ramp = Measure("settling_time", None, "a task has no step")
@@ -155,3 +122,7 @@ class TrueRun:
     def _integral(self, power: np.ndarray) -> float:
         """Energy (J) of `power` (ticks, n), W, held from tick to tick."""
         return float(np.sum(power[:-1]) * self.run.tick)
+
+
+def _told(name: str, value: float | None) -> Measure:
+    return Measure(name, value, "" if value is not None else "the drive does not tell")

@@ -7,13 +7,10 @@ from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
 
 COMMANDED = 0.2
 """When the command steps (s)."""
-
 LOADED = 2.2
 """When the load steps (s); slow drives have settled by then."""
-
 END = 4.2
 """s."""
-
 AVERAGE = 1.0
 """How long before the load step, and before the end, speeds are averaged (s)."""
 

@@ -10,7 +10,6 @@ from pydantic import ValidationError
 from twin.controller.belief import Belief
 from twin.errors import InputRefused
 from twin.experiment.contact import Contact
-from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import sentences, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.recorded import recorded_name, recorded_values
@@ -58,20 +57,15 @@ class Model:
         return self.belief._replace(backlash=self.plant.backlash)
 
 
-def model_of(experiment: Experiment) -> Model:
-    """What a replay needs of `experiment`."""
-    values = {name: experiment.values[name] for name in TABLES if name in experiment.values}
-    return _model(experiment.name, values, experiment.plant, experiment.contact, experiment.cosim,
-                  experiment.controller, experiment.scale)  # fmt: skip
-
-
 def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
     """What a replay needs of the experiment file at `path`, with `settings` as of `twin run --set`.
 
     Raises:
         InputRefused: with every mistake of the experiment.
     """
-    return model_of(load_experiment(path, settings))
+    experiment = load_experiment(path, settings)
+    values = {name: experiment.values[name] for name in TABLES if name in experiment.values}
+    return _model(experiment.name, values, **{name: getattr(experiment, name) for name in TABLES})
 
 
 def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> Model:
@@ -114,19 +108,18 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
                 mistakes += sentences(error, schema, table)
     if mistakes:
         raise InputRefused(f"{where}, its experiment: {'; '.join(mistakes)}")
-    return _model(name, source.values, checked["plant"], checked["contact"], checked["cosim"],
-                  checked["controller"], checked.get("scale"))  # fmt: skip
+    return _model(name, source.values, **checked)
 
 
 def _model(
-    name: str, values: Mapping[str, Any], plant: Plant, contact: Contact, cosim: Cosim, computer: Controller,
-    scale: Scale | None,
+    name: str, values: Mapping[str, Any], plant: Plant, contact: Contact, cosim: Cosim, controller: Controller,
+    scale: Scale | None = None,
 ) -> Model:  # fmt: skip
     return Model(
         name=name,
         values=values,
-        belief=believed(computer),
-        gravity_compensation=computer.gravity_compensation,
+        belief=believed(controller),
+        gravity_compensation=controller.gravity_compensation,
         plant=plant_parameters(plant, contact),
         substeps=plant.substeps,
         motions=surface_motions(contact),

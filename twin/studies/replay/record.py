@@ -2,9 +2,9 @@
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,21 +29,12 @@ SPAN = 10**8
 """Ticks of log that are written together (0.1 s), so that topics lie side by side in the file."""
 
 
-@dataclass(frozen=True)
-class Track:
+class Track(NamedTuple):
     """Rows of one topic. topic: its fields; ticks: times of the rows (n,), ascending; rows: (n, width)."""
 
     topic: Topic
     ticks: NDArray[np.int64]
     rows: NDArray[np.float64]
-
-    def write(self, writer: Writer, start: int, end: int) -> None:
-        """Write the rows of ticks from `start` to before `end`, as many at once as are evenly spaced."""
-        first, last = np.searchsorted(self.ticks, (start, end))
-        uneven = np.flatnonzero(np.diff(self.ticks[first:last]) != self.topic.period) + 1
-        for a, b in pairwise([first, *(first + uneven), last]):
-            if a < b:
-                writer.write(self.topic.name, int(self.ticks[a]), self.rows[a:b])
 
 
 def record(replay: Replay, path: Path) -> Path:
@@ -57,8 +48,13 @@ def record(replay: Replay, path: Path) -> Path:
         # a log may have hours without a sample
         spans = np.unique(np.concatenate([track.ticks for track in tracks]) // SPAN)
         for start in (spans * SPAN).tolist():
-            for track in tracks:
-                track.write(writer, start, start + SPAN)
+            for topic, ticks, rows in tracks:
+                first, last = np.searchsorted(ticks, (start, start + SPAN))
+                # as many rows at once as are evenly spaced
+                uneven = np.flatnonzero(np.diff(ticks[first:last]) != topic.period) + 1
+                for a, b in pairwise([first, *(first + uneven), last]):
+                    if a < b:
+                        writer.write(topic.name, int(ticks[a]), rows[a:b])
             writer.end_slice()
         for tick, text in _events(replay):
             writer.write_event(tick, "WARNING", text, "replay")

@@ -5,15 +5,17 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.controller.belief import Belief
+from twin.controller.estimator import Estimator, angle
+from twin.cosim.playback import columns, play
 from twin.errors import InputRefused
+from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.studies.replay.drift import Drift, drift
-from twin.studies.replay.estimates import estimates
 from twin.studies.replay.model import Model
 from twin.studies.replay.plant_model import motions
-from twin.studies.replay.residual import Residual, Statistics, residual, statistics
+from twin.studies.replay.residual import Residual, Statistics, angle_rounding, force_rounding, residual, statistics
 from twin.studies.replay.robot_log import RobotLog, robot_log
-from twin.studies.replay.rounding import angle_rounding, force_rounding
 
 Outputs = dict[str, NDArray[np.float64]]
 FEWEST = 20
@@ -102,10 +104,10 @@ def replayed(
     motion, starts = motions(model, robot.t, best["theta_m"], best["p_B"]) if plant else (None, [])
     forces, indicators = {}, []
     if robot.force is not None:
-        courses = {"estimator": estimator, "twin": best} | ({"plant": motion} if motion else {})
-        if best is estimator:
-            del courses["twin"]
-        forces = {name: _force_residual(robot, course) for name, course in courses.items()}
+        courses = {"estimator": estimator} | ({} if best is estimator else {"twin": best})
+        courses |= {"plant": motion} if motion else {}
+        t, measured = robot.force.t, robot.force.values
+        forces = {name: residual(robot.t, pressing(one), robot.gaps, t, measured) for name, one in courses.items()}
         judged = forces.get("twin", forces["estimator"])
         if len(judged.t) < FEWEST:
             raise InputRefused(f"{robot.path}: {len(judged.t)} measured forces while the encoders were there; too few")
@@ -120,14 +122,29 @@ def replayed(
     return Replay(model, robot, estimator, best, motion, tuple(starts), forces, tuple(indicators))
 
 
+def estimates(log: RobotLog, belief: Belief, gravity_compensation: bool) -> Outputs:
+    """The estimator's outputs by port at every sample of `log`: (n,) or (n, size), SI.
+
+    The component of a run is stepped; it keeps nothing from sample to sample but the last valid estimate, so a gap in
+    the log costs the samples in it and no others.
+
+    Raises:
+        LogRefused: the first sample fits no pose of the robot, so there is nothing to hold.
+    """
+    component = Estimator(belief, gravity_compensation)
+    rows, status = play(component, log.t, np.full(len(log.t), log.period), np.hstack([log.count_m, log.count_l]))
+    if status:
+        at = [np.degrees(angle(log.count_l[0, i], belief.joint_counts, belief.joint_zero[i])) for i in range(3)]
+        raise LogRefused(
+            f"{log.path}: the first joint angles ({at[0]:.1f}, {at[1]:.1f}, {at[2]:.1f}) deg fit no pose of the robot; "
+            "are their signs, units and zeros those of the experiment?"
+        )
+    return columns(component, rows)
+
+
 def pressing(outputs: Outputs) -> NDArray[np.float64]:
     """Pressing force F_z (n,), N, of an estimator or a plant."""
     return -outputs["F_ee_B"][:, 2]
-
-
-def _force_residual(robot: RobotLog, outputs: Outputs) -> Residual:
-    assert robot.force is not None
-    return residual(robot.t, pressing(outputs), robot.gaps, robot.force.t, robot.force.values)
 
 
 def _indicator(

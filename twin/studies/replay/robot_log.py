@@ -96,15 +96,10 @@ def _counts(log: Log, name: str, belief: Belief) -> Series:
             f"{' ...' if len(has) > MANY else ''}; choose with --map '{angle}[0]=COLUMN[deg]' and so on"
         )
     series = _three(log, angle, "rad")
-    turn, zero = _encoder(belief, name)
-    return Series(series.t, (series.values + zero) * (turn / (2.0 * np.pi)), "1")
-
-
-def _encoder(belief: Belief, name: str) -> tuple[float, NDArray[np.float64]]:
-    """Counts per turn and zeros (3,), rad: what `estimator.angle` takes off again."""
+    # counts per turn and zeros (rad): what `estimator.angle` takes off again
     of_motor = name == "count_m"
-    zero = belief.motor_zero if of_motor else belief.joint_zero
-    return (belief.motor_counts if of_motor else belief.joint_counts), np.array(zero)
+    turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
+    return Series(series.t, (series.values + np.array(zero)) * (turn / (2.0 * np.pi)), "1")
 
 
 def _three(log: Log, name: str, unit: str) -> Series:

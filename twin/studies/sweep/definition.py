@@ -10,7 +10,6 @@ from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.source import located
 from twin.files import read_toml
-from twin.studies.sweep.saltelli import why_not_saltelli
 from twin.studies.sweep.vary import Vary, contradictions
 
 DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]
@@ -111,6 +110,17 @@ def _disagreements(definition: Definition) -> list[str]:
         taken.update(vary.names)
         known.append(vary.label)
     return mistakes
+
+
+def why_not_saltelli(tables: Sequence[Vary]) -> list[str]:
+    """What in [[vary]] cannot be: the shares of a variance add up only if parameters are independent and all differ."""
+    return [
+        f'[[vary]] {number}: {key} does not go with design = "saltelli", whose parameters are independent numbers; '
+        "remove it, or choose another design"
+        for number, vary in enumerate(tables, start=1)
+        for key in ("values", "when")
+        if getattr(vary, key) is not None
+    ]
 
 
 def _placed(sentence: str) -> str:

@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 
 from twin.errors import InputRefused
 from twin.studies.sweep.definition import Definition
-from twin.studies.sweep.saltelli import block_width, saltelli_cube
 from twin.studies.sweep.vary import Value, Vary
 
 MOST = 10_000_000
@@ -96,3 +95,29 @@ def _drawn(tables: list[Vary], chosen: dict[str, Value], u: NDArray[np.float64])
         if vary.applies(chosen):
             chosen[vary.label] = vary.drawn(float(share))
     return chosen
+
+
+def block_width(dimensions: int) -> int:
+    """Runs in a block."""
+    return dimensions + 2
+
+
+def saltelli_cube(blocks: int, dimensions: int, rng: np.random.Generator) -> NDArray[np.float64]:
+    """Draws, (blocks * (d + 2), d), from which Sobol' indices are estimated: two points and those in between.
+
+    A block of d + 2 runs is a row of the matrices A, B, A_B^1 .. A_B^d of Saltelli et al. (2010), "Variance based
+    sensitivity analysis of model output", Computer Physics Communications 181: A_B^i is A with parameter i of B. Block
+    comes after block, so that a sweep that was interrupted has whole blocks. A and B are the two halves of a scrambled
+    Sobol' sequence in 2 d dimensions, as Saltelli et al. advise (Sec. 3).
+
+    Args:
+        blocks: a power of 2.
+    """
+    from scipy.stats import qmc
+
+    A, B = np.split(qmc.Sobol(2 * dimensions, seed=rng).random(blocks), 2, axis=1)
+    cube = np.repeat(A[:, None, :], block_width(dimensions), axis=1)
+    cube[:, 1] = B
+    for i in range(dimensions):
+        cube[:, 2 + i, i] = B[:, i]
+    return cube.reshape(-1, dimensions)

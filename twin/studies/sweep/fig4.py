@@ -5,9 +5,8 @@ from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import as_facts
-from twin.studies.paper.fig4_runs import WHOLE, Fig4Run, Fig4Runs
+from twin.studies.paper.fig4_runs import WHOLE, Fig4Runs
 from twin.studies.paper.score import fig4_score
 from twin.studies.sweep.curves import packed
 
@@ -50,17 +49,12 @@ def findings(runs: Fig4Runs) -> dict[str, Any]:
 def _curves(runs: Fig4Runs) -> dict[str, Any]:
     curves = {"force_position.z_cmd": (runs.force_position.t, runs.force_position.z_cmd)}
     for name, run in (("force_position", runs.force_position), ("position", runs.position)):
-        curves |= {f"{name}.{key}": curve for key, curve in _of_one(run).items()}
+        curves |= {
+            f"{name}.z": (run.t, run.z),
+            f"{name}.true_z": (run.t_plant, run.true_z),
+            f"{name}.F_z": (run.t, run.F_z),
+            f"{name}.true_F_z": (run.t_plant, run.true_F_z),
+            f"{name}.F_x": (run.t, run.F_ee_B[:, 0]),
+            f"{name}.F_y": (run.t, run.F_ee_B[:, 1]),
+        }
     return packed(curves, WHOLE)
-
-
-def _of_one(run: Fig4Run) -> dict[str, tuple[Curve, Curve]]:
-    """(times, values) by name."""
-    return {
-        "z": (run.t, run.z),
-        "true_z": (run.t_plant, run.recording["plant.p_B"][:, 2]),
-        "F_z": (run.t, run.F_z),
-        "true_F_z": (run.t_plant, run.true_F_z),
-        "F_x": (run.t, run.F_ee_B[:, 0]),
-        "F_y": (run.t, run.F_ee_B[:, 1]),
-    }

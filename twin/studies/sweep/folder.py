@@ -5,15 +5,29 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from pydantic import Field
+
 from twin.errors import InputRefused
 from twin.files import read_bytes
 from twin.studies.sweep.plan import Plan
-from twin.studies.sweep.rows import ROWS, Row, read_rows
-from twin.studies.sweep.shapes import Facts, parsed
+from twin.studies.sweep.rows import MOST_RUNS, ROWS, Row, Shape, parsed, read_rows
 from twin.writing import made_folder, write_json
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
+
+
+class Facts(Shape):
+    """sweep.json; its keys as in `Kept`, and what all runs have in common."""
+
+    sweep: str
+    runs: int = Field(ge=1, le=MOST_RUNS)
+    design: str
+    drives: list[str]
+    labels: list[str]
+    metrics: list[str]
+    limits: dict[str, float]
+    configuration: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -79,9 +93,8 @@ def kept(folder: Path) -> Kept:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     rows, _ = read_rows(folder / ROWS)
     rows.sort(key=lambda row: row["run"])
-    labels, metrics = tuple(facts["labels"]), tuple(facts["metrics"])
-    design, drives = facts["design"], tuple(facts["drives"])
-    return Kept(facts["sweep"], facts["runs"], design, drives, labels, metrics, facts["limits"], rows)
+    lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
+    return Kept(facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"], rows=rows, **lists)
 
 
 def _read(folder: Path) -> dict[str, Any]:

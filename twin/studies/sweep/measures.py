@@ -63,6 +63,11 @@ class Finding:
         }
 
 
+def failure(reason: str) -> dict[str, Any]:
+    """Facts of the `Finding` of a run whose process died."""
+    return Finding("failed", reason, {}, math.nan, math.nan).facts
+
+
 def metrics_of(outcome: "Outcome") -> dict[str, float | None]:
     """`outcome` by the names of `METRICS`."""
     values = (

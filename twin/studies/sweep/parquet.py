@@ -28,7 +28,8 @@ def write_parquet(kept: Kept, path: Path) -> None:
         values = [row["parameters"].get(label) for row in kept.rows]
         kinds = {type(value) for value in values if value is not None}
         # a column has one type: numbers stay numbers, anything mixed becomes text
-        columns[label] = values if kinds <= {int, float} or len(kinds) == 1 else [_text(value) for value in values]
+        uniform = kinds <= {int, float} or len(kinds) == 1
+        columns[label] = [value if uniform or value is None else str(value) for value in values]
     columns |= {metric: [row["metrics"].get(metric) for row in kept.rows] for metric in kept.metrics}
     for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key"):
         columns[name] = [row[name] for row in kept.rows]
@@ -39,7 +40,3 @@ def write_parquet(kept: Kept, path: Path) -> None:
 def _array(pa: Any, values: list[Any]) -> Any:
     floats = any(isinstance(value, float) for value in values)
     return pa.array([float(v) if floats and v is not None else v for v in values])
-
-
-def _text(value: Any) -> str | None:
-    return None if value is None else str(value)

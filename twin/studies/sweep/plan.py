@@ -76,19 +76,18 @@ def plan_of(definition: Definition, experiment: Path, name: str, source: str, se
     drafts = [(point, (*settings, *_settings(definition, point))) for point in points(definition)]
     if not drafts:
         raise InputRefused(f"{source}: makes no run; no condition holds")
-    foundations = _Foundations(source, experiment, definition.claims is not None)
-    for point, draft in _extremes(drafts):
-        foundations.check(point.drive, draft)
-    metrics = metric_names(foundations.first.measures)
+    files = _Files(source, experiment, definition.claims is not None)
+    loaded = [files.load(point.drive, draft)[0] for point, draft in _extremes(drafts)]
+    metrics = metric_names(loaded[0].measures)
     for metric in definition.limits:
         checked_metric(f"{source}: [limits]", metric, metrics)
     tasks = tuple(
-        Task(number, foundations.key(point, draft), point.drive, point.parameters, draft)
+        Task(number, files.key(point, draft), point.drive, point.parameters, draft)
         for number, (point, draft) in enumerate(drafts, start=1)
     )
     configuration = {
         "the sweep": _hash([definition.model_dump(mode="json"), settings]),
-        "the experiment, a body or an FMU": foundations.digest,
+        "the experiment, a body or an FMU": _hash(sorted(files.digests.values())),
         "the version of twin": version("twin"),
     }
     return Plan(name, definition, experiment, tasks, metrics, configuration)
@@ -109,22 +108,16 @@ Draft = tuple[Point, tuple[str, ...]]
 
 def _extremes(drafts: Sequence[Draft]) -> Iterable[Draft]:
     """Of every drive the first run, those with the least and the most of each number, one with each other value."""
-    chosen: dict[int, Draft] = {}
     ends: dict[tuple[str | None, str, object], tuple[float, int]] = {}
     for number, (point, _) in enumerate(drafts):
-        first = (point.drive, "", None)
-        ends.setdefault(first, (0.0, number))
+        ends.setdefault((point.drive, "", None), (0.0, number))
         for label, value in point.parameters.items():
-            if isinstance(value, bool | str):
-                ends.setdefault((point.drive, label, value), (0.0, number))
-                continue
-            for side in (-1.0, 1.0):
+            sides = {value: 0.0} if isinstance(value, bool | str) else {-1.0: -value, 1.0: value}
+            for side, size in sides.items():
                 key = (point.drive, label, side)
-                if key not in ends or side * value > ends[key][0]:
-                    ends[key] = (side * value, number)
-    for _, number in ends.values():
-        chosen[number] = drafts[number]
-    return chosen.values()
+                if key not in ends or size > ends[key][0]:
+                    ends[key] = (size, number)
+    return [drafts[number] for number in dict.fromkeys(number for _, number in ends.values())]
 
 
 def texts(settings: Sequence[str]) -> tuple[str, ...]:
@@ -135,41 +128,26 @@ def texts(settings: Sequence[str]) -> tuple[str, ...]:
     return tuple(text for text in settings if text.endswith('"'))
 
 
-class _Foundations:
-    """What runs stand on besides their numbers: files. They are read once per drive and choice of texts."""
+class _Files:
+    """What runs stand on besides their numbers, read once per drive and choice of texts: digests by these."""
 
     def __init__(self, source: str, experiment: Path, judged: bool):
         self._source, self._experiment, self._judged = source, experiment, judged
-        self._digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
         self._version = version("twin")
-        self._first: Experiment | None = None
-
-    @property
-    def first(self) -> "Experiment":
-        """The first run that was checked."""
-        assert self._first is not None
-        return self._first
-
-    @property
-    def digest(self) -> str:
-        """Of all of them."""
-        return _hash(sorted(self._digests.values()))
+        self.digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
 
     def key(self, point: Point, settings: tuple[str, ...]) -> str:
         files = point.drive, texts(settings)
-        if files not in self._digests:
-            self._digests[files] = self._read(*files)
-        return _hash([self._version, self._digests[files], point.drive, settings])[:16]
+        if files not in self.digests:
+            self.digests[files] = self.load(*files)[1]
+        return _hash([self._version, self.digests[files], point.drive, settings])[:16]
 
-    def check(self, drive: str | None, settings: tuple[str, ...]) -> None:
-        """Load a run.
+    def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str]":
+        """A run, and the digest of its files.
 
         Raises:
             InputRefused: it is none.
         """
-        self._read(drive, settings)
-
-    def _read(self, drive: str | None, settings: tuple[str, ...]) -> str:
         # the FMU tool chain takes a while to import
         from twin.runs.assembly.drives import planned as planned_drive
         from twin.runs.assembly.load import load_experiment
@@ -184,9 +162,8 @@ class _Foundations:
             plans = [planned_drive(table) for table in tables.values()]
         except InputRefused as refusal:
             raise InputRefused(f"{self._source}: the run with {where} cannot be made:\n{refusal}") from None
-        self._first = self._first or loaded
         fmus = [fmu.sha256 for plan in plans for fmu in plan.parts.values()]
-        return _hash([_without_paths(loaded.values), fmus])
+        return loaded, _hash([_without_paths(loaded.values), fmus])
 
 
 def _without_paths(values: Any) -> Any:

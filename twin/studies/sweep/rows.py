@@ -3,16 +3,69 @@
 import json
 import os
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field
 
 from twin.errors import ComponentFailed, InputRefused, disk_refusals
 from twin.files import read_bytes
-from twin.studies.sweep.shapes import RowShape, parsed
 
 ROWS = "rows.jsonl"
 LARGEST = 2**32
 """Bytes; a hundred thousand rows with curves take a quarter of it."""
 Row = dict[str, Any]
+MOST_RUNS = 20_000_000
+"""Of a sweep; statistics have an entry for each of them."""
+Whole = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+
+
+class Shape(BaseModel):
+    """What a file of a sweep's folder looks like; whatever else somebody made of it is refused."""
+
+    # another version may write more
+    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+
+
+class Answer(Shape):
+    """What a run said to a claim."""
+
+    verdict: str
+    value: float | None
+
+
+class Curves(Shape):
+    """What `twin.studies.sweep.curves.packed` makes; a run without any has an empty table."""
+
+    period_s: float = Field(0.04, gt=0, le=1e6)
+    of: dict[str, str] = Field(default_factory=dict)
+
+
+class RowShape(Shape):
+    """A line of rows.jsonl."""
+
+    run: int = Field(ge=1, le=MOST_RUNS)
+    key: str
+    drive: str | None
+    parameters: dict[str, bool | Whole | float | str]
+    status: str
+    reason: str
+    metrics: dict[str, float | None]
+    within_limits: bool | None
+    seconds: float | None
+    stepping_s: float | None
+    claims: dict[str, Answer] = Field(default_factory=dict)
+    curves: Curves | None = None
+
+
+def parsed(text: str | bytes, shape: type[BaseModel]) -> dict[str, Any] | None:
+    """What the JSON in `text` says if it is of `shape`; None if not."""
+    try:
+        found = json.loads(text)
+        shape.model_validate(found)
+    # pydantic's ValidationError is a ValueError, too
+    except (ValueError, RecursionError):
+        return None
+    return found
 
 
 class DiskFailed(ComponentFailed):

@@ -3,9 +3,7 @@
 import contextlib
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
@@ -13,7 +11,7 @@ from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.assembly.load import load_experiment
-from twin.runs.loop import simulate
+from twin.runs.loop import Simulated, simulate
 from twin.runs.outcome import Tally
 from twin.runs.run import execute
 from twin.runs.trace import Trace
@@ -34,16 +32,20 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     """
     began = time.perf_counter()
     try:
-        ran = _measured(load_experiment(path, settings, drive), bool(claims))
+        done, metrics, run = _simulated(load_experiment(path, settings, drive), bool(claims))
         paper = {}
-        if claims and not ran.trip:
-            paper = _judged(ran, _measured(load_experiment(path, [*settings, COMPANION], drive), True))
+        if claims and not done.trip:
+            companion, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
+            if companion.trip:
+                raise ComponentFailed(f"without force control: {companion.trip}")
+            assert run is not None and other is not None
+            paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
         free_kept()
         return Finding(*_told(problem), {}, time.perf_counter() - began, 0.0)
-    status = "tripped" if ran.trip else "done"
-    return Finding(status, ran.trip, ran.metrics, time.perf_counter() - began, ran.stepping, paper)
+    status = "tripped" if done.trip else "done"
+    return Finding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
 
 
 def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
@@ -74,24 +76,11 @@ def _told(problem: Exception) -> tuple[str, str]:
     return "failed", f"{type(problem).__name__}: {problem}"
 
 
-@dataclass(frozen=True)
-class _Ran:
-    """A run that came to its end.
-
-    Attributes:
-        trip: why the monitor tripped; "" if it did not. stepping: wall time (s). run: None if nobody looks at it.
-    """
-
-    metrics: dict[str, float | None]
-    trip: str
-    stepping: float
-    run: Trace | None
-
-
-def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
+def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], Trace | None]:
+    """(how a run went, its metrics, the run itself if it is to be had `whole` or was needed for them)."""
     with assemble(experiment) as assembly:
         refuse_unknown(experiment, assembly.system)
-        tally, run = Tally(assembly.system), Trace() if experiment.measures or kept_whole else None
+        tally, run = Tally(assembly.system), Trace() if experiment.measures or whole else None
         done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
     metrics = metrics_of(tally.outcome)
     if run:
@@ -100,16 +89,4 @@ def _measured(experiment: Experiment, kept_whole: bool) -> _Ran:
             # no step, or a force that never comes, at some values: then there are no such numbers
             with contextlib.suppress(InputRefused):
                 metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
-    return _Ran(metrics, done.trip, done.stepping, run)
-
-
-def _judged(ran: _Ran, companion: _Ran) -> dict[str, Any]:
-    """What the pair says to the paper.
-
-    Raises:
-        ComponentFailed: the monitor tripped in the companion.
-    """
-    assert ran.run is not None and companion.run is not None
-    if companion.trip:
-        raise ComponentFailed(f"without force control: {companion.trip}")
-    return findings(Fig4Runs(Fig4Run(ran.run), Fig4Run(companion.run)))
+    return done, metrics, run

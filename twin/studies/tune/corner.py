@@ -1,7 +1,7 @@
 """The corners at which gains have to hold: operating points, each on every stiffness and with every drive."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -12,6 +12,7 @@ from twin.studies.analyse.linear.margins import LOWEST, Complex, response
 from twin.studies.analyse.linear.sampled_law import ESTIMATED, LOOPS
 from twin.studies.analyse.linear.sampled_robot import TRUE
 from twin.studies.analyse.linear_point import Linearised, LinearPoint
+from twin.studies.analyse.nudge import undisturbed
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points
 from twin.studies.tune.gains import LawGains, with_gains
 
@@ -103,7 +104,6 @@ def _opened(experiment: Experiment, drive: str, linear: LinearPoint) -> Corner:
 
 
 def at_stiffness(corner: Corner) -> Experiment:
-    """The corner's experiment with its contact, which stands still; no fault, change, monitor or display."""
-    p, contact = corner.point.parameters, corner.experiment.contact
-    moved = contact.model_copy(update={"stiffness": p.K, "height": p.z_s, "breathing": None, "shift": None})
-    return replace(corner.experiment, contact=moved, faults=(), changes=(), monitor=None, scale=None)
+    """The corner's experiment with its contact, `undisturbed`."""
+    p = corner.point.parameters
+    return undisturbed(corner.experiment, stiffness=p.K, height=p.z_s)

@@ -188,8 +188,3 @@ def _worst(each: list[Answer]) -> Answer:
         max(found.error for found in each),
         min(found.bandwidth for found in each),
     )
-
-
-def final_value(corner: Corner, gains: LawGains, i: int) -> float:
-    """Where the response of `step_response` ends."""
-    return step_response(corner, gains, i)[2]

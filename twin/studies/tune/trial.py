@@ -17,7 +17,8 @@ from twin.runs.trace import Trace
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.tune.corner import Corner, at_stiffness
 from twin.studies.tune.gains import LawGains, with_gains
-from twin.studies.tune.prediction import HALF_POWER, HORIZON, Answer, answer, final_value
+from twin.studies.tune.goals import Goals
+from twin.studies.tune.prediction import HALF_POWER, HORIZON, SETTLED, Answer, Prediction, answer, step_response
 
 REST = 3.0
 """Time (s) before the step, in which the platform sags under the drives' droop."""
@@ -29,6 +30,13 @@ ENDING = 0.25
 """Share of the samples after the step in which a swing that lasts is looked for."""
 SPECTRUM = 2**18
 """Samples to which the step is continued before its spectrum is taken: frequencies 0.01 Hz apart."""
+
+DOUBT = 0.05
+"""Share of a step by which a simulated overshoot may exceed its goal: backlash and counts are not linear."""
+SWING = 0.1
+"""Peak to peak (share of the step) from which a simulated swing that lasts is told."""
+SLOWER = 0.1
+"""Share of the bandwidth asked for that the simulated one may lack."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +81,7 @@ def step_trial(corner: Corner, gains: LawGains) -> Trial | None:
         return None
     i = 3 if corner.point.force_on else 2
     size = FORCE_STEP * corner.point.F_z if corner.point.force_on else HEIGHT_STEP
-    end = size * final_value(corner, gains, i)
+    end = size * step_response(corner, gains, i)[2]
     share = (moved - still) / end
     tick = corner.experiment.cosim.tick
     t = tick * np.arange(len(share), dtype=np.float64)
@@ -129,6 +137,24 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
             system.changes = (*system.changes, Change(rest, memory, high))
         simulate(assembly, rest + over, [run]).completed()
     return -run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2]
+
+
+def contradiction(trial: Trial, prediction: Prediction, goals: Goals) -> str:
+    """What the co-simulation does that the linear model does not and that the goals forbid; "" if nothing."""
+    simulated, linear = trial.answer, prediction.answers[trial.law]
+    if trial.swing > SWING:
+        return f"the co-simulation never comes to rest, it swings by {100.0 * trial.swing:.0f} % of the step"
+    if simulated.overshoot > goals.overshoot + DOUBT:
+        return f"the co-simulation overshoots by {100.0 * simulated.overshoot:.0f} %"
+    if math.isinf(simulated.settling) and math.isfinite(linear.settling):
+        within = f"within {100.0 * SETTLED:g} % of its end"
+        return f"the co-simulation is not {within} after {HORIZON:g} s; predicted are {linear.settling:.2g} s"
+    if goals.bandwidth and trial.law == goals.law:
+        # a goal that is predicted to be missed is told as such
+        expected = min(goals.bandwidth, linear.bandwidth)
+        if simulated.bandwidth < (1.0 - SLOWER) * expected:
+            return f"the co-simulation has a bandwidth of {simulated.bandwidth / (2.0 * math.pi):.3g} Hz only"
+    return ""
 
 
 @dataclass(frozen=True)

@@ -1,21 +1,20 @@
 """Gains for goals: before and after, as the linear model predicts and as the co-simulation does."""
 
-import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.studies.analyse.linear_point import Linearised
-from twin.studies.tune.contradiction import contradiction
 from twin.studies.tune.corner import Corner, corners
 from twin.studies.tune.gains import LawGains, gains_of
 from twin.studies.tune.goals import Goals
-from twin.studies.tune.prediction import Prediction, confirmed, predicted
+from twin.studies.tune.prediction import Answer, Prediction, confirmed, predicted
 from twin.studies.tune.search import Miss, best_gains, worst_misses
-from twin.studies.tune.trial import Trial, Whole, can_be_tried, step_trial, whole_run
+from twin.studies.tune.trial import Trial, Whole, can_be_tried, contradiction, step_trial, whole_run
+from twin.writing import finite
 
 
 @dataclass(frozen=True)
@@ -83,13 +82,7 @@ class Tuned:
         return {
             "experiment": self.experiments[0].name,
             "met": self.met,
-            "goals": {
-                "sensitivity": self.goals.sensitivity,
-                "overshoot": self.goals.overshoot,
-                "bandwidth": self.goals.bandwidth,
-                "law": self.goals.law,
-                "stiffness": self.stiffness,
-            },
+            "goals": {**asdict(self.goals), "stiffness": self.stiffness},
             "missed": [miss.goal for miss in self.after.misses],
             "contradictions": self.contradictions,
             "without_linear_model": self.problems,
@@ -166,8 +159,8 @@ def _facts(judged: Judged) -> dict[str, Any]:
         "runs": [
             {
                 "drive": whole.drive,
-                "force_error": whole.outcome.force_error if whole.outcome else None,
-                "z_error": whole.outcome.z_error if whole.outcome else None,
+                "force_error": whole.outcome and whole.outcome.force_error,
+                "z_error": whole.outcome and whole.outcome.z_error,
                 "trip": whole.trip,
             }
             for whole in judged.wholes
@@ -177,28 +170,17 @@ def _facts(judged: Judged) -> dict[str, Any]:
 
 def _corner_facts(prediction: Prediction, trial: Trial | None) -> dict[str, Any]:
     point = prediction.corner.point
-    return {
+    return finite({
         "drive": prediction.corner.drive,
-        "p_B": list(point.p_B),
+        "p_B": point.p_B,
         "F_z": point.F_z,
         "stiffness": point.parameters.K if point.in_contact else None,
         "stable": prediction.stable,
-        "sensitivity": prediction.sensitivity if prediction.stable else None,
-        "predicted": {
-            law: {
-                "overshoot": found.overshoot,
-                "settling": found.settling if math.isfinite(found.settling) else None,
-                "bandwidth": found.bandwidth,
-            }
-            for law, found in prediction.answers.items()
-        },
-        "simulated": None
-        if trial is None
-        else {
-            "law": trial.law,
-            "overshoot": trial.answer.overshoot,
-            "settling": trial.answer.settling if math.isfinite(trial.answer.settling) else None,
-            "bandwidth": trial.answer.bandwidth if math.isfinite(trial.answer.bandwidth) else None,
-            "swing": trial.swing,
-        },
-    }
+        "sensitivity": prediction.sensitivity,
+        "predicted": {law: _answer_facts(found) for law, found in prediction.answers.items()},
+        "simulated": trial and {"law": trial.law, **_answer_facts(trial.answer), "swing": trial.swing},
+    })  # fmt: skip
+
+
+def _answer_facts(found: Answer) -> dict[str, float]:
+    return {key: getattr(found, key) for key in ("overshoot", "settling", "bandwidth")}

@@ -3,16 +3,16 @@
 import os
 from collections.abc import Sequence
 
-from twin.studies.sweep.dask import workplace
-from twin.studies.sweep.dask.parcel import Order
-from twin.studies.sweep.dask.workplace import Errand, Reply
+from twin.studies.sweep.dask import runner
+from twin.studies.sweep.dask.runner import Reply, SweepJob
+from twin.studies.sweep.plan import Task
 
 DEADLY = 3
 """The number of the run that no machine survives."""
 
 
-def ran(errand: Errand, orders: Sequence[Order]) -> Reply:
-    """As `workplace.ran`, but for the worst."""
-    if any(run == DEADLY for run, _, _ in orders):
+def run_tasks(sweep: SweepJob, tasks: Sequence[Task]) -> Reply:
+    """As `runner.run_tasks`, but for the worst."""
+    if any(task.run == DEADLY for task in tasks):
         os._exit(1)
-    return workplace.ran(errand, orders)
+    return runner.run_tasks(sweep, tasks)

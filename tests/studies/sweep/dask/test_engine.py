@@ -7,13 +7,14 @@ import pytest
 from tests.runs.guard.hostile import EXIT, HANG, NONE, SEGFAULT, hostile_drive
 from tests.studies.sweep.dask import deadly
 from tests.studies.sweep.dask.running import Running, kill, running
-from tests.studies.sweep.definitions import stiffnesses, written
+from tests.studies.sweep.definitions import job, stiffnesses, written
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.dask import engine as engine_module
-from twin.studies.sweep.dask.cluster import connected
-from twin.studies.sweep.dask.delivery import surveyed
+from twin.studies.sweep.dask.bundle import Bundle
+from twin.studies.sweep.dask.cluster import checked_workers, connected
 from twin.studies.sweep.dask.engine import ClusterLost, Dask
-from twin.studies.sweep.dask.parcel import Parcel
+from twin.studies.sweep.dask.runner import SweepJob
+from twin.studies.sweep.dask.versions import versions
 from twin.studies.sweep.engine import Engine
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan, planned
@@ -84,21 +85,22 @@ def test_files_are_sent_once_and_then_known_by_their_content(short: Plan, tmp_pa
     rows(short, tmp_path / "first", Dask(cluster.address, 1))
     # nor is a process left behind
     assert [children(worker.pid) for worker in cluster.workers] == [[], []]
-    depot = cluster.cache / "parcels"
-    before = {file.name: file.stat().st_mtime_ns for file in depot.iterdir()}
-    contents = Parcel(short.experiment).contents
-    assert set(contents) <= set(before)
+    store = cluster.cache / "parcels"
+    before = {file.name: file.stat().st_mtime_ns for file in store.iterdir()}
+    bundle = Bundle(short.experiment)
+    assert set(bundle.contents) <= set(before)
+    sweep = SweepJob("asked", versions(), bundle.manifest, job(short, tmp_path))
     with connected(cluster.address, 0) as client:
-        assert [answer.missing for answer in surveyed(client, contents).values()] == [(), ()]
+        assert [answer.missing for answer in checked_workers(client, sweep).values()] == [(), ()]
     rows(short, tmp_path / "second", Dask(cluster.address, 1))
-    assert {file.name: file.stat().st_mtime_ns for file in depot.iterdir()} == before
+    assert {file.name: file.stat().st_mtime_ns for file in store.iterdir()} == before
 
 
 def test_a_worker_that_comes_later_gets_the_files_when_it_needs_them(
     short: Plan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
 ):
     shutil.rmtree(cluster.cache / "parcels", ignore_errors=True)
-    monkeypatch.setattr(engine_module, "deliver", lambda client, contents, found: None)
+    monkeypatch.setattr(engine_module, "send_missing", lambda client, contents, found: None)
     assert [row["status"] for row in rows(short, tmp_path / "out", Dask(cluster.address, 1))] == ["done"] * 3
 
 
@@ -120,7 +122,7 @@ def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.setenv("PYTHONPATH", str(root))
-    monkeypatch.setattr(engine_module, "ran", deadly.ran)
+    monkeypatch.setattr(engine_module, "run_tasks", deadly.run_tasks)
     # all runs in one batch: who is to blame has to be found out
     monkeypatch.setattr(engine_module, "AHEAD", 1)
     monkeypatch.setattr(engine_module, "BATCH_SECONDS", 1e3)

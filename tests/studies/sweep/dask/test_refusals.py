@@ -98,7 +98,8 @@ def test_a_worker_without_twin_is_named(plan: Plan, tmp_path: Path, cluster: Run
 def test_a_worker_that_comes_later_with_another_version_runs_nothing(
     plan: Plan, tmp_path: Path, cluster: Running, monkeypatch: pytest.MonkeyPatch
 ):
-    # to the worker it is the same who of the two has changed since the workers were asked
+    # nobody has asked it before, and to it it is the same who of the two is the other
+    monkeypatch.setattr(engine_module, "checked_workers", lambda client, sweep: {})
     monkeypatch.setattr(engine_module, "versions", lambda: versions() | {"Python": "2.7"})
     said = refusal(plan, tmp_path / "out", cluster.address)
     assert f"has Python {versions()['Python']}, this machine has 2.7; runs would not give the same numbers" in said

@@ -5,7 +5,7 @@ import pytest
 from scipy.stats import sobol_indices as scipys
 
 from tests.studies.sweep.statistics.rows import row
-from twin.studies.sweep.saltelli import saltelli_cube
+from twin.studies.sweep.design import saltelli_cube
 from twin.studies.sweep.statistics.sobol_indices import LEAST_BLOCKS, estimates, sobol_indices
 
 LABELS = ("x1", "x2", "x3")

@@ -112,11 +112,8 @@ def _check(log: Log, column: str, width: float, calibration: dict[str, Points]) 
 
 def _by_column(content: dict[str, Any]) -> dict[str, Any]:
     """`content` with flat tables of columns: TOML takes the dot in `controller.F_z_N` for a table of its own."""
-    flat = dict(content)
-    for key in ("calibration", "uncertainty"):
-        if isinstance(content.get(key), dict):
-            flat[key] = dict(_columns("", content[key]))
-    return flat
+    tables = {key: content[key] for key in ("calibration", "uncertainty") if isinstance(content.get(key), dict)}
+    return content | {key: dict(_columns("", table)) for key, table in tables.items()}
 
 
 def _columns(prefix: str, table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
@@ -124,9 +121,6 @@ def _columns(prefix: str, table: dict[str, Any]) -> Iterator[tuple[str, Any]]:
         if isinstance(value, dict):
             yield from _columns(f"{prefix}{key}.", value)
         else:
+            points = isinstance(value, list) and all(isinstance(point, list) for point in value)
             # a strict model asks for tuples
-            yield f"{prefix}{key}", tuple(map(tuple, value)) if _is_points(value) else value
-
-
-def _is_points(value: Any) -> bool:
-    return isinstance(value, list) and all(isinstance(point, list) for point in value)
+            yield f"{prefix}{key}", tuple(map(tuple, value)) if points else value

@@ -1,11 +1,12 @@
-"""Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do."""
+"""Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do; and
+of workers that are like this machine and have the files."""
 
 import asyncio
 import logging
 import signal
 import tempfile
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
 from multiprocessing import resource_tracker
@@ -13,6 +14,9 @@ from typing import TYPE_CHECKING
 
 from twin.errors import InputRefused
 from twin.runs.guard.interpreter import others_safe
+from twin.studies.sweep.dask import file_store
+from twin.studies.sweep.dask.runner import Reply, SweepJob, lack
+from twin.studies.sweep.dask.versions import difference, versions
 
 if TYPE_CHECKING:
     from distributed import Client
@@ -37,7 +41,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
     with ExitStack() as ends:
         ends.enter_context(_quiet())
         if scheduler:
-            _knock(scheduler)
+            _refuse_no_scheduler(scheduler)
         address = scheduler or ends.enter_context(_local_cluster(processes))
         client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
         ends.callback(client.close, timeout=PATIENCE)
@@ -50,7 +54,57 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
         yield client
 
 
-def _knock(address: str) -> None:
+def checked_workers(client: "Client", sweep: SweepJob) -> dict[str, Reply]:
+    """Every worker by its address.
+
+    Raises:
+        InputRefused: the scheduler or a worker has other versions than this process, or no twin that it could ask.
+    """
+    try:
+        scheduler = client.run_on_scheduler(versions)
+        found = client.run(lack, sweep, on_error="return")
+    # whatever pickle makes of a module that is not there, or not there yet
+    except Exception as problem:
+        raise InputRefused(_without_twin("the scheduler", problem)) from None
+    mistakes = [difference("the scheduler", scheduler, sweep.versions)]
+    for address, reply in found.items():
+        if not isinstance(reply, Reply):
+            mistakes.append(_without_twin(f"worker {address}", reply))
+        elif reply.versions:
+            mistakes.append(difference(f"worker {address}", reply.versions, sweep.versions))
+    if mistakes := [mistake for mistake in mistakes if mistake]:
+        others = f" ({len(mistakes) - 1} more like it)" if len(mistakes) > 1 else ""
+        raise InputRefused(refusal(mistakes[0] + others))
+    return found
+
+
+def send_missing(client: "Client", contents: Mapping[str, bytes], found: Mapping[str, Reply]) -> None:
+    """Send the file stores of `found` what they have not, once to each, whatever number of workers it serves.
+
+    Raises:
+        InputRefused: a store cannot take it.
+    """
+    first = {reply.store: (address, reply.missing) for address, reply in found.items() if reply.missing}
+    by_need: dict[tuple[str, ...], list[str]] = {}
+    for address, missing in first.values():
+        by_need.setdefault(missing, []).append(address)
+    for missing, addresses in by_need.items():
+        client.run(file_store.keep, {digest: contents[digest] for digest in missing}, workers=addresses)
+
+
+def refusal(difference: str) -> str:
+    """The sentence about a machine of the cluster that is unlike this one."""
+    return (
+        f"--engine dask: {difference}; runs would not give the same numbers everywhere: "
+        "install the same on all machines (docs/cluster.md)"
+    )
+
+
+def _without_twin(who: str, problem: BaseException) -> str:
+    return f"{who} has no twin like this one ({type(problem).__name__}: {problem})"
+
+
+def _refuse_no_scheduler(address: str) -> None:
     """Ask whoever is at `address` who it is. A client of Dask's would wait for ever for one who never answers.
 
     Raises:
@@ -117,7 +171,8 @@ def _local_cluster(processes: int) -> Iterator[object]:
 @contextmanager
 def _quiet() -> Iterator[None]:
     """What Dask has to say of lost connections is said here in a sentence, not by it in a hundred lines."""
-    levels = {name: logging.getLogger(name).level for name in logging.root.manager.loggerDict if _is_dasks(name)}
+    loggers = [name for name in logging.root.manager.loggerDict if name.partition(".")[0] in _LOGGERS]
+    levels = {name: logging.getLogger(name).level for name in loggers}
     for name in levels:
         logging.getLogger(name).setLevel(SILENT)
     with warnings.catch_warnings():
@@ -127,7 +182,3 @@ def _quiet() -> Iterator[None]:
         finally:
             for name, level in levels.items():
                 logging.getLogger(name).setLevel(level)
-
-
-def _is_dasks(name: str) -> bool:
-    return name.partition(".")[0] in _LOGGERS

@@ -1,25 +1,27 @@
 """The engine of a Dask cluster: runs go out in small batches, a few for each thread, and come back as they are done."""
 
 import queue
+import shutil
 import time
 import uuid
 from collections import deque
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import CancelledError
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from twin.errors import ComponentFailed, InputRefused, TwinError
-from twin.studies.sweep.dask import depot
-from twin.studies.sweep.dask.cluster import connected
-from twin.studies.sweep.dask.delivery import deliver, refusal, surveyed
-from twin.studies.sweep.dask.parcel import Order, Parcel
-from twin.studies.sweep.dask.recordings import keep_recording
+from twin.errors import ComponentFailed, InputRefused, NotWritten, TwinError
+from twin.studies.sweep.dask import file_store
+from twin.studies.sweep.dask.bundle import Bundle
+from twin.studies.sweep.dask.cluster import checked_workers, connected, refusal, send_missing
+from twin.studies.sweep.dask.runner import Reply, SweepJob, close_runner, run_tasks
 from twin.studies.sweep.dask.versions import difference, versions
-from twin.studies.sweep.dask.workplace import Errand, Reply, leave, ran
 from twin.studies.sweep.engine import Job, Result
-from twin.studies.sweep.measures import Finding
+from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
+from twin.studies.sweep.rows import DiskFailed
+from twin.writing import made_folder, write_bytes
 
 if TYPE_CHECKING:
     from distributed import Client, Future
@@ -34,11 +36,9 @@ AHEAD = 2
 """Batches per thread that are under way: one that runs, one that waits for it."""
 LOOK = 1.0
 """How often (s) the cluster is looked at: connection, threads."""
-FORSAKEN = 30.0
+NO_WORKERS = 30.0
 """Seconds without any worker after which nobody waits for one any more."""
-
-
-DIED = Finding("failed", "the Dask worker died whenever it was tried", {}, float("nan"), float("nan")).facts
+DIED = failure("the Dask worker died whenever it was tried")
 
 
 class ClusterLost(ComponentFailed):
@@ -63,36 +63,35 @@ class Dask:
             InputRefused: there is no such cluster, it has no workers, or they are not like this machine.
             ClusterLost: it was there and is gone.
         """
-        parcel = Parcel(job.experiment)
-        orders = [parcel.order(task) for task in tasks]
+        bundle = Bundle(job.experiment)
+        packed = [bundle.packed(task) for task in tasks]
         with connected(self._scheduler, min(self._processes, len(tasks))) as client:
-            ours = versions()
-            deliver(client, parcel.contents, surveyed(client, parcel.contents))
-            errand = Errand(uuid.uuid4().hex, ours, parcel.label, job.record, job.limits, job.claims, job.reuse)
-            campaign = _Campaign(client, job, errand, parcel, tasks)
+            sweep = SweepJob(uuid.uuid4().hex, versions(), bundle.manifest, job)
+            send_missing(client, bundle.contents, checked_workers(client, sweep))
+            batches = _Batches(client, sweep, bundle.contents, tasks)
             try:
-                yield from campaign.results(orders)
+                yield from batches.results(packed)
             finally:
-                campaign.stop()
+                batches.stop()
 
 
-class _Campaign:
-    """A sweep while it goes on."""
+class _Batches:
+    """Those of a sweep that are under way."""
 
-    def __init__(self, client: "Client", job: Job, errand: Errand, parcel: Parcel, tasks: Sequence[Task]):
-        self._client, self._job, self._errand, self._parcel = client, job, errand, parcel
+    def __init__(self, client: "Client", sweep: SweepJob, contents: Mapping[str, bytes], tasks: Sequence[Task]):
+        self._client, self._sweep, self._contents = client, sweep, contents
         self._address: str = client.scheduler_info()["address"]
         self._tasks = {task.run: task for task in tasks}
-        self._under_way: dict[Future, list[Order]] = {}
+        self._under_way: dict[Future, list[Task]] = {}
         self._ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
         self._seconds = BATCH_SECONDS
-        self._threads, self._looked, self._manned = 1, -LOOK, time.monotonic()
+        self._threads, self._looked, self._worker_seen = 1, -LOOK, time.monotonic()
 
-    def results(self, orders: Sequence[Order]) -> Generator[list[Result]]:
-        """Of all `orders`, as `Dask.results`."""
-        waiting, left = deque(orders), len(orders)
+    def results(self, packed: Sequence[Task]) -> Generator[list[Result]]:
+        """Of all tasks, `packed`, as `Dask.results`."""
+        waiting, left = deque(packed), len(packed)
         # a batch whose worker died is tried again run by run: only that shows which of them is to blame
-        suspects: deque[Order] = deque()
+        suspects: deque[Task] = deque()
         while left:
             self._look()
             while (suspects or waiting) and len(self._under_way) < AHEAD * self._threads:
@@ -101,12 +100,12 @@ class _Campaign:
             for batch, reply in self._replies():
                 if reply:
                     results += self._received(reply)
-                    seen = {each.run for each in reply.yields}
-                    waiting.extendleft(order for order in reversed(batch) if order[0] not in seen)
+                    seen = {each.run for each in reply.results}
+                    waiting.extendleft(task for task in reversed(batch) if task.run not in seen)
                 elif len(batch) > 1:
                     suspects.extend(batch)
                 else:
-                    results.append((self._tasks[batch[0][0]], DIED))
+                    results.append((self._tasks[batch[0].run], DIED))
             if results:
                 left -= len(results)
                 yield results
@@ -117,7 +116,7 @@ class _Campaign:
         with suppress(Exception):
             if self._client.status == "running":
                 self._client.cancel(list(self._under_way), force=True)
-                self._client.run(leave, self._errand.sweep, on_error="ignore")
+                self._client.run(close_runner, self._sweep.sweep, on_error="ignore")
 
     def _look(self) -> None:
         """Look after the cluster, now and then.
@@ -135,10 +134,10 @@ class _Campaign:
             raise self._lost() from None
         self._looked = time.monotonic()
         if threads:
-            self._threads, self._manned = threads, self._looked
-        elif self._looked - self._manned > FORSAKEN:
+            self._threads, self._worker_seen = threads, self._looked
+        elif self._looked - self._worker_seen > NO_WORKERS:
             raise ClusterLost(
-                f"the last worker of {self._address} has been gone for {FORSAKEN:g} s; finished runs are kept. "
+                f"the last worker of {self._address} has been gone for {NO_WORKERS:g} s; finished runs are kept. "
                 f"Start others with dask worker {self._address} --nthreads 1, then give the same command to go on"
             )
 
@@ -148,19 +147,19 @@ class _Campaign:
             "Start it and its workers again, then give the same command to go on"
         )
 
-    def _batch(self, waiting: deque[Order]) -> list[Order]:
+    def _batch(self, waiting: deque[Task]) -> list[Task]:
         """As many runs as a batch should take; fewer towards the end, so that all threads end together."""
         share = -(-len(waiting) // (AHEAD * self._threads))
         seconds = max(BATCH_SECONDS, PER_THREAD * self._threads)
         size = max(1, min(int(seconds / self._seconds), MOST_OF_BATCH, share))
         return [waiting.popleft() for _ in range(size)]
 
-    def _send(self, batch: list[Order]) -> None:
-        future = self._client.submit(ran, self._errand, batch, pure=False, retries=0)
+    def _send(self, batch: list[Task]) -> None:
+        future = self._client.submit(run_tasks, self._sweep, batch, pure=False, retries=0)
         self._under_way[future] = batch
         future.add_done_callback(self._ended.put)
 
-    def _replies(self) -> list[tuple[list[Order], Reply | None]]:
+    def _replies(self) -> list[tuple[list[Task], Reply | None]]:
         """Of the batches that ended since the last call; none if nothing happens for a while. None: its worker died.
 
         Raises:
@@ -185,16 +184,35 @@ class _Campaign:
     def _received(self, reply: Reply) -> list[Result]:
         """The results in `reply`; what the worker lacks is on its way to it."""
         if reply.versions is not None:
-            raise InputRefused(refusal(difference(f"worker {reply.address}", reply.versions, self._errand.versions)))
+            raise InputRefused(refusal(difference(f"worker {reply.address}", reply.versions, self._sweep.versions)))
         if reply.missing:
-            contents = {digest: self._parcel.contents[digest] for digest in reply.missing}
-            self._client.run(depot.keep, contents, workers=[reply.address], on_error="ignore")
-        for each in reply.yields:
-            keep_recording(self._job.recordings / f"{each.run:06d}", each.files)
-        costs = [each.facts["seconds"] for each in reply.yields if each.facts["seconds"]]
+            contents = {digest: self._contents[digest] for digest in reply.missing}
+            self._client.run(file_store.keep, contents, workers=[reply.address], on_error="ignore")
+        for each in reply.results:
+            _keep_recording(self._sweep.job.recordings / f"{each.run:06d}", each.files)
+        costs = [each.facts["seconds"] for each in reply.results if each.facts["seconds"]]
         if costs:
             self._seconds += 0.3 * (sum(costs) / len(costs) - self._seconds)
-        return [(self._tasks[each.run], each.facts) for each in reply.yields]
+        return [(self._tasks[each.run], each.facts) for each in reply.results]
+
+
+def _keep_recording(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Make `folder` that of a run with `files`; without files nothing is done.
+
+    Raises:
+        DiskFailed: they cannot be written; nothing of them is left.
+    """
+    if not files:
+        return
+    # what an interrupted sweep left of the same run
+    shutil.rmtree(folder, ignore_errors=True)
+    try:
+        made_folder(folder)
+        for name, content in files.items():
+            write_bytes(folder / name, content)
+    except (InputRefused, NotWritten) as problem:
+        shutil.rmtree(folder, ignore_errors=True)
+        raise DiskFailed(f"{problem}; finished runs are kept. Make room, then give the same command to go on") from None
 
 
 def _worker_died(future: "Future", address: str) -> bool:

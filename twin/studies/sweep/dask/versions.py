@@ -29,9 +29,11 @@ def versions() -> dict[str, str]:
 
 def difference(who: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> str:
     """`tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if they are the same."""
-    differing = [f"{what} {theirs.get(what, 'none')}, this machine has {ours[what]}" for what in ours]
-    same = [theirs.get(what) == ours[what] for what in ours]
-    told = [text for text, equal in zip(differing, same, strict=True) if not equal]
+    told = [
+        f"{what} {theirs.get(what, 'none')}, this machine has {own}"
+        for what, own in ours.items()
+        if theirs.get(what) != own
+    ]
     return f"{who} has {'; and '.join(told)}" if told else ""
 
 

@@ -47,7 +47,8 @@ def rank_correlation(rows: Sequence[Row], label: str, metric: str) -> Correlatio
     ]
     if len(pairs) < LEAST:
         return None
-    # takes a while to import, and most of this package does without
+    # both take a while to import, and most of this package does without
+    from scipy.special import stdtr
     from scipy.stats import rankdata
 
     x, y = (rankdata(column) for column in zip(*pairs, strict=True))
@@ -57,22 +58,9 @@ def rank_correlation(rows: Sequence[Row], label: str, metric: str) -> Correlatio
     # ranks less their mean are halves of whole numbers, whose sums are exact: a perfect correlation is exactly 1
     x, y = x - 0.5 * (n + 1), y - 0.5 * (n + 1)
     rho = max(-1.0, min(1.0, float(x @ y) / math.sqrt(float(x @ x) * float(y @ y))))
-    low, high = _interval(rho, n)
-    return Correlation(rho, low, high, _chance(rho, n), n)
-
-
-def _interval(rho: float, n: int) -> tuple[float, float]:
+    perfect = abs(rho) == 1.0
     # Fisher's z of a perfect correlation is infinite, and so are both ends
-    z = math.copysign(math.inf, rho) if abs(rho) == 1.0 else math.atanh(rho)
+    z = math.copysign(math.inf, rho) if perfect else math.atanh(rho)
     half = _NORMAL_95 * math.sqrt((1.0 + 0.5 * rho * rho) / (n - 3))
-    return math.tanh(z - half), math.tanh(z + half)
-
-
-def _chance(rho: float, n: int) -> float:
-    # scipy takes a while to import, and most of this package does without
-    from scipy.special import stdtr
-
-    if abs(rho) == 1.0:
-        return 0.0
-    t = abs(rho) * math.sqrt((n - 2) / (1.0 - rho * rho))
-    return float(2.0 * stdtr(n - 2, -t))
+    t = math.inf if perfect else abs(rho) * math.sqrt((n - 2) / (1.0 - rho * rho))
+    return Correlation(rho, math.tanh(z - half), math.tanh(z + half), float(2.0 * stdtr(n - 2, -t)), n)

@@ -16,11 +16,8 @@ def pareto_front(rows: Sequence[Row], one: str, other: str) -> list[Row]:
     front: list[Row] = []
     least = math.inf
     for row in sorted(both, key=lambda row: (value(row, one), value(row, other))):
-        if value(row, other) < least or (front and _same(row, front[-1], one, other)):
+        same = front and all(value(row, metric) == value(front[-1], metric) for metric in (one, other))
+        if value(row, other) < least or same:
             front.append(row)
             least = value(row, other)
     return front
-
-
-def _same(a: Row, b: Row, one: str, other: str) -> bool:
-    return all(value(a, metric) == value(b, metric) for metric in (one, other))

@@ -50,7 +50,7 @@ def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric:
 
     Args:
         labels: d parameters in the order of the design. runs: planned for this drive, blocks of d + 2. Run numbers of
-            the drive are consecutive; the first row of each block is where `twin.studies.sweep.saltelli` begins one.
+            the drive are consecutive; the first row of each block is where `saltelli_cube` begins one.
 
     A block with a run that has no number is left out as a whole, since each of its runs counts relative to the others.
     """

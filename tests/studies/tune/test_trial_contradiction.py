@@ -5,11 +5,10 @@ import numpy as np
 import pytest
 
 from tests.studies.tune.corners import fig4_corners
-from twin.studies.tune.contradiction import contradiction
 from twin.studies.tune.gains import LawGains
 from twin.studies.tune.goals import Goals
 from twin.studies.tune.prediction import predicted
-from twin.studies.tune.trial import Trial
+from twin.studies.tune.trial import Trial, contradiction
 
 FAST = predicted(fig4_corners()[5], LawGains(5.0, 1.5e-3, 3.5e-3))
 LINEAR = FAST.answers["force"]

@@ -16,18 +16,15 @@ from twin.experiment.drive_files import JOINTS, MAPPING, joint_tables, shelved
 from twin.experiment.source import located, read_source, source_text
 from twin.studies.sweep.plan import Task
 
-Order = tuple[int, str | None, tuple[str, ...]]
-"""A run: its number; its drive, a path in the parcel, None: the experiment's own; settings for `load_experiment`."""
-
 
 @dataclass(frozen=True)
-class Label:
-    """What is in a parcel.
+class Manifest:
+    """What is in a bundle.
 
     Attributes:
-        experiment: path in the parcel.
-        files: path in the parcel -> SHA-256 of the content.
-        originals: path in the parcel -> path on the machine it was packed on, for sentences.
+        experiment: path in the bundle.
+        files: path in the bundle -> SHA-256 of the content.
+        originals: path in the bundle -> path on the machine it was packed on, for sentences.
     """
 
     experiment: str
@@ -35,18 +32,18 @@ class Label:
     originals: dict[str, str] = field(default_factory=dict)
 
 
-class Parcel:
+class Bundle:
     """The experiment at a path, and what its runs add to it as they are packed.
 
     Attributes:
-        label: of what has been packed. contents: by SHA-256.
+        manifest: of what has been packed. contents: by SHA-256.
 
     Raises:
         InputRefused: a file cannot be read, or is not what it should be.
     """
 
     def __init__(self, experiment: Path):
-        self.label = Label(f"{experiment.stem}.toml")
+        self.manifest = Manifest(f"{experiment.stem}.toml")
         self.contents: dict[str, bytes] = {}
         self._folder = experiment.resolve().parent
         self._drives: dict[str, str] = {}
@@ -59,10 +56,10 @@ class Parcel:
                 self._pack_drive(table, self._folder, "")
         if isinstance(contact, dict) and isinstance(contact.get("body"), str):
             contact["body"] = self._body(contact["body"])
-        self._put(self.label.experiment, source_text(source).encode(), experiment.absolute())
+        self._put(self.manifest.experiment, source_text(source).encode(), experiment.absolute())
 
-    def order(self, task: Task) -> Order:
-        """`task` as it travels; what it stands on is packed.
+    def packed(self, task: Task) -> Task:
+        """`task` as it travels: no more than its run needs, drive and settings by paths in the bundle.
 
         Raises:
             InputRefused: as for the experiment.
@@ -71,10 +68,10 @@ class Parcel:
         if drive is not None and drive not in self._drives:
             self._drives[drive] = self._drive(Path(shelved(drive, self._folder)), "")
         settings = tuple(self._setting(text) for text in task.settings)
-        return task.run, None if drive is None else self._drives[drive], settings
+        return Task(task.run, "", None if drive is None else self._drives[drive], {}, settings)
 
     def _setting(self, text: str) -> str:
-        """`text`, with a path in the parcel where it names a file."""
+        """`text`, with a path in the bundle where it names a file."""
         if not text.endswith('"'):
             return text
         if text not in self._settings:
@@ -83,18 +80,16 @@ class Parcel:
             if key == "contact.body":
                 new = self._body(name)
             elif key.startswith("drive.") and key.endswith(".fmu"):
-                new = self._fmu(name, self._folder, "") if ".parts." in key else self._drive(self._seen(name), "")
+                part = ".parts." in key
+                new = self._fmu(name, self._folder, "") if part else self._drive(located(name, self._folder), "")
             self._settings[text] = text if new is None else f"{key}={json.dumps(new)}"
         return self._settings[text]
-
-    def _seen(self, name: str) -> Path:
-        return located(name, self._folder)
 
     def _pack_drive(self, table: Any, folder: Path, into: str) -> None:
         """Pack what a table of a drive names, and name it anew in place.
 
         Args:
-            folder: where the table's names are looked up. into: folder in the parcel where they will be.
+            folder: where the table's names are looked up. into: folder in the bundle where they will be.
         """
         if not isinstance(table, dict):
             return
@@ -130,10 +125,10 @@ class Parcel:
 
     def _body(self, name: str) -> str:
         if name.endswith(".toml"):
-            path = self._seen(name)
-            new = inside = f"bodies/{len(self.label.files)}/{path.name}"
+            path = located(name, self._folder)
+            new = inside = f"bodies/{len(self.manifest.files)}/{path.name}"
         else:
-            shelves = [self._seen(shelf) / f"{name}.toml" for shelf in FOLDERS]
+            shelves = [located(shelf, self._folder) / f"{name}.toml" for shelf in FOLDERS]
             path = next((file for file in shelves if file.is_file()), shelves[0])
             new, inside = name, f"{FOLDERS[0]}/{name}.toml"
         self._put(inside, source_text(read_source(path)).encode(), path)
@@ -141,10 +136,10 @@ class Parcel:
 
     def _free(self, name: str) -> str:
         """A name in fmus/ that is not taken and ends in `name`."""
-        return f"fmus/{len(self.label.files)}/{name}"
+        return f"fmus/{len(self.manifest.files)}/{name}"
 
     def _put(self, inside: str, content: bytes, original: Path) -> None:
         digest = hashlib.sha256(content).hexdigest()
-        self.label.files[inside] = digest
-        self.label.originals[inside] = str(original)
+        self.manifest.files[inside] = digest
+        self.manifest.originals[inside] = str(original)
         self.contents[digest] = content

@@ -6,7 +6,7 @@ from hypothesis import strategies as st
 
 from twin.recording.layout import Field, Topic
 from twin.recording.messages import HEAD_SIZE, message_layout, message_records
-from twin.runs.live.encoding import Encoder
+from twin.runs.live.topics import Encoder
 from twin.runs.streams import Stream
 
 TOPICS = (

@@ -7,8 +7,8 @@ import pytest
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
-from twin.studies.sweep.dask import depot
-from twin.studies.sweep.dask.parcel import Parcel
+from twin.studies.sweep.dask import file_store
+from twin.studies.sweep.dask.bundle import Bundle
 from twin.studies.sweep.plan import Task
 
 EXPERIMENTS = ("fig4_force_position", "fig4_imperfect", "massage", "track_breathing", "step_joint_1", "calibration")
@@ -26,11 +26,13 @@ def task(drive: str | None = None, *settings: str) -> Task:
 
 def arrived(experiment: Path, task: Task, folder: Path) -> Experiment:
     """The experiment of `task` as it is read where it has been sent."""
-    parcel = Parcel(experiment)
-    _, drive, settings = parcel.order(task)
-    depot.keep(parcel.contents)
-    depot.lay_out(parcel.label.files, folder)
-    return load_experiment(folder / parcel.label.experiment, settings, drive and str(folder / drive))
+    bundle = Bundle(experiment)
+    packed = bundle.packed(task)
+    file_store.keep(bundle.contents)
+    file_store.lay_out(bundle.manifest.files, folder)
+    return load_experiment(
+        folder / bundle.manifest.experiment, packed.settings, packed.drive and str(folder / packed.drive)
+    )
 
 
 def told(loaded: Experiment) -> Experiment:
@@ -80,18 +82,18 @@ def test_names_of_files_in_settings_arrive_and_numbers_stand_over_them(root: Pat
 
 
 def test_an_fmu_of_all_joints_is_packed_as_one_file(root: Path):
-    parcel = Parcel(root / "experiments" / "fig4_force_position.toml")
-    assert [Path(name).name for name in parcel.label.files] == ["velocity_servo.fmu", "fig4_force_position.toml"]
+    bundle = Bundle(root / "experiments" / "fig4_force_position.toml")
+    assert [Path(name).name for name in bundle.manifest.files] == ["velocity_servo.fmu", "fig4_force_position.toml"]
 
 
 def test_what_was_damaged_is_missing_again_and_what_is_not_its_hash_is_refused(cache: Path):
-    parcel = {"2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae": b"foo"}
-    (digest,) = parcel
-    assert depot.missing([digest]) == [digest]
-    depot.keep(parcel)
-    assert depot.missing([digest]) == []
+    content = {"2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae": b"foo"}
+    (digest,) = content
+    assert file_store.missing([digest]) == [digest]
+    file_store.keep(content)
+    assert file_store.missing([digest]) == []
     (cache / "parcels" / digest).write_bytes(b"fop")
-    assert depot.missing([digest]) == [digest]
+    assert file_store.missing([digest]) == [digest]
     with pytest.raises(InputRefused, match="was damaged on its way"):
-        depot.keep({digest: b"fop"})
-    assert depot.missing([digest]) == [digest]
+        file_store.keep({digest: b"fop"})
+    assert file_store.missing([digest]) == [digest]

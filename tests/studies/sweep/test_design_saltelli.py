@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.definitions import definition
-from twin.studies.sweep.design import largest_count, points
-from twin.studies.sweep.saltelli import saltelli_cube, why_not_saltelli
+from twin.studies.sweep.definition import why_not_saltelli
+from twin.studies.sweep.design import largest_count, points, saltelli_cube
 from twin.studies.sweep.vary import Condition, Vary
 
 TWO = [{"key": "a", "from": 0.0, "to": 1.0}, {"key": "b", "from": 1.0, "to": 2.0}]
