@@ -191,7 +191,7 @@ def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken:
     """What the drive seems to be commanded with, if nothing in it takes a speed."""
     if COMMANDS["velocity"] not in unsure or _proposals(variables, COMMANDS["velocity"], taken):
         return None
-    others: list[Command] = ["torque", "current", "voltage"]
+    others = (command for command in COMMANDS if command != "velocity")
     return next((command for command in others if _proposals(variables, COMMANDS[command], taken)), None)
 
 

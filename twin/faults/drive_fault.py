@@ -14,13 +14,13 @@ from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
 class Law(IntEnum):
-    """How the shaft moves while the fault is active."""
+    """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
 
-    RUNAWAY = 0
-    FREEWHEEL = 1
-    DEAD = 2
-    JAM = 3
-    FAILURE = 4
+    DRIVE_RUNAWAY = 0
+    DRIVE_FREEWHEEL = 1
+    DRIVE_DEAD = 2
+    JOINT_JAM = 3
+    DRIVE_FAILURE = 4
 
 
 # plain integers: what compiled code compares with

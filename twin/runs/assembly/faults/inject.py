@@ -35,13 +35,7 @@ THREE_AXES = "drive"
 COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
 LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
 """Below which a law changes no count."""
-DRIVE_LAWS = {
-    "drive_runaway": DriveLaw.RUNAWAY,
-    "drive_freewheel": DriveLaw.FREEWHEEL,
-    "drive_dead": DriveLaw.DEAD,
-    "joint_jam": DriveLaw.JAM,
-    "drive_failure": DriveLaw.FAILURE,
-}
+DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
 
 
 @dataclass(frozen=True)
