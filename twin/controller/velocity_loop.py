@@ -23,7 +23,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-class VelocityLoop(NativeComponent):
+class DriveSpeedLoop(NativeComponent):
     """Sampled component: speed error in, command of the drive out.
 
     Args:

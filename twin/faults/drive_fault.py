@@ -13,7 +13,7 @@ from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
-class Law(IntEnum):
+class DriveLaw(IntEnum):
     """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
 
     DRIVE_RUNAWAY = 0
@@ -24,7 +24,7 @@ class Law(IntEnum):
 
 
 # plain integers: what compiled code compares with
-_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in Law)
+_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in DriveLaw)
 
 INERTIA = 1e-4
 """Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
@@ -128,7 +128,7 @@ class DriveFault(NativeComponent):
         self,
         name: str,
         span: Span,
-        law: Law,
+        law: DriveLaw,
         omega: float,
         theta_m: float,
         monitored: bool,

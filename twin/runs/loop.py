@@ -7,10 +7,10 @@ from typing import Self
 
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
-from twin.monitor.component import Monitor
+from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import trip_sentence
 from twin.runs.assembly.assemble import Assembly
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 LONG_SLICE = 1000
 """Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
@@ -27,7 +27,7 @@ class Simulated:
 
     simulation: Simulation
     stepping: float
-    monitor: Monitor | None
+    monitor: SafetyMonitor | None
 
     @property
     def failure(self) -> ComponentFailed | None:
@@ -80,8 +80,8 @@ def simulate(
         began = time.perf_counter()
         rows = simulation.advance()
         stepping += time.perf_counter() - began
-        events: list[Event] = []
+        events: list[TickEvent] = []
         for observer in observers:
             observer.take(first, rows, events)
-    monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
+    monitor = next((c for c in assembly.system.components if isinstance(c, SafetyMonitor)), None)
     return Simulated(simulation, stepping, monitor)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 SLICE = 0.01
 """Wall time (s) between two deadlines: short for whoever turns a knob, long compared with what a slice costs."""
@@ -73,7 +73,7 @@ class Pace(Observer):
         if tick == 0:
             self._began = time.monotonic()
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.keep(first + len(rows))
 
     def keep(self, tick: int) -> None:

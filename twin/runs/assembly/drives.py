@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.controller.pid import Gains
-from twin.controller.velocity_loop import VelocityLoop
+from twin.controller.velocity_loop import DriveSpeedLoop
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
@@ -249,7 +249,7 @@ def _inner_system(
     if loop is None:
         wires.append((f"{INLET}.omega_ref", f"{owner['omega_ref']}.omega_ref"))
     else:
-        components.append(VelocityLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
+        components.append(DriveSpeedLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
         wires += [
             (f"{INLET}.omega_ref", "velocity_loop.omega_ref"),
             (f"{owner['omega_m']}.omega_m", "velocity_loop.omega_m"),

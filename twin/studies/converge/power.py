@@ -35,12 +35,12 @@ from twin.experiment.experiment import Experiment
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
 from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.loop import simulate
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.trace import Trace
 
 
 @dataclass(frozen=True)
-class Residual:
+class PowerResidual:
     """Of one joint over a run.
 
     Attributes:
@@ -54,7 +54,7 @@ class Residual:
     throughput: float
 
 
-def power_residuals(experiment: Experiment) -> tuple[Residual, Residual, Residual]:
+def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
     """Run `experiment` in this process and balance what drives and springs make of it, joint by joint.
 
     Raises:
@@ -64,7 +64,7 @@ def power_residuals(experiment: Experiment) -> tuple[Residual, Residual, Residua
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
     one, two, three = (
-        Residual(
+        PowerResidual(
             mean=float(created[:, i].mean() / h),
             peak=float(np.abs(created[:, i]).max() / h),
             energy=float(created[:, i].sum()),
@@ -91,7 +91,7 @@ class _Inputs(Observer):
         self.ramp = any(port.name == "theta_m_start" for port in self._plant.inputs)
         self.load, self.end, self.start = (np.empty((simulation.last_tick, 3)) for _ in range(3))
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         # in the last tick no step is made
         if first < len(self.load):
             self.load[first] = np.concatenate([self._input(drive, "tau_load") for drive in self._drives])

@@ -14,7 +14,7 @@ because it did not retract; before its time because a component failed."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """What one run did, from the onset of the fault on.
 
     Attributes:
@@ -37,7 +37,7 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Row:
+class FaultRow:
     """A fault of the matrix.
 
     Attributes:
@@ -55,8 +55,8 @@ class Row:
     in_contact: bool
     limit: float
     healthy_peak: float
-    watched: Outcome
-    unwatched: Outcome
+    watched: FaultOutcome
+    unwatched: FaultOutcome
     stays: bool = True
 
     @property
@@ -139,6 +139,6 @@ class Row:
         }
 
 
-def _facts(outcome: Outcome) -> dict[str, Any]:
+def _facts(outcome: FaultOutcome) -> dict[str, Any]:
     units = {"peak": "_N", "peak_delay": "_s", "above": "_s", "delay": "_s", "power_off_delay": "_s"}
     return {key + units.get(key, ""): value for key, value in asdict(outcome).items()}

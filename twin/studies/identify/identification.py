@@ -18,7 +18,7 @@ from twin.studies.identify.one_pose import OnePose, one_pose
 from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
 from twin.studies.identify.units import Estimate
 from twin.studies.identify.windows import COUNTS, Windows, windows
-from twin.studies.replay.model import Model
+from twin.studies.replay.model import RobotModel
 from twin.studies.replay.robot_log import robot_log
 
 PLAUSIBLE = 5.0
@@ -60,7 +60,7 @@ class Identification:
         notes: sentences on the log.
     """
 
-    model: Model
+    model: RobotModel
     fit: Fit
     seen: Windows
     quantities: Mapping[str, Quantity]
@@ -93,7 +93,7 @@ class Identification:
         return found
 
 
-def identified(log: Log, model: Model, height: float | None = None, motor_torque: bool = False) -> Identification:
+def identified(log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False) -> Identification:
     """Estimates from the encoders and the scale of `log`.
 
     Args:

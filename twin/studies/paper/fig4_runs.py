@@ -25,7 +25,7 @@ SYMMETRIC = 1e-3
 """Force in x (N) below which a run is symmetrical."""
 
 
-class Series(Protocol):
+class RunSeries(Protocol):
     """Series of a run by name: a recording, or a run in memory."""
 
     @property
@@ -36,7 +36,7 @@ class Series(Protocol):
     def time(self, topic: str) -> np.ndarray: ...
 
 
-def _read(of: Callable[[Series], Curve]) -> "cached_property[Curve]":
+def _read(of: Callable[[RunSeries], Curve]) -> "cached_property[Curve]":
     return cached_property(lambda run: of(run.recording))
 
 
@@ -53,7 +53,7 @@ class Fig4Run:
         z_ref, z_cmd: height asked for, pre-defined and after the force loop (m). true_z: in truth, on `t_plant`.
     """
 
-    recording: Series
+    recording: RunSeries
 
     t = _read(lambda series: series.time("controller"))
     t_plant = _read(lambda series: series.time("plant"))

@@ -31,7 +31,7 @@ TABLES: dict[str, type[Section]] = {
 
 
 @dataclass(frozen=True)
-class Model:
+class RobotModel:
     """The twin of one robot, SI.
 
     Attributes:
@@ -57,7 +57,7 @@ class Model:
         return self.belief._replace(backlash=self.plant.backlash)
 
 
-def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
+def loaded_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
     """What a replay needs of the experiment file at `path`, with `settings` as of `twin run --set`.
 
     Raises:
@@ -68,7 +68,7 @@ def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
     return _model(experiment.name, values, **{name: getattr(experiment, name) for name in TABLES})
 
 
-def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> Model:
+def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
     """What a replay needs of the robot whose log is the file `log`: of `experiment`, or else as the log itself tells.
 
     Raises:
@@ -81,7 +81,7 @@ def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) 
     raise InputRefused(f"{log}: does not say of which robot it is; name its experiment with --experiment FILE")
 
 
-def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> Model:
+def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> RobotModel:
     """What a replay needs of the experiment that a recording of twin carries with it.
 
     Args:
@@ -114,8 +114,8 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
 def _model(
     name: str, values: Mapping[str, Any], plant: Plant, contact: Contact, cosim: Cosim, controller: Controller,
     scale: Scale | None = None,
-) -> Model:  # fmt: skip
-    return Model(
+) -> RobotModel:  # fmt: skip
+    return RobotModel(
         name=name,
         values=values,
         belief=believed(controller),

@@ -12,7 +12,7 @@ from twin.errors import InputRefused
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.studies.replay.drift import Drift, drift
-from twin.studies.replay.model import Model
+from twin.studies.replay.model import RobotModel
 from twin.studies.replay.plant_model import motions
 from twin.studies.replay.residual import Residual, Statistics, angle_rounding, force_rounding, residual, statistics
 from twin.studies.replay.robot_log import RobotLog, robot_log
@@ -52,7 +52,7 @@ class Replay:
         indicators: force first; empty: nothing independent of the encoders to compare with.
     """
 
-    model: Model
+    model: RobotModel
     log: RobotLog
     estimator: Outputs
     twin: Outputs
@@ -75,7 +75,7 @@ class Replay:
 
 def replayed(
     log: Log,
-    model: Model,
+    model: RobotModel,
     plant: bool = False,
     baseline: float = 1.0,
     tolerance: float | None = None,

@@ -112,7 +112,7 @@ class _Tally:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SweepEstimate:
     """What runs cost.
 
     Attributes:
@@ -129,7 +129,7 @@ class Estimate:
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
-def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estimate, Row]:  # noqa: B008, it is frozen
+def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing.
 
     Raises:
@@ -145,7 +145,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estim
             rows += [_row(plan, task, facts) for task, facts in batch]
         size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
     recorded = size if record == "all" else 0
-    return Estimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
+    return SweepEstimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
 
 
 def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:

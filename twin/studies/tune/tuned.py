@@ -11,9 +11,9 @@ from twin.studies.analyse.linear_point import Linearised
 from twin.studies.tune.corner import Corner, corners
 from twin.studies.tune.gains import LawGains, gains_of
 from twin.studies.tune.goals import Goals
-from twin.studies.tune.prediction import Answer, Prediction, confirmed, predicted
+from twin.studies.tune.prediction import Prediction, StepAnswer, confirmed, predicted
 from twin.studies.tune.search import Miss, best_gains, worst_misses
-from twin.studies.tune.trial import Trial, Whole, can_be_tried, contradiction, step_trial, whole_run
+from twin.studies.tune.trial import StepTrial, Whole, can_be_tried, contradiction, step_trial, whole_run
 from twin.writing import finite
 
 
@@ -31,7 +31,7 @@ class Judged:
     gains: LawGains
     predictions: list[Prediction]
     misses: list[Miss]
-    trials: dict[int, Trial | None]
+    trials: dict[int, StepTrial | None]
     wholes: list[Whole]
 
 
@@ -168,7 +168,7 @@ def _facts(judged: Judged) -> dict[str, Any]:
     }
 
 
-def _corner_facts(prediction: Prediction, trial: Trial | None) -> dict[str, Any]:
+def _corner_facts(prediction: Prediction, trial: StepTrial | None) -> dict[str, Any]:
     point = prediction.corner.point
     return finite({
         "drive": prediction.corner.drive,
@@ -182,5 +182,5 @@ def _corner_facts(prediction: Prediction, trial: Trial | None) -> dict[str, Any]
     })  # fmt: skip
 
 
-def _answer_facts(found: Answer) -> dict[str, float]:
+def _answer_facts(found: StepAnswer) -> dict[str, float]:
     return {key: getattr(found, key) for key in ("overshoot", "settling", "bandwidth")}

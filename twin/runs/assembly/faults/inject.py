@@ -18,10 +18,8 @@ from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.ticks import whole_ticks
 from twin.faults.command_fault import CommandFault
-from twin.faults.count_fault import CountFault
-from twin.faults.count_fault import Law as CountLaw
-from twin.faults.drive_fault import DriveFault
-from twin.faults.drive_fault import Law as DriveLaw
+from twin.faults.count_fault import CountFault, CountLaw
+from twin.faults.drive_fault import DriveFault, DriveLaw
 from twin.faults.message_fault import MessageFault
 from twin.faults.parameter_fault import ParameterFault
 from twin.faults.randomness import first_state
