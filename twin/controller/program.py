@@ -18,8 +18,10 @@ class Travel(NamedTuple):
     """How all tasks come and go, SI.
 
     Attributes:
-        height: z at which the platform travels between points (m). floor: z below which it never descends (m).
-        speed: of travelling and of retracting (m/s). descent: of going down gently (m/s).
+        height: z at which the platform travels between points (m).
+        floor: z below which it never descends (m).
+        speed: of travelling and of retracting (m/s).
+        descent: of going down gently (m/s).
         ramp: time to get to speed and back to rest (s).
         release: time in which the force is taken back (s).
         contact_force: pressing force that counts as touching (N).

@@ -120,7 +120,8 @@ class System:
         """The components as the compiled loop reads them.
 
         Args:
-            u: memory of all inputs, (inputs_width,). y: of all outputs, as `outputs` makes it.
+            u: memory of all inputs, (inputs_width,).
+            y: of all outputs, as `outputs` makes it.
 
         Returns:
             (number of components,) of `TABLE`; it holds addresses of `u`, `y` and this system, and keeps none alive.

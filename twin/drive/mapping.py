@@ -26,7 +26,8 @@ class Wiring:
 
     Attributes:
         command: what it is commanded with.
-        sign: -1 if the FMU turns the other way. gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
+        sign: -1 if the FMU turns the other way.
+        gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
         inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way.
     """
 

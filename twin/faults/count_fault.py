@@ -112,11 +112,15 @@ class CountFault(NativeComponent):
     Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.
 
     Args:
-        name: of the component. span: when it is active. law: what becomes of a count.
-        port: the encoder's port of counts (3). element: which of the three.
+        name: of the component.
+        span: when it is active.
+        law: what becomes of a count.
+        port: the encoder's port of counts (3).
+        element: which of the three.
         counts: by which a count is off, or of one step; of a drift per tick.
         share: of the samples that are lost, or hit by a glitch.
-        random: state in which its generator begins, see `first_state`. period: of the encoder, in ticks.
+        random: state in which its generator begins, see `first_state`.
+        period: of the encoder, in ticks.
     """
 
     def __init__(

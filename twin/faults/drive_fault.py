@@ -117,8 +117,11 @@ class DriveFault(NativeComponent):
     where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
 
     Args:
-        name: of the component. span: when it is active. law: how the shaft moves.
-        omega: speed of a runaway (rad/s). theta_m: angle of the drive's shaft before tick 0 (rad).
+        name: of the component.
+        span: when it is active.
+        law: how the shaft moves.
+        omega: speed of a runaway (rad/s).
+        theta_m: angle of the drive's shaft before tick 0 (rad).
         monitored: whether there is an input `power`; without it the power is always on.
         period: of the drive, in ticks.
         label, target: what people know the fault and its drive by.

@@ -20,8 +20,10 @@ class Resolution(NamedTuple):
         wind_up: of a spring on the motor's side (rad).
         motor_speed: one motor count from one sample to the next (rad/s).
         jump: the same of a wind-up: motor and joint count together (rad/s).
-        force: length of the force (N). force_rate: that per sample (N/s).
-        position: of the platform (m). velocity: that per sample (m/s).
+        force: length of the force (N).
+        force_rate: that per sample (N/s).
+        position: of the platform (m).
+        velocity: that per sample (m/s).
     """
 
     wind_up: float

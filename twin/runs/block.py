@@ -13,7 +13,8 @@ class RowBlock:
     """Rows of consecutive ticks, and what happened in them.
 
     Args:
-        size: most rows. width: of a row.
+        size: most rows.
+        width: of a row.
 
     Attributes:
         first: tick of the first row.

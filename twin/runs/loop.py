@@ -22,7 +22,8 @@ class Simulated:
 
     Attributes:
         simulation: how far it came, and what ended it too early, if anything did.
-        stepping: wall time in the master (s). monitor: of the robot; None if nobody watches it.
+        stepping: wall time in the master (s).
+        monitor: of the robot; None if nobody watches it.
     """
 
     simulation: Simulation
@@ -66,8 +67,11 @@ def simulate(
     """Step the robot from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
 
     Args:
-        assembly: freshly made. last_tick: the tick that gets the last row and no step.
-        observers: called in this order. slice_ticks: most ticks of a slice. timed: measure each component.
+        assembly: freshly made.
+        last_tick: the tick that gets the last row and no step.
+        observers: called in this order.
+        slice_ticks: most ticks of a slice.
+        timed: measure each component.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     for observer in observers:

@@ -18,8 +18,10 @@ class Punctuality:
     """How a paced run kept its deadlines.
 
     Attributes:
-        factor: simulated time per wall time that was wanted. achieved: what it came to.
-        deadlines: how many there were. misses: at how many the work was not done yet.
+        factor: simulated time per wall time that was wanted.
+        achieved: what it came to.
+        deadlines: how many there were.
+        misses: at how many the work was not done yet.
         worst: longest time by which one was missed (s).
         jitter, jitter_99: standard deviation and 99th percentile of the time from a deadline to going on (s).
     """

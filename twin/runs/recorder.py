@@ -26,7 +26,8 @@ class Recorder(Observer):
         tuning: whose first change by hand the recording's metadata tell; an observer before this one.
 
     Attributes:
-        events: all of them. writing: wall time spent in here (s).
+        events: all of them.
+        writing: wall time spent in here (s).
     """
 
     def __init__(self, writer: Writer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):

@@ -36,7 +36,8 @@ class Trace(Observer):
         only: the signals that are kept, `topic.field` each; none: all of them.
 
     Attributes:
-        metadata: a recording's; there is none. tick: of the simulation (s).
+        metadata: a recording's; there is none.
+        tick: of the simulation (s).
     """
 
     def __init__(self, every: int = 1, only: Collection[str] = ()):

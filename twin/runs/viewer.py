@@ -19,7 +19,9 @@ class Viewer(Protocol):
         """A run begins as soon as this returns.
 
         Args:
-            streams: in the order of the recording. scene: draws rows. tick: duration of a tick (s).
+            streams: in the order of the recording.
+            scene: draws rows.
+            tick: duration of a tick (s).
             tuning: what may be changed, by any thread, until the run is over.
         """
 
@@ -27,7 +29,8 @@ class Viewer(Protocol):
         """Show what has just been simulated.
 
         Args:
-            first: tick of the first row. rows: (n, width of the system's outputs), overwritten by the next slice.
+            first: tick of the first row.
+            rows: (n, width of the system's outputs), overwritten by the next slice.
             events: what happened in them.
         """
 

@@ -32,7 +32,10 @@ class Wrong:
     """Fields of one column that are no numbers.
 
     Attributes:
-        count: how many. line, text: of the first. texts: whether any is not empty. commas: whether any has a comma.
+        count: how many.
+        line, text: of the first.
+        texts: whether any is not empty.
+        commas: whether any has a comma.
     """
 
     count: int = 0

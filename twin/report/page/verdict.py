@@ -34,7 +34,8 @@ class PageVerdict:
     """How the runs went.
 
     Attributes:
-        headline: one sentence. good: whether all is well; None if there was nothing to judge.
+        headline: one sentence.
+        good: whether all is well; None if there was nothing to judge.
         remarks: what one has to know besides, worst first.
         groups: claims that were judged, empty if the runs are none that the paper says anything about.
         fig4, fig5: what the paper's picture is drawn from, if it applies.

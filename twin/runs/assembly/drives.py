@@ -38,7 +38,8 @@ class DrivePlan:
     Attributes:
         label: what an error calls it.
         table: what the experiment says.
-        parts: the FMUs by part. settings: values set in each.
+        parts: the FMUs by part.
+        settings: values set in each.
         bindings: the roles it fills.
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
@@ -130,7 +131,8 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
 
     Args:
         tick: of the system it will be part of (s).
-        theta_m: motor angle at t = 0 (rad). tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
+        theta_m: motor angle at t = 0 (rad).
+        tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.

@@ -106,7 +106,8 @@ class Publisher:
     often.
 
     Args:
-        topics: of the run. broadcast: takes their messages.
+        topics: of the run.
+        broadcast: takes their messages.
     """
 
     def __init__(self, topics: Topics, broadcast: Broadcast):

@@ -44,7 +44,8 @@ class Topics:
         """Of what has happened, and of the `row` of `tick`.
 
         Args:
-            still: also what never changes. wanted: channels that anybody has subscribed to; nothing is drawn in vain.
+            still: also what never changes.
+            wanted: channels that anybody has subscribed to; nothing is drawn in vain.
         """
         for event in events:
             time = self.time(event.tick)

@@ -50,7 +50,8 @@ class Aftermath(NamedTuple):
     """Swings of the platform, peak to peak about a straight line in the worst direction (m).
 
     Attributes:
-        hum: before the nudge. left: in the end; infinite if the platform went far off, or a component failed.
+        hum: before the nudge.
+        left: in the end; infinite if the platform went far off, or a component failed.
     """
 
     hum: float

@@ -31,11 +31,12 @@ class OperatingPoint:
     """The robot at rest.
 
     Attributes:
-        name: for people. p_B: platform position (m).
+        name: for people.
+        p_B: platform position (m).
         F_z: pressing force (N); 0 in free air.
         force_on: whether the force loop is closed.
-        parameters: what is true. x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its
-            bristle straight.
+        parameters: what is true.
+        x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its bristle straight.
     """
 
     name: str

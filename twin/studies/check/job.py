@@ -34,7 +34,8 @@ class CheckOutcome:
     Attributes:
         verdict: None if it could not be measured or compared.
         text: of the baseline's file as it would be after an update; "" if that changes nothing, or nobody asked.
-        failure: why there is no verdict, in a sentence; "" if there is one. exit_code: that goes with it.
+        failure: why there is no verdict, in a sentence; "" if there is one.
+        exit_code: that goes with it.
     """
 
     pair: Pair

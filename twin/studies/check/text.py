@@ -17,7 +17,8 @@ def check_text(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str
     """The answer first; of a single check every number, of many only those that deviate.
 
     Args:
-        verdicts: of the checks that could be done. failures: sentences on those that could not.
+        verdicts: of the checks that could be done.
+        failures: sentences on those that could not.
     """
     lines = [_answer(verdicts, failures)]
     told = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]

@@ -24,8 +24,10 @@ class CheckRow:
     """One number or one tube.
 
     Attributes:
-        name: "measure.metric", or "measure.tube". unit: SI.
-        before, now: None where there is none. bound: how far apart they may be; None likewise.
+        name: "measure.metric", or "measure.tube".
+        unit: SI.
+        before, now: None where there is none.
+        bound: how far apart they may be; None likewise.
         at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
         word: what it comes to.
     """
@@ -44,7 +46,10 @@ class Outside:
     """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
 
     Attributes:
-        name: of its row. signal: what it is. before: the baseline. lower, upper: the tube around it.
+        name: of its row.
+        signal: what it is.
+        before: the baseline.
+        lower, upper: the tube around it.
     """
 
     name: str
@@ -62,7 +67,9 @@ class CheckVerdict:
     """An experiment with one drive against its baseline.
 
     Attributes:
-        rows: numbers, then tubes. notes: what has changed besides, a sentence each. outside: of what tubes have lost.
+        rows: numbers, then tubes.
+        notes: what has changed besides, a sentence each.
+        outside: of what tubes have lost.
     """
 
     experiment: str

@@ -56,10 +56,15 @@ class Study:
     """What came of it.
 
     Attributes:
-        name: of the experiment. duration, tick: as it was run (s). coupling: the experiment's own.
-        changes: what was taken out of the experiment. reference: what errors are measured against.
-        series: by coupling. left_out: (coupling's name, why).
-        tolerance: of the force (N). choice: None: no run met it, or nothing is pressed.
+        name: of the experiment.
+        duration, tick: as it was run (s).
+        coupling: the experiment's own.
+        changes: what was taken out of the experiment.
+        reference: what errors are measured against.
+        series: by coupling.
+        left_out: (coupling's name, why).
+        tolerance: of the force (N).
+        choice: None: no run met it, or nothing is pressed.
     """
 
     name: str

@@ -36,8 +36,9 @@ def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
     """Least squares in log-log over the errors that say something of the coupling.
 
     Args:
-        ticks: s, (n,). errors: >= 0, infinite where the run failed, (n,). floor: errors up to ten times this are left
-            out: there the reference's own error is more than a tenth.
+        ticks: s, (n,).
+        errors: >= 0, infinite where the run failed, (n,).
+        floor: errors up to ten times this are left out: there the reference's own error is more than a tenth.
     """
     h, e = np.asarray(ticks, dtype=float), np.asarray(errors, dtype=float)
     if not np.all(np.isfinite(e)):

@@ -44,8 +44,10 @@ class PowerResidual:
     """Of one joint over a run.
 
     Attributes:
-        mean: of the residual power (W), signed. peak: its largest value of any step (W).
-        energy: created (J), signed. throughput: of |W_drive| (J).
+        mean: of the residual power (W), signed.
+        peak: its largest value of any step (W).
+        energy: created (J), signed.
+        throughput: of |W_drive| (J).
     """
 
     mean: float
@@ -79,8 +81,8 @@ class _Inputs(Observer):
     """What drives and plant were given in each step: sees the inputs of a slice's last step, so slices are one tick.
 
     Attributes:
-        load: of the drives, (ticks, 3) N m. end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where
-            it is given only one.
+        load: of the drives, (ticks, 3) N m.
+        end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where it is given only one.
     """
 
     def begin(self, simulation: Simulation) -> None:

@@ -81,7 +81,8 @@ def outcome(run: FaultTrial, onset: int, tick: float, limit: float) -> FaultOutc
     """What `run` did from tick `onset` on.
 
     Args:
-        tick: (s). limit: of the force (N).
+        tick: (s).
+        limit: of the force (N).
     """
     force = run.force[onset:]
     at_fault = run.culprit.startswith("fault_")

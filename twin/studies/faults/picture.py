@@ -29,7 +29,8 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
     """Write the picture to `path` (PNG): a line per kind, a column per onset and magnitude, the peak force in each.
 
     Args:
-        experiment: its name. rows: of one matrix, kind by kind, the same onsets for each.
+        experiment: its name.
+        rows: of one matrix, kind by kind, the same onsets for each.
     """
     kinds = [list(group) for _, group in groupby(rows, lambda row: row.kind)]
     onsets = list(dict.fromkeys(row.onset for row in rows))

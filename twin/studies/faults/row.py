@@ -18,12 +18,15 @@ class FaultOutcome:
     """What one run did, from the onset of the fault on.
 
     Attributes:
-        peak: largest true contact force (N). peak_delay: from the onset to that (s).
+        peak: largest true contact force (N).
+        peak_delay: from the onset to that (s).
         above: how long the force was above the force limit (s).
-        reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the
-            fault itself; "" if neither.
-        delay: from the onset to the trip (s). power_off_delay: from the onset to the loss of power (s).
-        end: see `End`. failure: the sentence that ended the run.
+        reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the fault
+            itself; "" if neither.
+        delay: from the onset to the trip (s).
+        power_off_delay: from the onset to the loss of power (s).
+        end: see `End`.
+        failure: the sentence that ended the run.
     """
 
     peak: float
@@ -41,9 +44,12 @@ class FaultRow:
     """A fault of the matrix.
 
     Attributes:
-        kind, target: of the fault. magnitude: as the catalogue writes it, in its unit; None where there is none.
-        onset: (s). in_contact: whether the healthy robot touches then.
-        limit: the monitor's force limit (N). healthy_peak: largest true force of the healthy run from the onset on (N).
+        kind, target: of the fault.
+        magnitude: as the catalogue writes it, in its unit; None where there is none.
+        onset: (s).
+        in_contact: whether the healthy robot touches then.
+        limit: the monitor's force limit (N).
+        healthy_peak: largest true force of the healthy run from the onset on (N).
         watched, unwatched: with the monitor and without.
         stays: whether the fault lasts to the end of the run.
     """

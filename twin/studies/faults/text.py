@@ -28,7 +28,8 @@ def fault_matrix_text(experiment: str, rows: Sequence[FaultRow]) -> str:
     """The verdict, then the worst case of each kind, then what the verdict does not cover.
 
     Args:
-        experiment: its name. rows: of one matrix, kind by kind, at least one.
+        experiment: its name.
+        rows: of one matrix, kind by kind, at least one.
     """
     first = rows[0]
     safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)

@@ -53,7 +53,9 @@ class Identification:
     """What a log says.
 
     Attributes:
-        model: what the robot is taken for. fit: of the springs and the scale. seen: all windows of slow motion.
+        model: what the robot is taken for.
+        fit: of the springs and the scale.
+        seen: all windows of slow motion.
         quantities: by name.
         one_pose: the paper's procedure on the same log; None: no gradual press.
         alike: unknowns that this log cannot tell apart, names of each such group.
@@ -97,7 +99,8 @@ def identified(log: Log, model: RobotModel, height: float | None = None, motor_t
     """Estimates from the encoders and the scale of `log`.
 
     Args:
-        log: as `read_log` gives it. model: geometry, masses, N and counts that are believed.
+        log: as `read_log` gives it.
+        model: geometry, masses, N and counts that are believed.
         height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
         motor_torque: whether drive/n.tau_motor is a measured torque.
 

@@ -35,7 +35,9 @@ class OnePose(NamedTuple):
     """The paper's procedure on one press.
 
     Attributes:
-        place: (2,), m. start, end: s. force: scale (n,), N.
+        place: (2,), m.
+        start, end: s.
+        force: scale (n,), N.
         calculated: F_z as (27) has it with the believed k_s eta (n,), N.
         steps: as printed, then with one cause after the other taken away.
     """
@@ -52,7 +54,9 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
     """The paper's procedure on the press nearest to the middle; None if there is no gradual press.
 
     Args:
-        seen: windows in order of time. belief: what the robot is taken for. x: the identified parameters.
+        seen: windows in order of time.
+        belief: what the robot is taken for.
+        x: the identified parameters.
     """
     press = _press(seen, belief)
     if press is None:

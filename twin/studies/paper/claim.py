@@ -13,8 +13,10 @@ class Claim:
     """One claim: `source` says where its bounds come from, not when they were set (docs/fig5.md says it of Fig. 5).
 
     Attributes:
-        key: short name. text: one line for the scorecard. figure: where it stands. quote: the paper's words, or why
-            we ask it if the paper does not.
+        key: short name.
+        text: one line for the scorecard.
+        figure: where it stands.
+        quote: the paper's words, or why we ask it if the paper does not.
         measure: runs -> the number judged; infinity or nan where it never happens, and nan always fails. None: nothing
             can be measured.
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).

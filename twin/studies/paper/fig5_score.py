@@ -16,8 +16,11 @@ class TaskScore:
     """One task and what it says to the claims of its kind.
 
     Attributes:
-        run: the task's curves. drive, body: by name. name: of the task among those of the run, `push 2`. manner: what
-            was asked for, in words. findings: in the order of the claims.
+        run: the task's curves.
+        drive, body: by name.
+        name: of the task among those of the run, `push 2`.
+        manner: what was asked for, in words.
+        findings: in the order of the claims.
     """
 
     run: TaskRun

@@ -40,7 +40,8 @@ class Score:
     """What runs say to Fig. 4.
 
     Attributes:
-        claims: of the paper, judged on estimates. quality: ours, judged on the truth.
+        claims: of the paper, judged on estimates.
+        quality: ours, judged on the truth.
         tuned: parameters that were tuned to meet the text, key -> source.
         without_x: why nothing is said of forces in x, or "".
         out_of_scope: what the paper reports and no model here can.

@@ -29,7 +29,8 @@ class BenchCurves:
     """What the findings were read from; None where the drive failed.
 
     Attributes:
-        cycle: rest, a step of the command, a step of the load. overload: the load grows until the shaft stalls.
+        cycle: rest, a step of the command, a step of the load.
+        overload: the load grows until the shaft stalls.
         frequencies, gain: Hz and speed over command (n,); empty where the drive failed.
     """
 

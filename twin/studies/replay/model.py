@@ -35,7 +35,8 @@ class RobotModel:
     """The twin of one robot, SI.
 
     Attributes:
-        name: of the experiment. values: its tables as far as they are used here, keys with units.
+        name: of the experiment.
+        values: its tables as far as they are used here, keys with units.
         belief, gravity_compensation: the controller's, for its estimate.
         plant, substeps, motions, tick: the plant model, what moves its surface, and its step (s).
         resolution: of the measured force (N); 0: not known.
@@ -85,9 +86,10 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     """What a replay needs of the experiment that a recording of twin carries with it.
 
     Args:
-        metadata: of the recording. where: the recording, for sentences.
-        settings: "table.key=value" texts laid over it. [plant] and [controller.model] are filled in there, so a
-            setting of [robot] would reach nothing, and is refused like every table that a replay does not read.
+        metadata: of the recording.
+        where: the recording, for sentences.
+        settings: "table.key=value" texts laid over it. [plant] and [controller.model] are filled in there, so a setting
+            of [robot] would reach nothing, and is refused like every table that a replay does not read.
 
     Raises:
         InputRefused: the recording has no experiment, or a setting does not fit.

@@ -35,7 +35,8 @@ def motions(
 
     Args:
         model: the twin.
-        t: times of the samples (n,), s, ascending. theta_m: motor angles (n, 3), rad.
+        t: times of the samples (n,), s, ascending.
+        theta_m: motor angles (n, 3), rad.
         p_B: the robot's position by its encoders (n, 3), m, for the starts.
 
     Returns:

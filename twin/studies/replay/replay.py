@@ -27,7 +27,8 @@ class Indicator:
     """One way in which the twin can stop matching.
 
     Attributes:
-        name: `force`, or `joint 1` .. `joint 3`. unit: `N` or `rad`.
+        name: `force`, or `joint 1` .. `joint 3`.
+        unit: `N` or `rad`.
         t, r: the residual's times (n,), s, and values (n,).
         drift: what became of it.
     """
@@ -47,7 +48,8 @@ class Replay:
         model, log: what was put in.
         estimator: outputs of the controller's estimator at the log's samples, by port.
         twin: likewise with the dead zone taken off as the plant has it; the same object where the belief knows it.
-        plant: the plant model's; None: not asked for. starts: when it started (s).
+        plant: the plant model's; None: not asked for.
+        starts: when it started (s).
         forces: F_z of `estimator`, `twin` and `plant` beside the measured force; empty without one.
         indicators: force first; empty: nothing independent of the encoders to compare with.
     """
@@ -86,7 +88,8 @@ def replayed(
     it, and its error changes by twice the dead zone's torque where a spring changes sides, on a healthy robot, too.
 
     Args:
-        log: of a robot or a run. model: what is believed of it.
+        log: of a robot or a run.
+        model: what is believed of it.
         plant: let the plant model run in parallel.
         baseline: length of the beginning that says what is normal (s); the robot should be in free air.
         tolerance: change of the mean force residual that is no news (N); None: what rounding alone can do.

@@ -28,7 +28,8 @@ class RobotLog:
         path: of the file.
         t: times of the encoders' samples (n,), s, ascending.
         count_m, count_l: counts (n, 3); of a log of angles they are no whole numbers.
-        gaps: start and end (s) of each interval in which samples are missing, (k, 2). missing: how many are.
+        gaps: start and end (s) of each interval in which samples are missing, (k, 2).
+        missing: how many are.
         force: measured pressing force (N); None: the log has none.
         notes: what was wrong with the file, one sentence each.
     """
@@ -56,7 +57,8 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     carries counts. Measured force: `scale.F_z` (N), pressing positive.
 
     Args:
-        log: as `read_log` gives it. belief: turns angles into counts.
+        log: as `read_log` gives it.
+        belief: turns angles into counts.
 
     Raises:
         LogRefused: no encoders, other units, motor and joint encoders at different times, or times before 0.

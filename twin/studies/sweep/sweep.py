@@ -26,8 +26,10 @@ class State:
     """How far a sweep is.
 
     Attributes:
-        done, total: runs with a row, runs planned. failed: of those done, without metrics.
-        began_with: runs that had a row before. elapsed: wall time since then (s).
+        done, total: runs with a row, runs planned.
+        failed: of those done, without metrics.
+        began_with: runs that had a row before.
+        elapsed: wall time since then (s).
         best: (metric, value, run) of the best run so far by the usual metric; None: there is none.
     """
 
@@ -60,8 +62,10 @@ def run_sweep(
     """Run what of `plan` has no row in `folder` yet; every row of it.
 
     Args:
-        engine: who runs them. record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
-        limits: of each worker process. show: told the state at the beginning and after each batch of rows.
+        engine: who runs them.
+        record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
+        limits: of each worker process.
+        show: told the state at the beginning and after each batch of rows.
 
     Raises:
         InputRefused: the folder is another sweep's, or cannot be written; or a drive must not be reset.
@@ -116,8 +120,9 @@ class SweepEstimate:
     """What runs cost.
 
     Attributes:
-        start: from the start of a worker to the end of its first run (s). run: each further one (s). size: of each on
-            the disk (bytes).
+        start: from the start of a worker to the end of its first run (s).
+        run: each further one (s).
+        size: of each on the disk (bytes).
     """
 
     start: float

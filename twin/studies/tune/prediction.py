@@ -36,8 +36,8 @@ class StepAnswer:
     """The answer to a unit step of the reference of one law, in truth and not as it is estimated.
 
     Attributes:
-        overshoot: share of the step. settling: time from which it stays within `SETTLED` (s); infinity: not in
-            `HORIZON`.
+        overshoot: share of the step.
+        settling: time from which it stays within `SETTLED` (s); infinity: not in `HORIZON`.
         error: integrated absolute error over `HORIZON`, of a unit step (s).
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
@@ -53,7 +53,8 @@ class Prediction:
     """Gains at a corner.
 
     Attributes:
-        corner: where. radius: largest magnitude of a pole; below 1: stable.
+        corner: where.
+        radius: largest magnitude of a pole; below 1: stable.
         sensitivity: M_s, the largest |1/(1+L)| of any loop with the others closed; infinity if unstable.
         answers: by law; the worst of its axes. Empty if unstable.
     """

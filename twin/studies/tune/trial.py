@@ -44,7 +44,8 @@ class StepTrial:
     """A step at a corner, simulated.
 
     Attributes:
-        corner: where. law: whose reference was stepped.
+        corner: where.
+        law: whose reference was stepped.
         t, share: s (n,) since the step, and what came of it (n,), 1 where the linear model ends.
         answer: its bandwidth is NaN if the step is not over in `HORIZON`.
         swing: of the run with the step, in the end: peak to peak about a straight line (share of the step).
@@ -95,7 +96,8 @@ def step_bandwidth(share: Matrix, tick: float) -> float:
     """Where the frequency response, the spectrum of the impulse response, first falls below 1/sqrt(2) (rad/s).
 
     Args:
-        share: answer to a unit step (n,), 1 at its end. tick: between its samples (s).
+        share: answer to a unit step (n,), 1 at its end.
+        tick: between its samples (s).
     """
     spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM))
     return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM * tick))
@@ -162,7 +164,9 @@ class Whole:
     """The experiment itself.
 
     Attributes:
-        drive: what its drive is called. outcome: None if it failed. trip: why the safety monitor tripped, or "".
+        drive: what its drive is called.
+        outcome: None if it failed.
+        trip: why the safety monitor tripped, or "".
     """
 
     drive: str

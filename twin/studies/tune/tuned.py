@@ -22,7 +22,9 @@ class Judged:
     """Gains, judged at every corner.
 
     Attributes:
-        gains: which. predictions: of the linear model. misses: goals that they miss, each where it is missed most.
+        gains: which.
+        predictions: of the linear model.
+        misses: goals that they miss, each where it is missed most.
         trials: simulated steps by the number of the corner; None: the run failed. A corner that is predicted to be
             unstable is not tried.
         wholes: the experiment itself, with each drive.
@@ -40,8 +42,11 @@ class Tuned:
     """What tuning came to.
 
     Attributes:
-        experiments: one per drive. goals: asked for. stiffness: range (N/m), None: that of the experiment.
-        drives: as identified, one per experiment. problems: sentences about points that have no linear model.
+        experiments: one per drive.
+        goals: asked for.
+        stiffness: range (N/m), None: that of the experiment.
+        drives: as identified, one per experiment.
+        problems: sentences about points that have no linear model.
         before, after: the experiment's own gains, and the best.
     """
 
@@ -96,7 +101,8 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
 
     Args:
         experiments: the same experiment with each drive for which the gains have to do, at least one.
-        goals: `law` is filled in. stiffness: range of the contact's (N/m).
+        goals: `law` is filled in.
+        stiffness: range of the contact's (N/m).
 
     Raises:
         InputRefused: goals that nothing can meet, gains that are not tuned, no linear model.

@@ -72,7 +72,9 @@ def inject(
         components, feeds: of the healthy system, by the names encoder, estimator, controller, monitor (if there is
             one), drive or drive_1 .. drive_3, plant.
         faults: what breaks.
-        tick: (s). counts_per_turn: of the motor and of the joint encoders. speed_limit: of a drive (rad/s).
+        tick: (s).
+        counts_per_turn: of the motor and of the joint encoders.
+        speed_limit: of a drive (rad/s).
 
     Raises:
         InputRefused: a kind or target that does not exist, or a magnitude that does nothing.
