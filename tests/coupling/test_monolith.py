@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.coupling.monolith import T_M, coupled_system, drive_droop
 from tests.laws.runs import PARAMETERS, shipped
 from twin.plant.equilibrium import resting
-from twin.studies.converge.monolith import coupled_derivative
+from twin.studies.converge.coupled import coupled_derivative
 
 EXPERIMENT = shipped()
 SYSTEM = coupled_system(EXPERIMENT)

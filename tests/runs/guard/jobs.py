@@ -5,9 +5,8 @@ import time
 from pathlib import Path
 from typing import Any
 
-from twin.studies.identify.errors import NotIdentifiable
-
 from twin.runs.guard.reporter import Reporter
+from twin.studies.identify.identification import NotIdentifiable
 
 
 def echo(reporter: Reporter, **arguments: Any) -> dict[str, Any]:

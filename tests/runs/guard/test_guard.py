@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from twin.studies.identify.errors import NotIdentifiable
 
 from twin.errors import TwinError
 from twin.runs.guard import guard
 from twin.runs.guard.guard import JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits
+from twin.studies.identify.identification import NotIdentifiable
 
 JOBS = "tests.runs.guard.jobs"
 

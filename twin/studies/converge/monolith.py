@@ -11,15 +11,12 @@ controller run as in the co-simulation. What is left to differ is the coupling a
 from dataclasses import dataclass
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 from scipy.integrate import solve_ivp
 
 from twin.controller.estimator import Estimator
-from twin.cosim.port import port_record
 from twin.experiment.experiment import Experiment
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
-from twin.plant.dynamics import derivative
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 from twin.runs.assembly.beliefs import belief
@@ -27,39 +24,16 @@ from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
 from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
 from twin.studies.converge.by_hand import Sampled
+from twin.studies.converge.coupled import MOTION, coupled_derivative
 
 # 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
 # 4e-5 N
 RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
-MOTION = port_record(OUTPUTS)
-
-
-@njit(cache=True)
-def coupled_derivative(parameters, T_m, droop, omega_ref, x):
-    """dx/dt (14,) at x = (theta_m (3), omega_m (3), the plant's state (8)), SI.
-
-    Args:
-        parameters: `PlantParameters`; the surface stays at rest.
-        T_m, droop: of each drive in s and rad/s per N m, (3,) each.
-        omega_ref: command in rad/s, (3,).
-    """
-    dx = np.zeros_like(x)
-    y = np.empty(1, dtype=MOTION)[0]
-    outputs(parameters, x[6:], x[:3], STILL, STILL, y)
-    for leg in range(3):
-        target = omega_ref[leg] - droop[leg] * y.tau_load[leg]
-        if T_m[leg] > 0.0:
-            dx[leg] = x[3 + leg]
-            dx[3 + leg] = (target - x[3 + leg]) / T_m[leg]
-        else:
-            dx[leg] = target
-    derivative(parameters, x[6:], x[:3], STILL, STILL, dx[6:])
-    return dx
 
 
 @dataclass(frozen=True)
 class Servos:
-    """The constants of `coupled_derivative`, and the limits within which it is the drives' equation.
+    """The constants of `coupled_derivative`, and the limits within which it is the drives' equation; (3,) each.
 
     Attributes:
         T_m: s.
@@ -67,7 +41,7 @@ class Servos:
         omega_max: of the command, rad/s.
         alpha_max: rad/s2.
         tau_max: of the machine, N m.
-        J_m: kg m2. Each (3,).
+        J_m: kg m2.
     """
 
     T_m: NDArray[np.float64]
