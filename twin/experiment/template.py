@@ -135,7 +135,7 @@ class _Page:
                 lines += self.table(path, inner)
         return lines
 
-    def array(self, name: str, models: Mapping[str | None, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
+    def array(self, name: str, models: Mapping[Any, type[BaseModel]], others: tuple[Table, ...]) -> list[str]:
         """The experiment's tables [[name]], each of the model of its kind; if it has none, `others` behind a #."""
         lines, own = [], self._own.values.get(name)
         for number, table in enumerate(own or others, start=1):

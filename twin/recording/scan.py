@@ -36,6 +36,7 @@ LARGEST_RECORD = 64 * 2**20
 CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
 
 
+@dataclass(eq=False)
 class Damage(Exception):
     """Bytes that are not what was written.
 
@@ -44,10 +45,8 @@ class Damage(Exception):
         reason: half a sentence.
     """
 
-    def __init__(self, position: int, reason: str) -> None:
-        super().__init__(position, reason)
-        self.position = position
-        self.reason = reason
+    position: int
+    reason: str
 
 
 @dataclass

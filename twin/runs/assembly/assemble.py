@@ -9,10 +9,9 @@ from twin.cosim.system import System
 from twin.cosim.wiring import wires
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.build import Build, DriveMaker, InThisProcess
+from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, planned_drives, refuse_second_instances
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.assembly.faults.inject import inject
-from twin.runs.assembly.joints import planned_drives, refuse_second_instances
 from twin.runs.assembly.mechanics import at_rest
 from twin.runs.assembly.robot import ROBOT, connected
 from twin.runs.assembly.tunable import scheduled

@@ -12,8 +12,7 @@ from twin.cosim.component import Component
 from twin.cosim.wiring import End, Feeds, ends
 from twin.errors import InputRefused
 from twin.runs.assembly import computer, mechanics
-from twin.runs.assembly.build import Parts
-from twin.runs.assembly.joints import joint_drives
+from twin.runs.assembly.build import Parts, joint_drives
 
 Source = tuple[str, str]
 

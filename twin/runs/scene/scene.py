@@ -12,7 +12,7 @@ from twin.cosim.system import System
 from twin.experiment.contact import Contact
 from twin.experiment.experiment import Experiment
 from twin.recording.form import BLANK_TIME, Form, blank
-from twin.robot.geometry import Geometry
+from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.scene.frames import BASE, FRAMES, poses
 from twin.runs.scene.parts import WIDTH, arrows, force_example, pose, scene_update
 from twin.runs.scene.rotation import X, Y, product, turn
@@ -38,9 +38,8 @@ class Scene:
 
     def __init__(self, experiment: Experiment, system: System):
         """Of the run of `experiment` by `system`, which has a plant and an estimator, and perhaps a moving body."""
-        robot = experiment.plant
         self._period = max(1, round(1.0 / (PICTURE_RATE * system.tick)))
-        self._geometry = Geometry(robot.a, robot.b, robot.l_a, robot.l_b)
+        self._geometry = geometry_of(experiment.plant)
         self._surface = surface_pose(experiment.contact)
         moves = any(component.name == "body" for component in system.components)
         self._s_B = system.columns("body.s_B") if moves else None

@@ -6,9 +6,8 @@ from twin.errors import Unreachable
 from twin.experiment.monitor import Monitor
 from twin.monitor.belief import Belief
 from twin.monitor.observation import low_pass_share
-from twin.monitor.resolution import Resolution, press_wind_up, resolution
+from twin.monitor.resolution import Resolution, geometry, press_wind_up, resolution
 from twin.monitor.retraction import retreat
-from twin.robot.geometry import Geometry
 
 DISTINCT = 3.0
 """A limit has to be this many times what the encoders resolve, or rounding alone comes near it."""
@@ -113,14 +112,13 @@ def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float
 
 def _of_retraction(monitor: Monitor, belief: Belief) -> list[str]:
     """The retraction has to raise the platform from everywhere: looked at around the top and around the bottom."""
-    geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     for z in (monitor.z_max, monitor.z_min):
         for angle in range(0, 360, 30):
             x = monitor.workspace_radius * math.cos(math.radians(angle))
             y = monitor.workspace_radius * math.sin(math.radians(angle))
             where = f"from ({1e3 * x:.0f}, {1e3 * y:.0f}, {1e3 * z:.0f}) mm"
             try:
-                rises = retreat(geometry, belief.N, (x, y, z), monitor.retract).slowest > 0.0
+                rises = retreat(geometry(belief), belief.N, (x, y, z), monitor.retract).slowest > 0.0
             except Unreachable as problem:
                 return [f"[monitor] the workspace or the retraction leaves the robot's reach {where}: {problem}"]
             if not rises:

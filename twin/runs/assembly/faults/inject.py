@@ -26,8 +26,8 @@ from twin.faults.message_fault import MessageFault
 from twin.faults.parameter_fault import ParameterFault
 from twin.faults.randomness import first_state
 from twin.faults.window import Span
+from twin.runs.assembly.build import JOINTS
 from twin.runs.assembly.faults.circuit import Circuit
-from twin.runs.assembly.joints import JOINTS
 
 THREE_AXES = "drive"
 """Name of a drive that turns all joints; others are drive_1 .. drive_3."""
