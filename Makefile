@@ -7,12 +7,15 @@ VENV   := .venv
 TWIN   := $(VENV)/bin/twin
 TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).toml)
 FIG4   := $(foreach run,force_position position imperfect imperfect_position,experiments/fig4_$(run).toml)
+# what test-fast runs: the rooms whose tests start no processes
+FAST   := robot plant controller monitor drive faults cosim recording experiment runs/assembly \
+          studies/metrics studies/compare
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test lint bench docs picture endurance mutants fmus shell clean
+.PHONY: help run tasks test test-fast lint bench docs picture endurance mutants fmus shell clean
 
 help:  ## this list
-	@grep -hE '^[a-z]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
+	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
 
 run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it against the paper
 	$(TWIN) run $(FIG4)
@@ -22,6 +25,10 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 test: export PYTHONDONTWRITEBYTECODE :=
 test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
 	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"
+
+test-fast: export PYTHONDONTWRITEBYTECODE :=
+test-fast: $(VENV)/.test-$(EXTRAS)  ## the rooms whose tests start no processes, with a quarter of the examples
+	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "not endurance" --hypothesis-profile few $(FAST:%=tests/%)
 
 lint: $(VENV)/.test-$(EXTRAS)  ## what runs before the tests
 	$(VENV)/bin/ruff check .

@@ -16,10 +16,10 @@ import numpy as np
 from benchmarks.measurement import Measurement, Rounds
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
-from twin.runs.observer import Event
+from twin.runs.observer import TickEvent
 from twin.runs.run import execute
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 from twin.runs.viewer import Viewer
 
@@ -56,12 +56,12 @@ class Stopwatch:
         self._viewer = viewer
         self.began = self.shown = 0.0
 
-    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
         if self._viewer:
             self._viewer.begin(streams, scene, tick, tuning)
         self.began = time.perf_counter()
 
-    def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
+    def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         began = time.perf_counter()
         if self._viewer:
             self._viewer.show(first, rows, events)

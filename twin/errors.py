@@ -76,7 +76,10 @@ def disk_refusals(
     """What the disk refuses in the block, as a sentence: `a.csv: cannot be written: No space left on device`.
 
     Args:
-        place: file or folder. trouble: what cannot be done with it. kind: of error. remedy: what to do about it.
+        place: file or folder.
+        trouble: what cannot be done with it.
+        kind: of error.
+        remedy: what to do about it.
         caught: `BAD_NAME` where a name may have a NUL in it.
     """
     try:

@@ -5,7 +5,7 @@ A Markdown file becomes a page as it is, its own links followed likewise; any ot
 
 import re
 from pathlib import Path
-from posixpath import dirname, normpath, relpath
+from posixpath import dirname, join, normpath, relpath
 
 LINK = re.compile(r"(?<!!)\[[^\]]*\]\(([^)#\s:]+)(#[^)\s]*)?\)")
 DOCS = "docs"
@@ -46,7 +46,7 @@ class Repository:
             return markdown
 
         def led(found: re.Match[str]) -> str:
-            target = normpath(f"{dirname(home)}/{found[1]}")
+            target = normpath(join(dirname(home), found[1]))
             if not (self.root / target).is_file():
                 return found[0]
             return found[0].replace(f"({found[1]}", f"({relpath(self._page(target), dirname(page) or '.')}")
@@ -55,7 +55,7 @@ class Repository:
 
     def _targets(self, path: str) -> list[str]:
         text = (self.root / path).read_text(encoding="utf-8")
-        return [normpath(f"{dirname(path)}/{found[1]}") for found in LINK.finditer(text)]
+        return [normpath(join(dirname(path), found[1])) for found in LINK.finditer(text)]
 
     def _page(self, target: str) -> str:
         if target.startswith(f"{DOCS}/"):

@@ -9,13 +9,13 @@ from twin.controller.controller import NEVER, Law
 from twin.controller.damping import Damping
 from twin.controller.feed_forward import FeedForward
 from twin.controller.pid import Gains
-from twin.controller.program import Approach, Press, Push, Roll, Tap, program
+from twin.controller.program import Pressing, Pushing, Rolling, Tapping, Travel, program
 from twin.controller.task_controller import TaskController, Touch
 
 T_s = 2e-3
 FLOOR, STIFFNESS = -0.1, 1000.0
 """Height (m) of the soft floor, and its stiffness (N/m)."""
-APPROACH = Approach(
+APPROACH = Travel(
     height=-0.09, floor=-0.12, speed=0.04, descent=0.01, ramp=0.1, release=0.5, contact_force=0.6
 )  # fmt: skip
 LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=NEVER, trigger_time=NEVER, dp_z_max=0.03, corner=0.0)
@@ -26,10 +26,10 @@ TOUCH = Touch(contact_force=0.6, patience=0.3, t_turn=0.0, learning=0.0)
 J_HOME = np.array([0.0, -10.0, -15.0, 9.0, 5.0, -15.0, -9.0, 5.0, -15.0])
 """About the Jacobian at home (rad/m), row by row."""
 IN_THE_CENTRE = (0.0, 0.0)
-PRESS = Press(IN_THE_CENTRE, 5.0, 1.0, 2.0)
-TAP = Tap(IN_THE_CENTRE, 3.0, 0.1, 0.006, 0.4, 5)
-ROLL = Roll(IN_THE_CENTRE, 4.0, 1.0, 0.005, 1.0, 2.0)
-PUSH = Push((0.0, 0.01), 4.0, 1.0, (0.0, -0.01), 0.02)
+PRESS = Pressing(IN_THE_CENTRE, 5.0, 1.0, 2.0)
+TAP = Tapping(IN_THE_CENTRE, 3.0, 0.1, 0.006, 0.4, 5)
+ROLL = Rolling(IN_THE_CENTRE, 4.0, 1.0, 0.005, 1.0, 2.0)
+PUSH = Pushing((0.0, 0.01), 4.0, 1.0, (0.0, -0.01), 0.02)
 
 
 def task_controller(

@@ -23,7 +23,7 @@ from tests.controller.soft_floor import (
     phases_of,
 )
 from twin.controller.phase import PhaseKind as Kind
-from twin.controller.program import Press, Push, Roll, Tap
+from twin.controller.program import Pressing, Pushing, Rolling, Tapping
 
 WITH_DRIVES = World(follows="velocity")
 SHORT_OF_END = 1.5 * T_s
@@ -35,10 +35,10 @@ points = st.tuples(*[st.floats(-0.01, 0.01)] * 2)
 forces = st.floats(1.0, 8.0)
 short = st.floats(0.1, 0.5)
 any_task = st.one_of(
-    st.builds(Press, points, forces, short, short),
-    st.builds(Tap, points, forces, st.floats(0.02, 0.1), st.floats(0.003, 0.008), st.floats(0.2, 0.5), st.just(2)),
-    st.builds(Roll, points, forces, short, st.floats(0.001, 0.005), st.floats(2.0, 4.0), st.just(1.0)),
-    st.builds(Push, points, forces, short, points, st.floats(0.01, 0.05)),
+    st.builds(Pressing, points, forces, short, short),
+    st.builds(Tapping, points, forces, st.floats(0.02, 0.1), st.floats(0.003, 0.008), st.floats(0.2, 0.5), st.just(2)),
+    st.builds(Rolling, points, forces, short, st.floats(0.001, 0.005), st.floats(2.0, 4.0), st.just(1.0)),
+    st.builds(Pushing, points, forces, short, points, st.floats(0.01, 0.05)),
 )
 
 
@@ -56,8 +56,8 @@ def call_of(rows, kind, nth=0, task=1):
 def test_no_sequence_of_tasks_makes_the_command_jump(tasks, noise, floor_goes):
     world = World(noise=noise, gone=(3.0, 3.6) if floor_goes else (0.0, 0.0))
     rows = carried_out(tasks, 8.0, world)
-    fastest = max(APPROACH.speed, *(t.speed for t in tasks if isinstance(t, Tap | Push)), 0.0)
-    fastest = max(fastest, *(2.0 * np.pi * t.rate * t.radius for t in tasks if isinstance(t, Roll)), 0.0)
+    fastest = max(APPROACH.speed, *(t.speed for t in tasks if isinstance(t, Tapping | Pushing)), 0.0)
+    fastest = max(fastest, *(2.0 * np.pi * t.rate * t.radius for t in tasks if isinstance(t, Rolling)), 0.0)
     step = np.linalg.norm(np.diff(rows["p_cmd_B"], axis=0), axis=1)
     # what the force loop adds while it acts: its gains on what force and reference do; none where it starts or ends
     on = rows["triggered"] > 0.5

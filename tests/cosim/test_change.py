@@ -6,7 +6,7 @@ import pytest
 from tests.cosim.models import continuous, sampled
 from tests.cosim.test_interpolation import mass, spring
 from twin.cosim.simulation import Simulation
-from twin.cosim.system import Change, System
+from twin.cosim.system import MemoryChange, System
 
 LAST = 20
 
@@ -22,7 +22,7 @@ def changing(*changes: tuple[int, float]) -> System:
         return total
 
     system = System([show, continuous("total", add)], [], 0.1)
-    system.changes = tuple(Change(tick, number, value) for tick, value in changes)
+    system.changes = tuple(MemoryChange(tick, number, value) for tick, value in changes)
     return system
 
 
@@ -51,7 +51,7 @@ def test_a_change_between_interpolated_and_repeated_steps_is_the_same_however_th
         wires = [("mass.v", "spring.v"), ("spring.force", "mass.force")]
         system = System([first, spring()], wires, 0.01, **coupling)
         # a kick: it is written into what a repeated step restores
-        system.changes = (Change(7, first.memory["v"], 2.0),)
+        system.changes = (MemoryChange(7, first.memory["v"], 2.0),)
         return Simulation(system, LAST, slice_ticks).run()
 
     whole = rows(100)

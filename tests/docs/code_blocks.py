@@ -16,8 +16,8 @@ FENCE = re.compile(
 )
 FILE_NAME = re.compile(r"# (\S+\.(?:toml|py))\n")
 EXPECTED_EXIT = re.compile(r"\s+# exit (\d+)$")
-PROSE = ("text", "math")
-"""Fenced, but nothing that could be run: output, pictures made of characters, equations."""
+PROSE = ("text", "math", "diff")
+"""Fenced, but nothing that could be run: output, pictures made of characters, equations, patches."""
 
 
 @dataclass(frozen=True)

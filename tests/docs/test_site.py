@@ -88,6 +88,7 @@ def test_links_are_followed_from_page_to_page(tmp_path: Path):
     (tmp_path / "docs" / "a.md").write_text("[parts](../parts/README.md) and [b](b.md#top) and [net](https://x.org)")
     (tmp_path / "docs" / "b.md").write_text("")
     (tmp_path / "parts" / "README.md").write_text("[code](part.py), [back](../docs/a.md)")
+    (tmp_path / "ABOUT.md").write_text("[a](docs/a.md), [code](parts/part.py)")
     (tmp_path / "parts" / "part.py").write_text("x = 1\n")
     repository = Repository(tmp_path)
     assert set(repository.pages()) == {"repository/parts/README.md", "repository/parts/part.py.md"}
@@ -96,6 +97,9 @@ def test_links_are_followed_from_page_to_page(tmp_path: Path):
     )
     assert repository.linked("repository/parts/README.md", (tmp_path / "parts" / "README.md").read_text()) == (
         "[code](part.py.md), [back](../../a.md)"
+    )
+    assert repository.linked("repository/ABOUT.md", (tmp_path / "ABOUT.md").read_text()) == (
+        "[a](../a.md), [code](parts/part.py.md)"
     )
 
 

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from twin.studies.sweep.definition import Definition
-from twin.studies.sweep.measures import METRICS, Finding
+from twin.studies.sweep.measures import METRICS, RunFinding
 from twin.studies.sweep.vary import Vary
 
 
@@ -24,6 +24,6 @@ def test_every_key_of_a_sweep_file_is_documented_and_no_other(root: Path):
 
 def test_every_part_of_a_row_and_every_metric_is_documented(root: Path):
     page = (root / "docs/sweep.md").read_text().split("## A row")[1]
-    found = Finding("done", "", {}, 0.0, 0.0, {"claims": {}, "curves": {}}).facts
+    found = RunFinding("done", "", {}, 0.0, 0.0, {"claims": {}, "curves": {}}).facts
     assert {*found, "run", "key", "drive", "parameters", "within_limits"} == named(page, "| | |")
     assert all(f"`{metric}`" in page for metric in METRICS)

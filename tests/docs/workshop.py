@@ -119,7 +119,7 @@ class Workshop:
         """What would install or build is held to the Makefile and to pyproject.toml instead."""
         words = shlex.split(command, comments=True)
         if words[0] == "make":
-            targets = re.findall(r"^([a-z]+):", (self._root / "Makefile").read_text(), re.MULTILINE)
+            targets = re.findall(r"^([a-z-]+):", (self._root / "Makefile").read_text(), re.MULTILINE)
             assert set(words[1:2]) <= set(targets), f"{block.place}: make has no target {words[1:]}"
         for name in (word for before, word in pairwise(words) if before in ("-c", "-r")):
             assert (self._root / name).is_file(), f"{block.place}: no file {name}"

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
 from twin.experiment.monitor import Monitor as Section
-from twin.monitor.belief import Belief
-from twin.monitor.component import Monitor
+from twin.monitor.belief import MonitorBelief
+from twin.monitor.component import SafetyMonitor
 from twin.monitor.limits import Limits
 from twin.monitor.reasons import Trip
 from twin.monitor.resolution import geometry
@@ -86,9 +86,9 @@ def latched(trip: Trip | None) -> Trip:
     return trip
 
 
-def watched(u: NDArray[np.float64], limits: Limits = LIMITS, belief: Belief = BELIEF) -> Watched:
+def watched(u: NDArray[np.float64], limits: Limits = LIMITS, belief: MonitorBelief = BELIEF) -> Watched:
     """A new monitor, evaluated once per row of `u` (n, 10)."""
-    monitor = Monitor(belief, limits)
+    monitor = SafetyMonitor(belief, limits)
     sampled = Sampled(monitor)
     rows = [sampled.named(row, k * DT, DT) for k, row in enumerate(u)]
     outputs = {name: np.array([row[name] for row in rows]).squeeze() for name in rows[0]}

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.monitor.motions import BELIEF, DT, GEOMETRY, LIMITS, latched, standing, watched
-from twin.monitor.component import Monitor
+from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import Reason
 from twin.monitor.retraction import RETRACTION, Retreat, retraction_speed, retreat
 from twin.plant.component import Plant
@@ -39,7 +39,7 @@ class Pressing:
     def __init__(self, p_B, counts: Disturbance | None = None, motors: Disturbance | None = None, ticks: int = 700):
         x, theta_m = resting(PARAMETERS, p_B)
         plant, encoder = Sampled(Plant(PARAMETERS, x, theta_m)), Sampled(Encoder(4096, 16384))
-        self.monitor = Monitor(BELIEF, LIMITS, sample_interval=2)
+        self.monitor = SafetyMonitor(BELIEF, LIMITS, sample_interval=2)
         watching = Sampled(self.monitor)
         state = plant.component.initial_outputs
         omega, message, rows, truth = np.zeros(3), np.zeros(7), [], []

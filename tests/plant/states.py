@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.laws.runs import PARAMETERS
-from twin.plant.contact_law import Law
+from twin.plant.contact_law import ContactLaw
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
 
@@ -13,8 +13,8 @@ from twin.plant.parameters import PlantParameters
 SURFACES = {
     "Hunt-Crossley": PARAMETERS,
     "Hunt-Crossley, exponent 1.5": PARAMETERS._replace(K=800.0, exponent=1.5, reference_depth=0.005, damping=1.0),
-    "Kelvin-Voigt": PARAMETERS._replace(law=int(Law.KELVIN_VOIGT), K=500.0, damper=15.0, touch_depth=0.002),
-    "exponential": PARAMETERS._replace(law=int(Law.EXPONENTIAL), K=600.0, stiffening=150.0, damping=1.5),
+    "Kelvin-Voigt": PARAMETERS._replace(law=int(ContactLaw.KELVIN_VOIGT), K=500.0, damper=15.0, touch_depth=0.002),
+    "exponential": PARAMETERS._replace(law=int(ContactLaw.EXPONENTIAL), K=600.0, stiffening=150.0, damping=1.5),
 }
 """A plant for every law of contact, as stiff as people are."""
 

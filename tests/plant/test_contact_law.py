@@ -10,7 +10,7 @@ from scipy.optimize import brentq
 from tests.laws.runs import PARAMETERS, Sampled
 from tests.plant.states import SURFACES, share
 from twin.plant.component import Plant
-from twin.plant.contact_law import Law, elastic_force, pressing_force
+from twin.plant.contact_law import ContactLaw, elastic_force, pressing_force
 from twin.plant.equilibrium import resting
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
@@ -101,7 +101,7 @@ def test_at_twice_the_depth_the_force_is_two_to_the_exponent_times_as_large(expo
 
 @given(st.integers(0, 10_000).map(lambda micrometres: 1e-6 * micrometres))
 def test_without_stiffening_to_speak_of_the_exponential_law_is_linear(depth):
-    soft = PARAMETERS._replace(law=int(Law.EXPONENTIAL), stiffening=1e-6)
+    soft = PARAMETERS._replace(law=int(ContactLaw.EXPONENTIAL), stiffening=1e-6)
     # exp(x) - 1 - x < x^2 with x <= 1e-8
     assert pressing_force(soft, depth, 0.0) == pytest.approx(PARAMETERS.K * depth, rel=1e-8)
 
@@ -147,7 +147,7 @@ def test_kelvin_voigts_damper_is_whole_from_the_touch_depth_on():
     for depth in (parameters.touch_depth, 2.0 * parameters.touch_depth):
         # rounding
         assert pressing_force(parameters, depth, 0.1) == pytest.approx(parameters.K * depth + 1.5, rel=1e-14)
-    assert parameters.law == Law.KELVIN_VOIGT
+    assert parameters.law == ContactLaw.KELVIN_VOIGT
 
 
 @over_every_law

@@ -9,7 +9,7 @@ from tests.laws.runs import PARAMETERS
 from tests.plant.states import SURFACES, moving
 from twin.plant.component import STILL, integrate
 from twin.plant.contact import normal_force
-from twin.plant.contact_law import Law
+from twin.plant.contact_law import ContactLaw
 from twin.plant.dynamics import spring_deflection
 from twin.plant.surface import Shape
 from twin.robot.geometry import Geometry
@@ -23,7 +23,7 @@ LOSSLESS = PARAMETERS._replace(b_j=0.0, damping=0.0, mu=0.0, backlash=0.0)
 
 def stored(parameters, d):
     """Potential (J) of the surface's elastic force at depth `d`: its integral."""
-    if parameters.law == Law.EXPONENTIAL:
+    if parameters.law == ContactLaw.EXPONENTIAL:
         beta = parameters.stiffening
         return parameters.K / beta**2 * (np.expm1(beta * d) - beta * d)
     n = parameters.exponent

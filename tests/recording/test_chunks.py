@@ -6,22 +6,22 @@ from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.records import MessageIndex
 
-from twin.recording.chunks import LARGEST_CHUNK, Block, Messages, merged, message_indexes, pieces
+from twin.recording.chunks import LARGEST_CHUNK, Messages, RecordBlock, merged, message_indexes, pieces
 
 
 @st.composite
-def blocks(draw: st.DrawFn) -> Block:
+def blocks(draw: st.DrawFn) -> RecordBlock:
     """Records that name their channel, time and place, so that each can be told from all others."""
     channel = draw(st.integers(1, 5))
     times = np.array(sorted(draw(st.lists(st.integers(0, 20), min_size=1, max_size=8))))
     stride = draw(st.integers(3, 40))
     records = np.zeros((len(times), stride), dtype=np.uint8)
     records[:, 0], records[:, 1], records[:, 2] = channel, times, np.arange(len(times))
-    return Block(channel, times, records)
+    return RecordBlock(channel, times, records)
 
 
 @given(st.lists(blocks(), min_size=1, max_size=6))
-def test_merging_orders_records_by_time_then_by_block_and_loses_none(several: list[Block]) -> None:
+def test_merging_orders_records_by_time_then_by_block_and_loses_none(several: list[RecordBlock]) -> None:
     timed = [pair for block in several for pair in zip(block.times, map(bytes, block.records), strict=True)]
     expected = sorted(timed, key=lambda pair: pair[0])
     messages = merged(several)
@@ -48,7 +48,7 @@ def test_pieces_are_the_whole_in_order_and_never_cut_a_tick(lengths: list[int], 
 
 
 @given(st.lists(blocks(), min_size=1, max_size=6), st.integers(0, 1000))
-def test_message_indexes_are_those_that_mcap_writes(several: list[Block], shift: int) -> None:
+def test_message_indexes_are_those_that_mcap_writes(several: list[RecordBlock], shift: int) -> None:
     messages = merged(several)
     for channel, index in message_indexes(messages, shift).items():
         own = [i for i, c in enumerate(messages.channels) if c == channel]

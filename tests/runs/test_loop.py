@@ -11,7 +11,7 @@ from twin.recording.reader import read
 from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.assembly.tunable import FORCE_REFERENCE, tunables
 from twin.runs.loop import Simulated, simulate
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.outcome import Tally
 from twin.runs.run import execute
 from twin.runs.trace import Trace, run_in_memory
@@ -37,7 +37,7 @@ class Diary(Observer):
     def ready(self, tick: int) -> None:
         self.called.append(("ready", tick))
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.called.append(("take", first))
         self.rows.append(rows.copy())
         self.enough = first + len(rows) >= self._until
@@ -108,9 +108,9 @@ def test_what_is_written_between_two_slices_acts_like_a_change_of_the_experiment
 def test_an_observer_sees_the_events_that_those_before_it_found():
     class Last(Observer):
         def __init__(self) -> None:
-            self.events: list[Event] = []
+            self.events: list[TickEvent] = []
 
-        def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+        def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
             self.events += events
 
     change = f"change=[{{t_s = 0.734, key = '{FORCE_REFERENCE}', value = 6.0}}]"

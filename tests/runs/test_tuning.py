@@ -11,10 +11,10 @@ from tests.laws.runs import shipped
 from twin.errors import InputRefused
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.runs.observer import Event
+from twin.runs.observer import TickEvent
 from twin.runs.run import SLICE_TICKS, Run, execute
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 REFERENCE = "controller.force.reference_N"
@@ -28,12 +28,12 @@ class Knob:
     def __init__(self, turn: Callable[[Tuning], object], at: int = 0):
         self._turn, self._at = turn, at
 
-    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
         self.tuning = tuning
         if self._at == 0:
             self._turn(tuning)
 
-    def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
+    def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         if first + len(rows) == self._at:
             self._turn(self.tuning)
 

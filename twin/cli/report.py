@@ -48,7 +48,8 @@ class Reported:
     """Writes one page on all runs when they are over, also if one of them did not end well.
 
     Args:
-        wanted: whether to. as_json: tell it as JSON.
+        wanted: whether to.
+        as_json: tell it as JSON.
     """
 
     def __init__(self, wanted: bool, as_json: bool):

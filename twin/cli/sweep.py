@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from twin.runs.guard.limits import Limits
     from twin.studies.sweep.definition import Definition
     from twin.studies.sweep.engine import Engine
-    from twin.studies.sweep.folder import Kept
+    from twin.studies.sweep.folder import KeptRows
     from twin.studies.sweep.plan import Plan
 
 MANY = 100_000
@@ -245,7 +245,7 @@ def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:
     print(json_text(facts) if how.as_json else estimate_text(plan.name, runs, how.processes, estimate, first))
 
 
-def _tell(found: "Kept", folder: Path, by: str | None, as_json: bool) -> None:
+def _tell(found: "KeptRows", folder: Path, by: str | None, as_json: bool) -> None:
     from twin.studies.sweep.rows import ROWS
     from twin.studies.sweep.show.text import headline_text
     from twin.studies.sweep.statistics import usual_metric

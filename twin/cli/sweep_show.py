@@ -11,7 +11,7 @@ from twin.cli.options import AsJson
 from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.studies.sweep.folder import Kept
+    from twin.studies.sweep.folder import KeptRows
 
 By = Annotated[
     str | None,
@@ -74,7 +74,7 @@ def show(
         print(f"  {name:<8}{path}")
 
 
-def as_facts(found: "Kept") -> dict[str, Any]:
+def as_facts(found: "KeptRows") -> dict[str, Any]:
     """For JSON: rows without their curves, which no one reads there."""
     rows = [{key: value for key, value in row.items() if key != "curves"} for row in found.rows]
     return {"sweep": found.name, "runs": found.runs, "limits": found.limits, "rows": rows}

@@ -76,7 +76,8 @@ def reference_position(times, points, segment, t):
     """Point (m) of the trajectory at `t` (s), and the segment it lies in.
 
     Args:
-        times: (n,) ascending, s. points: (n, 3), m.
+        times: (n,) ascending, s.
+        points: (n, 3), m.
         segment: any index at or before the right one; pass the one returned last.
 
     Returns:
@@ -146,8 +147,8 @@ class Controller(NativeComponent):
     """Sampled component: estimates in, motor speeds out.
 
     Args:
-        law: settings. position, force: gains of the two loops; position acts on m and gives m/s, force acts on N and
-            gives m.
+        law: settings.
+        position, force: gains of the two loops; position acts on m and gives m/s, force acts on N and gives m.
         times, points: way points of the reference, (n,) s ascending and (n, 3) m.
         period: in ticks.
     """

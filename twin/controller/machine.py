@@ -171,8 +171,11 @@ def walk(m, phases, t, h, z, F, F_z, F_rate, F_delay, dp_z):
 
     Args:
         h: time since the last call (s).
-        z: estimated height of the platform (m). F: pressing force (N). F_z, F_rate: low-passed, its rate (N/s).
-        F_delay: by how much F_z lags F (s). dp_z: correction of the force loop (m).
+        z: estimated height of the platform (m).
+        F: pressing force (N).
+        F_z, F_rate: low-passed, its rate (N/s).
+        F_delay: by how much F_z lags F (s).
+        dp_z: correction of the force loop (m).
     """
     if m.index < 0:
         enter(m, phases, 0, t, F_z, dp_z)

@@ -46,17 +46,22 @@ class Phase(NamedTuple):
     """One phase, SI. Its motion starts wherever the reference is, so a sequence of phases cannot jump.
 
     Attributes:
-        kind: what it is. task: which task it belongs to, counted from 1.
-        target: end of the straight line (m); NaN keeps a coordinate. lift: if > 0, it ends so far (m) above the height
-            at which a probe felt the pre-defined force.
-        speed: along the line (m/s). ramp_in, ramp_out: time in which it gets there and back to rest (s).
-        radius, rate, turns: of a circle about the starting point (m, Hz, 1), with one turn more to spiral out to it
-            and one to spiral back; radius 0: a straight line.
-        force_on: whether the force loop acts. F_end: where its reference goes within `duration` (N).
-        duration: shortest time it takes (s). period: it ends this long after the last tap began (s), if > 0.
-        until: what ends it. level: force that does (N).
-        next, otherwise: index of the phase that follows, and of the one that does if `until` never comes, or if
-            contact is lost while the force loop acts.
+        kind: what it is.
+        task: which task it belongs to, counted from 1.
+        target: end of the straight line (m); NaN keeps a coordinate.
+        lift: if > 0, it ends so far (m) above the height at which a probe felt the pre-defined force.
+        speed: along the line (m/s).
+        ramp_in, ramp_out: time in which it gets there and back to rest (s).
+        radius, rate, turns: of a circle about the starting point (m, Hz, 1), with one turn more to spiral out to it and
+            one to spiral back; radius 0: a straight line.
+        force_on: whether the force loop acts.
+        F_end: where its reference goes within `duration` (N).
+        duration: shortest time it takes (s).
+        period: it ends this long after the last tap began (s), if > 0.
+        until: what ends it.
+        level: force that does (N).
+        next, otherwise: index of the phase that follows, and of the one that does if `until` never comes, or if contact
+            is lost while the force loop acts.
         again, times: `next` is taken after `times` passes, `again` before.
     """
 

@@ -14,12 +14,14 @@ Point = tuple[float, float]
 """x and y in the base frame (m)."""
 
 
-class Approach(NamedTuple):
+class Travel(NamedTuple):
     """How all tasks come and go, SI.
 
     Attributes:
-        height: z at which the platform travels between points (m). floor: z below which it never descends (m).
-        speed: of travelling and of retracting (m/s). descent: of going down gently (m/s).
+        height: z at which the platform travels between points (m).
+        floor: z below which it never descends (m).
+        speed: of travelling and of retracting (m/s).
+        descent: of going down gently (m/s).
         ramp: time to get to speed and back to rest (s).
         release: time in which the force is taken back (s).
         contact_force: pressing force that counts as touching (N).
@@ -34,7 +36,7 @@ class Approach(NamedTuple):
     contact_force: float
 
 
-class Press(NamedTuple):
+class Pressing(NamedTuple):
     """Press on a point: `force` (N) reached within `build_up` (s), held for `hold` (s)."""
 
     point: Point
@@ -43,7 +45,7 @@ class Press(NamedTuple):
     hold: float
 
 
-class Tap(NamedTuple):
+class Tapping(NamedTuple):
     """Tap a point `times` times: down at `speed` (m/s) until `force` (N), up by `lift` (m), every `period` (s)."""
 
     point: Point
@@ -54,7 +56,7 @@ class Tap(NamedTuple):
     times: int
 
 
-class Roll(NamedTuple):
+class Rolling(NamedTuple):
     """Circle about a point under `force` (N): `radius` (m), `rate` (Hz), `turns` besides those that lead in and out."""
 
     point: Point
@@ -65,7 +67,7 @@ class Roll(NamedTuple):
     turns: float
 
 
-class Push(NamedTuple):
+class Pushing(NamedTuple):
     """Push from a point straight to `to` (m) at `speed` (m/s) under `force` (N)."""
 
     point: Point
@@ -75,10 +77,10 @@ class Push(NamedTuple):
     speed: float
 
 
-Task = Press | Tap | Roll | Push
+Task = Pressing | Tapping | Rolling | Pushing
 
 
-def program(approach: Approach, tasks: Sequence[Task]) -> list[Phase]:
+def program(approach: Travel, tasks: Sequence[Task]) -> list[Phase]:
     """The phases of `tasks` in their order; the last phase holds for ever above the last point."""
     phases: list[Phase] = []
     for number, task in enumerate(tasks, start=1):
@@ -86,7 +88,7 @@ def program(approach: Approach, tasks: Sequence[Task]) -> list[Phase]:
     return [*phases, Phase(PhaseKind.DONE, len(tasks), duration=math.inf, next=len(phases))]
 
 
-def _of_task(approach: Approach, task: Task, number: int, first: int) -> list[Phase]:
+def _of_task(approach: Travel, task: Task, number: int, first: int) -> list[Phase]:
     travel = Phase(
         PhaseKind.TRAVEL, number, (*task.point, approach.height), speed=approach.speed,
         ramp_in=approach.ramp, ramp_out=approach.ramp,
@@ -99,7 +101,7 @@ def _of_task(approach: Approach, task: Task, number: int, first: int) -> list[Ph
         PhaseKind.RETRACT, number, (math.nan, math.nan, approach.height), speed=approach.speed,
         ramp_in=approach.ramp, ramp_out=approach.ramp,
     )  # fmt: skip
-    work = _taps(approach, task, number) if isinstance(task, Tap) else _under_force(approach, task, number)
+    work = _taps(approach, task, number) if isinstance(task, Tapping) else _under_force(approach, task, number)
     chain = [travel, descend, *work, retract]
     last = first + len(chain) - 1
     linked = []
@@ -109,15 +111,15 @@ def _of_task(approach: Approach, task: Task, number: int, first: int) -> list[Ph
     return linked
 
 
-def _under_force(approach: Approach, task: Press | Roll | Push, number: int) -> Iterable[Phase]:
+def _under_force(approach: Travel, task: Pressing | Rolling | Pushing, number: int) -> Iterable[Phase]:
     pressing = Phase(PhaseKind.BUILD_UP, number, force_on=True, F_end=task.force)
     yield pressing._replace(duration=task.build_up)
     match task:
-        case Press():
+        case Pressing():
             yield pressing._replace(kind=PhaseKind.HOLD, duration=task.hold)
-        case Roll():
+        case Rolling():
             yield pressing._replace(kind=PhaseKind.CIRCLE, radius=task.radius, rate=task.rate, turns=task.turns)
-        case Push():
+        case Pushing():
             yield pressing._replace(
                 kind=PhaseKind.PUSH, target=(*task.to, math.nan), speed=task.speed,
                 ramp_in=approach.ramp, ramp_out=approach.ramp,
@@ -125,7 +127,7 @@ def _under_force(approach: Approach, task: Press | Roll | Push, number: int) -> 
     yield pressing._replace(kind=PhaseKind.RELEASE, F_end=approach.contact_force, duration=approach.release)
 
 
-def _taps(approach: Approach, task: Tap, number: int) -> Iterable[Phase]:
+def _taps(approach: Travel, task: Tapping, number: int) -> Iterable[Phase]:
     down = Phase(PhaseKind.PROBE, number, (math.nan, math.nan, approach.floor), level=task.force)
     # a gentle touch first: where the force is reached is what the taps then aim at
     yield down._replace(speed=approach.descent, until=Until.FELT)

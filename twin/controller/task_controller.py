@@ -119,7 +119,8 @@ class TaskController(NativeComponent):
     """Sampled component: estimates in, motor speeds out, a program of phases in between.
 
     Args:
-        law: settings; its F_z_ref and triggers are not used. position, force: gains, see `Controller`.
+        law: settings; its F_z_ref and triggers are not used.
+        position, force: gains, see `Controller`.
         feed_forward, damping, touch: see there.
         phases: the program; the last one holds for ever.
         start: where the platform is at the beginning (3,), m.

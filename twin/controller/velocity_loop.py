@@ -23,11 +23,12 @@ def step(m, t, h, u, y):
     return 0
 
 
-class VelocityLoop(NativeComponent):
+class DriveSpeedLoop(NativeComponent):
     """Sampled component: speed error in, command of the drive out.
 
     Args:
-        gains: PI from rad/s to the command's SI unit. limit: of the command, either side.
+        gains: PI from rad/s to the command's SI unit.
+        limit: of the command, either side.
         command: port of the output.
         period: in ticks of the drive's own system.
     """

@@ -12,7 +12,8 @@ def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, st
 
     Args:
         u, y: memory of all inputs, and of all outputs twice, as the master left them.
-        culprit, status: as the master returned them. tick: the one at which it happened.
+        culprit, status: as the master returned them.
+        tick: the one at which it happened.
     """
     component = system.components[culprit]
     what = _not_finite(system, y, culprit) if status == NOT_FINITE else component.explain(status)

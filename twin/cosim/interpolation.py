@@ -24,7 +24,8 @@ def input_weights(port: Port, seen: bool, inputs: Inputs) -> np.ndarray:
     """Weights (2, 3) of `VALID`, `NEWEST` and `BEFORE` in the first step of a tick and in a repeated one.
 
     Args:
-        port: the input. seen: whether its source's result is known in the first step.
+        port: the input.
+        seen: whether its source's result is known in the first step.
     """
     ends = np.array([NEWEST if seen else VALID if inputs == "hold" else 2.0 * VALID - BEFORE, NEWEST])
     if inputs == "hold" or port.instant == "end":

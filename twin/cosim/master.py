@@ -110,7 +110,8 @@ def advance(table, sampled, timed, dt, y, width, iterations, rows, first, count,
         table: (number of components,) of `TABLE`, the first `sampled` of them sampled.
         timed: whether to count cycles.
         dt: tick (s).
-        y: all outputs, two or three times. width: how many they are.
+        y: all outputs, two or three times.
+        width: how many they are.
         iterations: how often the continuous components make each step, 1 or more.
         rows: (>= count, m), filled with the valid half of each tick.
         mark: (2,) int64, set to tick and component before each step, for whoever watches from outside: a step that

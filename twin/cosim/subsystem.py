@@ -85,7 +85,8 @@ class Subsystem(Component):
         inputs: its ports; inner wires take them from the component "inlet".
         outputs: (port, "component.port" of the inner system) pairs.
         components, wires, scheme: the inner system; `wires` name inlets as "inlet.<port>".
-        tick: of the inner system (s). substeps: inner ticks per outer step.
+        tick: of the inner system (s).
+        substeps: inner ticks per outer step.
         label: what an error sentence calls it.
 
     Raises:

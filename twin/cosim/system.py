@@ -26,7 +26,7 @@ class Slots:
     component: int
 
 
-class Change(NamedTuple):
+class MemoryChange(NamedTuple):
     """A number of a component's memory that is another from `tick` on: `memory[...] = value`."""
 
     tick: int
@@ -58,7 +58,7 @@ class System:
             continuous component that cannot repeat a step, or does not step every tick, where that is asked for.
     """
 
-    changes: tuple[Change, ...] = ()
+    changes: tuple[MemoryChange, ...] = ()
 
     def __init__(
         self,
@@ -120,7 +120,8 @@ class System:
         """The components as the compiled loop reads them.
 
         Args:
-            u: memory of all inputs, (inputs_width,). y: of all outputs, as `outputs` makes it.
+            u: memory of all inputs, (inputs_width,).
+            y: of all outputs, as `outputs` makes it.
 
         Returns:
             (number of components,) of `TABLE`; it holds addresses of `u`, `y` and this system, and keeps none alive.

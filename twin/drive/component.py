@@ -38,7 +38,8 @@ class FmuComponent(Component):
 
     Args:
         name: of the component and the FMU instance.
-        description: the checked FMU. folder: where it is unpacked.
+        description: the checked FMU.
+        folder: where it is unpacked.
         inputs, outputs: its ports.
         settings: values set before initialisation, in the FMU's own units.
         inputs_at_start: port -> value (SI) in initialisation mode; 0 where nothing is said.

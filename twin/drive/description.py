@@ -33,10 +33,13 @@ class Variable:
     """A variable of an FMU.
 
     Attributes:
-        name, causality, description: as the FMU has them. type: as the FMU has it, "Real" or "Float64".
+        name, causality, description: as the FMU has them.
+        type: as the FMU has it, "Real" or "Float64".
         kind: index into `adapter.KINDS`; -1: text or binary.
-        reference: FMI value reference. size: number of values, > 1 for an array.
-        unit: as the FMU has it, "" where it states none. conversion: to SI; None: unit unknown or not stated.
+        reference: FMI value reference.
+        size: number of values, > 1 for an array.
+        unit: as the FMU has it, "" where it states none.
+        conversion: to SI; None: unit unknown or not stated.
         start, low, high: as the FMU has them, in its own unit; NaN: not stated.
     """
 
@@ -59,8 +62,10 @@ class FmuDescription:
     """An FMU that has passed every check that needs no binary.
 
     Attributes:
-        path: the .fmu file. sha256: of its bytes.
-        version: 2 or 3, FMI's. identifier: of the binary.
+        path: the .fmu file.
+        sha256: of its bytes.
+        version: 2 or 3, FMI's.
+        identifier: of the binary.
         platforms: folders of binaries inside.
         variables: by name.
         model: what FMPy read.

@@ -57,7 +57,8 @@ class Instance:
 
     Args:
         name: FMI's instance name.
-        description: the checked FMU. folder: where it is unpacked.
+        description: the checked FMU.
+        folder: where it is unpacked.
         settings: values set before initialisation, in the FMU's own units.
         inputs: values set in initialisation mode.
         setup: of the run.

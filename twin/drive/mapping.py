@@ -26,7 +26,8 @@ class Wiring:
 
     Attributes:
         command: what it is commanded with.
-        sign: -1 if the FMU turns the other way. gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
+        sign: -1 if the FMU turns the other way.
+        gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
         inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way.
     """
 
@@ -191,7 +192,7 @@ def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken:
     """What the drive seems to be commanded with, if nothing in it takes a speed."""
     if COMMANDS["velocity"] not in unsure or _proposals(variables, COMMANDS["velocity"], taken):
         return None
-    others: list[Command] = ["torque", "current", "voltage"]
+    others = (command for command in COMMANDS if command != "velocity")
     return next((command for command in others if _proposals(variables, COMMANDS[command], taken)), None)
 
 

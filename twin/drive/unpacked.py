@@ -42,7 +42,8 @@ def unpacked(file: Path, digest: str) -> Path:
     A file that was changed or removed since is taken from the archive again, which is said on standard error.
 
     Args:
-        file: the FMU, its archive checked by `archive.entries`. digest: its `archive.sha256`.
+        file: the FMU, its archive checked by `archive.entries`.
+        digest: its `archive.sha256`.
 
     Raises:
         InputRefused: it cannot be written there.

@@ -36,7 +36,10 @@ class Change:
     """A [[change]], checked.
 
     Attributes:
-        tick: from which on it holds. key: of the experiment's file. number: in the unit of the key. value: in SI.
+        tick: from which on it holds.
+        key: of the experiment's file.
+        number: in the unit of the key.
+        value: in SI.
     """
 
     tick: int
@@ -66,7 +69,8 @@ def changed_value(key: str, number: object, tables: Mapping[str, Any]) -> float:
     """`number`, given in the unit of the `key` of CHANGEABLE, in SI.
 
     Args:
-        number: whatever somebody has sent. tables: of the experiment, as `Experiment.values`.
+        number: whatever somebody has sent.
+        tables: of the experiment, as `Experiment.values`.
 
     Raises:
         InputRefused: the experiment's schema refuses it.
@@ -89,7 +93,9 @@ def checked_changes(
     """The changes of the array of tables [[change]] that are right, the earliest first.
 
     Args:
-        tables: what the file says; () if nothing. values: the tables of the experiment. tick, duration: s.
+        tables: what the file says; () if nothing.
+        values: the tables of the experiment.
+        tick, duration: s.
         mistakes: gets a sentence for each mistake, with the number of its change, counted from 1.
     """
     changes: dict[tuple[int, str], Change] = {}

@@ -1,22 +1,28 @@
 """[contact]: what the robot presses on. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from pydantic import Field, ValidationInfo, field_validator
 
 from twin.experiment.quantity import Section, quantity
 
-LAW_KEYS = {
-    "hunt_crossley": ("damping", "exponent", "reference_depth"),
-    "kelvin_voigt": ("damper", "touch_depth"),
-    "exponential": ("damping", "stiffening"),
-}
-"""The keys that each law knows besides the stiffness."""
 
-NEEDED = {
-    "hunt_crossley": ("damping",),
-    "kelvin_voigt": ("damper", "touch_depth"),
-    "exponential": LAW_KEYS["exponential"],
+class LawKeys(NamedTuple):
+    """The keys that a law knows besides the stiffness."""
+
+    needed: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        return self.needed + self.optional
+
+
+Law = Literal["hunt_crossley", "kelvin_voigt", "exponential"]
+LAWS: dict[Law, LawKeys] = {
+    "hunt_crossley": LawKeys(("damping",), ("exponent", "reference_depth")),
+    "kelvin_voigt": LawKeys(("damper", "touch_depth")),
+    "exponential": LawKeys(("damping", "stiffening")),
 }
 
 
@@ -41,7 +47,7 @@ class Shift(Section):
 class Contact(Section):
     """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
 
-    Which law the stiffness and the keys of `LAW_KEYS` belong to: see `twin/plant/contact_law.py`.
+    Which law the stiffness and the keys of `LAWS` belong to: see `twin/plant/contact_law.py`.
 
     Attributes:
         body: the file in bodies/ that filled this table in.
@@ -81,9 +87,7 @@ class Contact(Section):
         "stiffening_per_mm", "exponential: relative growth of the stiffness per depth", None, gt=0, examples=[0.2]
     )
     # law and shape stand after the keys they decide on: a field's check sees the fields before it
-    law: Literal["hunt_crossley", "kelvin_voigt", "exponential"] = Field(
-        "hunt_crossley", description="law of the normal force"
-    )
+    law: Law = Field("hunt_crossley", description="law of the normal force")
     friction: float = Field(ge=0, description="Coulomb coefficient")
     bristle: float = quantity("bristle_N_per_m", "lateral stiffness while sticking", gt=0)
     bristle_damping: float = quantity("bristle_damping_N_s_per_m", "lateral damping while sticking", ge=0)
@@ -93,7 +97,7 @@ class Contact(Section):
     @property
     def law_constants(self) -> dict[str, Any]:
         """What is said of the law, by attribute."""
-        return {name: getattr(self, name) for name in LAW_KEYS[self.law] if getattr(self, name) is not None}
+        return {name: getattr(self, name) for name in LAWS[self.law].all if getattr(self, name) is not None}
 
     @field_validator("shape")
     @classmethod
@@ -114,14 +118,14 @@ class Contact(Section):
 
     @field_validator("law")
     @classmethod
-    def _keys_of_one_law(cls, law: str, info: ValidationInfo) -> str:
-        missing = [name for name in NEEDED[law] if _is_missing(name, info.data)]
+    def _keys_of_one_law(cls, law: Law, info: ValidationInfo) -> Law:
+        missing = [name for name in LAWS[law].needed if _is_missing(name, info.data)]
         curved = law == "hunt_crossley" and (info.data.get("exponent") or 1.0) != 1.0
         if curved and _is_missing("reference_depth", info.data):
             missing.append("reference_depth")
         if missing:
             raise ValueError(f"needs {', '.join(_key(name) for name in missing)}")
-        others = {name for keys in LAW_KEYS.values() for name in keys} - set(LAW_KEYS[law])
+        others = {name for keys in LAWS.values() for name in keys.all} - set(LAWS[law].all)
         foreign = sorted(_key(name) for name in others if info.data.get(name) is not None)
         if foreign:
             raise ValueError(f"does not know {', '.join(foreign)}; remove it or name the law it belongs to")

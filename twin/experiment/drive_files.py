@@ -22,7 +22,8 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
     """The three joints' tables, FMUs as absolute paths.
 
     Args:
-        drive: the experiment's [drive] with its joint tables. folder: the experiment's, where names are looked up.
+        drive: the experiment's [drive] with its joint tables.
+        folder: the experiment's, where names are looked up.
 
     A drive named by its folder takes what stands in the folder's mapping.toml wherever [drive] does not say otherwise.
 

@@ -46,17 +46,21 @@ class Experiment:
     """Everything a run needs, checked, SI.
 
     Attributes:
-        name: the file's stem. title: for people. seed: of the encoders' noise.
+        name: the file's stem.
+        title: for people.
+        seed: of the encoders' noise.
         duration_ticks, controller_ticks, scale_ticks, monitor_ticks: durations and periods in ticks.
-        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come
-            and go.
+        reference: way points, those of a shape too; None: `tasks` lead the robot, and `approach` says how they come and
+            go.
         scale: the display; None: what the robot presses on has none.
         monitor: None: nobody watches.
         faults: what breaks, in ticks.
-        changes: what of the controller changes on the way, in ticks. measures: what `twin check` measures.
+        changes: what of the controller changes on the way, in ticks.
+        measures: what `twin check` measures.
         drives: one per joint, complete, FMUs as absolute paths.
         recording: what of the run is kept.
-        values: the merged file as it was checked, keys with units. origins: where each value comes from.
+        values: the merged file as it was checked, keys with units.
+        origins: where each value comes from.
     The tables are those of `schema.py`, `contact.py`, `task.py` and `monitor.py`.
     """
 

@@ -22,7 +22,8 @@ class Fault:
     """What breaks, where, when and how badly.
 
     Attributes:
-        kind: a key of `CATALOGUE`. target: one of that kind's targets.
+        kind: a key of `CATALOGUE`.
+        target: one of that kind's targets.
         onset, end: active in ticks onset <= k < end. Of a continuous component: in the steps that begin at these.
         magnitude: SI (rad, m, s, a share, a factor); 0 where the kind has none.
         share: of an encoder's samples that a glitch hits, 0..1.
@@ -69,7 +70,8 @@ def checked_faults(tables: Any, tick: float, mistakes: list[str]) -> tuple[Fault
     """The faults of the array of tables [[fault]], in whole ticks and SI.
 
     Args:
-        tables: what the file says; () if nothing. tick: (s).
+        tables: what the file says; () if nothing.
+        tick: (s).
         mistakes: gets a sentence for each mistake, with the number of its fault, counted from 1.
 
     Returns:

@@ -18,7 +18,8 @@ class Seen(NamedTuple):
     """What is said, before any run, of the safety monitor: from which magnitude on it sees a fault that stays.
 
     Attributes:
-        free: if it begins in free motion. contact: if it begins in contact. None: not at any.
+        free: if it begins in free motion.
+        contact: if it begins in contact. None: not at any.
     """
 
     free: float | None = None

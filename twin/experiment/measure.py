@@ -109,7 +109,8 @@ def checked_measures(tables: Any, duration: float, mistakes: list[str]) -> tuple
     """The measures of the array of tables [[measure]] that are right.
 
     Args:
-        tables: what the file says; () if nothing. duration: of the experiment (s).
+        tables: what the file says; () if nothing.
+        duration: of the experiment (s).
         mistakes: gets a sentence for each mistake, with the number of its measure, counted from 1.
     """
     measures: list[Measure] = []

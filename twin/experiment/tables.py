@@ -31,7 +31,8 @@ class Tables:
     Attributes:
         by_name: the tables; "head": the keys that stand in none.
         duration: of the experiment (s); inf if the file does not rightly say.
-        tasks: by their numbers. ticks: durations and periods by name.
+        tasks: by their numbers.
+        ticks: durations and periods by name.
         faults, changes, measures, drives: as in `Experiment`.
     """
 
@@ -49,7 +50,8 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
     """The tables of `source`, which is completed in place.
 
     Args:
-        source: of all files. folder: from which bodies and drives are looked up.
+        source: of all files.
+        folder: from which bodies and drives are looked up.
         mistakes: gets a sentence for each mistake.
     """
     _fill_from_robot(source.values)
@@ -77,7 +79,9 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
     """The experiment that `tables`, of which none is missing, make.
 
     Args:
-        name: of the experiment. reference: its [reference] as way points. source: that of the tables.
+        name: of the experiment.
+        reference: its [reference] as way points.
+        source: that of the tables.
     """
     found, ticks, (one, two, three) = tables.by_name, tables.ticks, tables.drives
     head, monitor = found["head"], found.get("monitor")

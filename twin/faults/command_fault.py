@@ -25,8 +25,10 @@ class CommandFault(NativeComponent):
     """Sampled component, every tick: commanded speeds in, the same within +-limit out while active.
 
     Args:
-        name: of the component. span: when it is active.
-        limit: of the drives' speed (rad/s). size: number of drives behind it.
+        name: of the component.
+        span: when it is active.
+        limit: of the drives' speed (rad/s).
+        size: number of drives behind it.
     """
 
     def __init__(self, name: str, span: Span, limit: float, size: int):

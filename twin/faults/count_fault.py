@@ -13,7 +13,7 @@ from twin.faults.randomness import drawn
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
-class Law(IntEnum):
+class CountLaw(IntEnum):
     """What becomes of a count; by the names in an experiment's file, in capitals."""
 
     BIAS = 0
@@ -29,7 +29,7 @@ class Law(IntEnum):
 
 
 # plain integers: what compiled code compares with
-_BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in Law)
+_BIAS, _DRIFT, _QUANTISATION, _HOLD, _ZERO, _NAN, _STUCK, _GLITCH, _FLIP, _SWAP = (int(law) for law in CountLaw)
 
 ENCODER_CHANNELS = 3
 COUNT = Port("count", ENCODER_CHANNELS, "1", "counts of the motor or of the joint encoders")
@@ -112,18 +112,22 @@ class CountFault(NativeComponent):
     Counts stay whole numbers, as an encoder's are, but the port is of kind "double": a lost one may be NaN.
 
     Args:
-        name: of the component. span: when it is active. law: what becomes of a count.
-        port: the encoder's port of counts (3). element: which of the three.
+        name: of the component.
+        span: when it is active.
+        law: what becomes of a count.
+        port: the encoder's port of counts (3).
+        element: which of the three.
         counts: by which a count is off, or of one step; of a drift per tick.
         share: of the samples that are lost, or hit by a glitch.
-        random: state in which its generator begins, see `first_state`. period: of the encoder, in ticks.
+        random: state in which its generator begins, see `first_state`.
+        period: of the encoder, in ticks.
     """
 
     def __init__(
         self,
         name: str,
         span: Span,
-        law: Law,
+        law: CountLaw,
         port: Port,
         element: int,
         counts: float,
@@ -135,4 +139,4 @@ class CountFault(NativeComponent):
         memory["law"], memory["element"], memory["partner"] = law, element, (element + 1) % ENCODER_CHANNELS
         out = Port(port.name, port.size, port.unit, f"{port.meaning}, faulty")
         super().__init__(name, (port,), (out, ACTIVE), True, step, memory, period=period)
-        self.finite = law != Law.DROPOUT_NAN
+        self.finite = law != CountLaw.DROPOUT_NAN

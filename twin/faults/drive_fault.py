@@ -13,18 +13,18 @@ from twin.cosim.record import memory_of, record
 from twin.faults.window import ACTIVE, WINDOW, Span, tick_now, window, within
 
 
-class Law(IntEnum):
-    """How the shaft moves while the fault is active."""
+class DriveLaw(IntEnum):
+    """How the shaft moves while the fault is active; by the names in an experiment's file, in capitals."""
 
-    RUNAWAY = 0
-    FREEWHEEL = 1
-    DEAD = 2
-    JAM = 3
-    FAILURE = 4
+    DRIVE_RUNAWAY = 0
+    DRIVE_FREEWHEEL = 1
+    DRIVE_DEAD = 2
+    JOINT_JAM = 3
+    DRIVE_FAILURE = 4
 
 
 # plain integers: what compiled code compares with
-_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in Law)
+_RUNAWAY, _FREEWHEEL, _DEAD, _JAM, _FAILURE = (int(law) for law in DriveLaw)
 
 INERTIA = 1e-4
 """Of rotor, coupling and spring hub (kg m2), as the velocity_servo, pmsm_foc and python_servo drives of fmus/ have."""
@@ -117,8 +117,11 @@ class DriveFault(NativeComponent):
     where the shaft then is: nothing jumps, an offset stays. The drive itself knows of nothing.
 
     Args:
-        name: of the component. span: when it is active. law: how the shaft moves.
-        omega: speed of a runaway (rad/s). theta_m: angle of the drive's shaft before tick 0 (rad).
+        name: of the component.
+        span: when it is active.
+        law: how the shaft moves.
+        omega: speed of a runaway (rad/s).
+        theta_m: angle of the drive's shaft before tick 0 (rad).
         monitored: whether there is an input `power`; without it the power is always on.
         period: of the drive, in ticks.
         label, target: what people know the fault and its drive by.
@@ -128,7 +131,7 @@ class DriveFault(NativeComponent):
         self,
         name: str,
         span: Span,
-        law: Law,
+        law: DriveLaw,
         omega: float,
         theta_m: float,
         monitored: bool,

@@ -94,9 +94,12 @@ class MessageFault(NativeComponent):
     Once the fault is over the reader has the sender's own message again at once; what is still under way is dropped.
 
     Args:
-        name: of the component. span: when it is active.
-        ports: the sender's ports that make one message. sender_period: in ticks.
-        least, most: how long a message is under way, in ticks. share: of the messages that are lost.
+        name: of the component.
+        span: when it is active.
+        ports: the sender's ports that make one message.
+        sender_period: in ticks.
+        least, most: how long a message is under way, in ticks.
+        share: of the messages that are lost.
         random: state in which its generator begins, see `first_state`.
     """
 

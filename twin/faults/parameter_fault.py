@@ -36,8 +36,10 @@ class ParameterFault(NativeComponent):
     Before the onset and after the end that is the nominal value, to the last bit.
 
     Args:
-        name: of the component. span: when it is active.
-        owner: the component in whose memory the parameter lies. parameter: what it is called there.
+        name: of the component.
+        span: when it is active.
+        owner: the component in whose memory the parameter lies.
+        parameter: what it is called there.
         cell: the parameter itself, a view (1,) of that memory.
         factor, added: what the nominal value is multiplied by, and what is added to it (SI).
         ramp: ticks in which both grow from nothing; 0: at once.

@@ -5,7 +5,7 @@ from typing import NamedTuple
 from twin.cosim.record import record_of
 
 
-class Belief(NamedTuple):
+class MonitorBelief(NamedTuple):
     """The monitor's model of the robot, SI.
 
     Attributes:
@@ -34,4 +34,4 @@ class Belief(NamedTuple):
     joint_zero: tuple[float, float, float]
 
 
-BELIEF = record_of(Belief)
+BELIEF = record_of(MonitorBelief)

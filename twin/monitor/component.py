@@ -6,7 +6,7 @@ from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.cosim.record import memory_of, record
-from twin.monitor.belief import BELIEF, Belief
+from twin.monitor.belief import BELIEF, MonitorBelief
 from twin.monitor.checks import (
     INVALID_SAMPLE,
     LARGEST_COUNT,
@@ -126,7 +126,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-class Monitor(NativeComponent):
+class SafetyMonitor(NativeComponent):
     """Sampled component between controller (or its delay) and drives.
 
     Latched at the first limit that is reached: it retracts, then holds, see `retraction.py`; docs/safety.md argues why.
@@ -138,7 +138,7 @@ class Monitor(NativeComponent):
         period: in ticks.
     """
 
-    def __init__(self, belief: Belief, limits: Limits, sample_interval: int = 1, period: int = 1):
+    def __init__(self, belief: MonitorBelief, limits: Limits, sample_interval: int = 1, period: int = 1):
         memory = memory_of(MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
         memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1

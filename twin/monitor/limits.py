@@ -21,10 +21,13 @@ class Limits(NamedTuple):
         stale_time: how far the sample counter may be off the time that has passed (s).
         frozen_demand: commanded speed (rad/s) above which a motor encoder has to move, within `frozen_time` (s).
         frozen_travel: motor angle (rad) within which the joint has to move a count.
-        command_limit: commanded motor speed that counts as saturated (rad/s). saturation_time: for how long (s).
-        follow_limit: how far a motor's low-passed speed may be off the command's (rad/s). follow_time: how long (s).
+        command_limit: commanded motor speed that counts as saturated (rad/s).
+        saturation_time: for how long (s).
+        follow_limit: how far a motor's low-passed speed may be off the command's (rad/s).
+        follow_time: how long (s).
         filter: corner of the first-order low-pass on force and speeds (Hz).
-        retract: motor angle of the retraction (rad). retract_speed: its speed (rad/s).
+        retract: motor angle of the retraction (rad).
+        retract_speed: its speed (rad/s).
     """
 
     force_limit: float

@@ -37,7 +37,9 @@ class Meaning(NamedTuple):
 
     Attributes:
         sentence: with `{joint}` where one joint is to blame.
-        quantity: what is compared with the limit. unit: for people. per_si: how many of them are one in SI.
+        quantity: what is compared with the limit.
+        unit: for people.
+        per_si: how many of them are one in SI.
     """
 
     sentence: str

@@ -5,7 +5,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from twin.monitor.belief import Belief
+from twin.monitor.belief import MonitorBelief
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import Masses, environment_force
 from twin.robot.inverse_kinematics import joint_angles
@@ -20,8 +20,10 @@ class Resolution(NamedTuple):
         wind_up: of a spring on the motor's side (rad).
         motor_speed: one motor count from one sample to the next (rad/s).
         jump: the same of a wind-up: motor and joint count together (rad/s).
-        force: length of the force (N). force_rate: that per sample (N/s).
-        position: of the platform (m). velocity: that per sample (m/s).
+        force: length of the force (N).
+        force_rate: that per sample (N/s).
+        position: of the platform (m).
+        velocity: that per sample (m/s).
     """
 
     wind_up: float
@@ -33,7 +35,7 @@ class Resolution(NamedTuple):
     velocity: float
 
 
-def resolution(belief: Belief, p_B: ArrayLike, dt: float) -> Resolution:
+def resolution(belief: MonitorBelief, p_B: ArrayLike, dt: float) -> Resolution:
     """What one count is worth with the platform at `p_B` (3,), m, and `dt` (s) between samples.
 
     F = J^T tau_l and v = J^-1 dtheta_l/dt; the worst case over the signs of the three joints is bounded by the sum of
@@ -58,7 +60,7 @@ def resolution(belief: Belief, p_B: ArrayLike, dt: float) -> Resolution:
     )
 
 
-def press_wind_up(belief: Belief, p_B: ArrayLike, force: float) -> float:
+def press_wind_up(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
     """Largest wind-up (rad, motor side) of a spring while the robot at `p_B` (3,), m, presses down with `force` (N).
 
     tau_l = J^-T (F_ee_B + own weight) with F_ee_B = (0, 0, -force), and Eq. 20; the dead zone comes on top.
@@ -74,6 +76,6 @@ def press_wind_up(belief: Belief, p_B: ArrayLike, force: float) -> float:
     return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
 
 
-def geometry(belief: Belief) -> Geometry:
+def geometry(belief: MonitorBelief) -> Geometry:
     """The lengths of Fig. 2 that the monitor believes."""
     return Geometry(belief.a, belief.b, belief.l_a, belief.l_b)

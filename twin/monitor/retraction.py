@@ -38,7 +38,9 @@ def supervise(limits, seen, retraction, ticks, tick, now):
     the two encoders may be the failure.
 
     Args:
-        ticks: since the last valid encoder message, without which nobody is accused. tick: in s. now: in ticks.
+        ticks: since the last valid encoder message, without which nobody is accused.
+        tick: in s.
+        now: in ticks.
     """
     for i in range(3):
         error_m = abs(seen.omega_cmd[i] - seen.omega_m[i])
@@ -54,7 +56,8 @@ class Retreat(NamedTuple):
     """What a retraction does to the platform.
 
     Attributes:
-        raised: how much higher it ends (m). sideways: how far it moves horizontally (m).
+        raised: how much higher it ends (m).
+        sideways: how far it moves horizontally (m).
         slowest: lowest rise per motor angle on the way (m/rad); negative where it would sink.
     """
 

@@ -20,7 +20,7 @@ from enum import IntEnum
 from numba import njit
 
 
-class Law(IntEnum):
+class ContactLaw(IntEnum):
     """By the names in an experiment's file, in capitals."""
 
     HUNT_CROSSLEY = 0
@@ -33,9 +33,9 @@ class Law(IntEnum):
 @njit(cache=True, error_model="numpy")
 def elastic_force(parameters, d):
     """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
-    if parameters.law == Law.EXPONENTIAL:
+    if parameters.law == ContactLaw.EXPONENTIAL:
         return parameters.K / parameters.stiffening * math.expm1(parameters.stiffening * d)
-    if parameters.law == Law.HUNT_CROSSLEY and parameters.exponent != 1.0:
+    if parameters.law == ContactLaw.HUNT_CROSSLEY and parameters.exponent != 1.0:
         return parameters.K * d * (d / parameters.reference_depth) ** (parameters.exponent - 1.0)
     return parameters.K * d
 
@@ -45,7 +45,7 @@ def pressing_force(parameters, d, rate):
     """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
     if d <= 0.0:
         return 0.0
-    if parameters.law == Law.KELVIN_VOIGT:
+    if parameters.law == ContactLaw.KELVIN_VOIGT:
         share = min(d / parameters.touch_depth, 1.0)
         fade = share * share * (3.0 - 2.0 * share)
         return max(elastic_force(parameters, d) + parameters.damper * fade * rate, 0.0)

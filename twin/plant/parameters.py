@@ -13,13 +13,15 @@ class PlantParameters(NamedTuple):
 
     Attributes:
         a, b, l_a, l_b: geometry of Fig. 2 (m).
-        m_a, m_b, m_p: proximal link, rod pair, platform (kg). I_r: pulley and arm fittings about the joint (kg m2).
+        m_a, m_b, m_p: proximal link, rod pair, platform (kg).
+        I_r: pulley and arm fittings about the joint (kg m2).
         b_j: viscous damping of a joint (N m s/rad).
         k_s, N, eta: spring stiffness (N m/rad), belt ratio, belt efficiency (Eq. 18-20).
         backlash: half width of the dead zone of the spring deflection, motor side (rad).
         eta_rate: joint speed (rad/s) over which a direction-dependent efficiency turns over; 0: eta is constant (the
             paper's model).
-        z_s: height of the surface on the z axis of B (m). tilt: its rotation about y (rad).
+        z_s: height of the surface on the z axis of B (m).
+        tilt: its rotation about y (rad).
         K, damping: contact stiffness (N/m) and Hunt-Crossley damping (s/m), see `contact_law.py`.
         mu, sigma_0, sigma_1: friction coefficient, bristle stiffness (N/m) and damping (N s/m).
         tilt_x: rotation of the surface about its own x axis, before `tilt` (rad).

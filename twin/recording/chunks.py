@@ -27,7 +27,7 @@ COMPRESSION_LEVEL = 1
 
 
 @dataclass(frozen=True)
-class Block:
+class RecordBlock:
     """Message records of one channel.
 
     Attributes:
@@ -58,7 +58,7 @@ class Messages:
     offsets: np.ndarray
 
 
-def merged(blocks: Sequence[Block]) -> Messages:
+def merged(blocks: Sequence[RecordBlock]) -> Messages:
     """The records of `blocks` in order of time; those of one time stay in the order of the blocks."""
     times = np.concatenate([block.times for block in blocks])
     counts = [len(block.times) for block in blocks]

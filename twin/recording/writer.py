@@ -14,7 +14,7 @@ from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Sche
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
-from twin.recording.chunks import COMPRESSION_LEVEL, Block, chunk, encoded, merged, message_indexes, pieces
+from twin.recording.chunks import COMPRESSION_LEVEL, RecordBlock, chunk, encoded, merged, message_indexes, pieces
 from twin.recording.errors import RecordingFailed
 from twin.recording.form import Form, form_layout, form_records
 from twin.recording.layout import Topic
@@ -89,7 +89,7 @@ class Writer:
         }
         self._summary = Summary(self._schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
-        self._pending: list[Block] = []
+        self._pending: list[RecordBlock] = []
         self._slice_topics: set[str] = set()
         self._output = Output(Path(path))
         self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
@@ -125,7 +125,7 @@ class Writer:
             return
         times = self._times(first_tick + opened.period * np.arange(len(rows)))
         records = opened.records(times, self._summary.message_counts[opened.channel], rows)
-        self._buffer(Block(opened.channel, times, records))
+        self._buffer(RecordBlock(opened.channel, times, records))
         opened.next_tick = first_tick + opened.period * len(rows)
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
@@ -144,7 +144,7 @@ class Writer:
         channel = self._channels[-1].id
         data = log.SerializeToString(deterministic=True)
         record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
-        self._buffer(Block(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :]))
+        self._buffer(RecordBlock(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :]))
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record at once, ahead of messages still buffered.
@@ -197,7 +197,7 @@ class Writer:
         """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
         return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
 
-    def _buffer(self, block: Block) -> None:
+    def _buffer(self, block: RecordBlock) -> None:
         self._summary.message_counts[block.channel] += len(block.times)
         self._pending.append(block)
 

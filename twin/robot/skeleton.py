@@ -21,7 +21,9 @@ class Skeleton(NamedTuple):
     """Joints of the three legs in the base frame, m; n poses.
 
     Attributes:
-        B: base joints B_i, (3, 3). A: ends of the proximal links A_i, (n, 3, 3). P: platform joints P_i, (n, 3, 3).
+        B: base joints B_i, (3, 3).
+        A: ends of the proximal links A_i, (n, 3, 3).
+        P: platform joints P_i, (n, 3, 3).
     """
 
     B: NDArray[np.float64]

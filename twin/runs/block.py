@@ -6,14 +6,15 @@ size both give the same bytes.
 
 import numpy as np
 
-from twin.runs.observer import Event
+from twin.runs.observer import TickEvent
 
 
-class Block:
+class RowBlock:
     """Rows of consecutive ticks, and what happened in them.
 
     Args:
-        size: most rows. width: of a row.
+        size: most rows.
+        width: of a row.
 
     Attributes:
         first: tick of the first row.
@@ -22,7 +23,7 @@ class Block:
 
     def __init__(self, size: int, width: int):
         self.first = 0
-        self.events: list[Event] = []
+        self.events: list[TickEvent] = []
         self._memory = np.empty((size, width))
         self._count = 0
 
@@ -35,7 +36,7 @@ class Block:
     def full(self) -> bool:
         return self._count == len(self._memory)
 
-    def add(self, rows: np.ndarray, events: list[Event]) -> None:
+    def add(self, rows: np.ndarray, events: list[TickEvent]) -> None:
         """Append the `rows` of one slice, no more than there is room for, and its `events`."""
         self._memory[self._count : self._count + len(rows)] = rows
         self._count += len(rows)

@@ -24,7 +24,8 @@ def refuse_endless(experiments: Sequence[Experiment], factor: float | None = Non
     """Ask whoever starts runs that take very long or fill the disk whether that is meant.
 
     Args:
-        experiments: to be run one after the other. factor: simulated time per wall time; None or 0: as fast as it goes.
+        experiments: to be run one after the other.
+        factor: simulated time per wall time; None or 0: as fast as it goes.
 
     Raises:
         InputRefused: more than `LONG` or `LARGE`; it says how much.

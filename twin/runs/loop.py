@@ -7,10 +7,10 @@ from typing import Self
 
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
-from twin.monitor.component import Monitor
+from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import trip_sentence
 from twin.runs.assembly.assemble import Assembly
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 LONG_SLICE = 1000
 """Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
@@ -22,12 +22,13 @@ class Simulated:
 
     Attributes:
         simulation: how far it came, and what ended it too early, if anything did.
-        stepping: wall time in the master (s). monitor: of the robot; None if nobody watches it.
+        stepping: wall time in the master (s).
+        monitor: of the robot; None if nobody watches it.
     """
 
     simulation: Simulation
     stepping: float
-    monitor: Monitor | None
+    monitor: SafetyMonitor | None
 
     @property
     def failure(self) -> ComponentFailed | None:
@@ -66,8 +67,11 @@ def simulate(
     """Step the robot from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
 
     Args:
-        assembly: freshly made. last_tick: the tick that gets the last row and no step.
-        observers: called in this order. slice_ticks: most ticks of a slice. timed: measure each component.
+        assembly: freshly made.
+        last_tick: the tick that gets the last row and no step.
+        observers: called in this order.
+        slice_ticks: most ticks of a slice.
+        timed: measure each component.
     """
     simulation = Simulation(assembly.system, last_tick, slice_ticks, timed)
     for observer in observers:
@@ -80,8 +84,8 @@ def simulate(
         began = time.perf_counter()
         rows = simulation.advance()
         stepping += time.perf_counter() - began
-        events: list[Event] = []
+        events: list[TickEvent] = []
         for observer in observers:
             observer.take(first, rows, events)
-    monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
+    monitor = next((c for c in assembly.system.components if isinstance(c, SafetyMonitor)), None)
     return Simulated(simulation, stepping, monitor)

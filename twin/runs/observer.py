@@ -9,7 +9,7 @@ from twin.cosim.simulation import Simulation
 Level = Literal["DEBUG", "INFO", "WARNING", "ERROR"]
 
 
-class Event(NamedTuple):
+class TickEvent(NamedTuple):
     """Something that happened at a tick: how much it matters, what, and in which component."""
 
     tick: int
@@ -36,7 +36,7 @@ class Observer:
     def ready(self, tick: int) -> None:
         """The slice from `tick` on is next: what is now written into a component's memory acts from that tick on."""
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """A slice is over.
 
         Args:

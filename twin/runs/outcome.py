@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.cosim.system import System
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 END = 1.0
 """The end of a run is its last second (s)."""
@@ -16,7 +16,7 @@ BLOCK = 1000
 
 
 @dataclass(frozen=True)
-class Outcome:
+class RunOutcome:
     """Numbers of the plant, not of what the controller believes.
 
     Attributes:
@@ -52,7 +52,7 @@ class Tally(Observer):
         self._peak, self._peak_tick = -math.inf, 0
         self._last = np.empty(0)
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         waiting = np.vstack([self._waiting, np.hstack([rows[:, columns] for columns in self._columns])])
         # sums of floating-point numbers depend on their order: these are always of the same rows
         whole = len(waiting) // BLOCK * BLOCK
@@ -72,14 +72,14 @@ class Tally(Observer):
         self._last = np.concatenate([self._last, F_z])[-round(END / self._tick) :]
 
     @property
-    def outcome(self) -> Outcome:
+    def outcome(self) -> RunOutcome:
         """Of at least one row."""
         total = copy(self)
         if len(self._waiting):
             total._add(self._waiting)
         x, y, z = total._squares / total._count
         controlled = total._controlled
-        return Outcome(
+        return RunOutcome(
             peak=total._peak,
             peak_time=total._peak_tick * total._tick,
             end=float(np.mean(total._last)),

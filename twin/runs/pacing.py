@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 SLICE = 0.01
 """Wall time (s) between two deadlines: short for whoever turns a knob, long compared with what a slice costs."""
@@ -18,8 +18,10 @@ class Punctuality:
     """How a paced run kept its deadlines.
 
     Attributes:
-        factor: simulated time per wall time that was wanted. achieved: what it came to.
-        deadlines: how many there were. misses: at how many the work was not done yet.
+        factor: simulated time per wall time that was wanted.
+        achieved: what it came to.
+        deadlines: how many there were.
+        misses: at how many the work was not done yet.
         worst: longest time by which one was missed (s).
         jitter, jitter_99: standard deviation and 99th percentile of the time from a deadline to going on (s).
     """
@@ -73,7 +75,7 @@ class Pace(Observer):
         if tick == 0:
             self._began = time.monotonic()
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.keep(first + len(rows))
 
     def keep(self, tick: int) -> None:

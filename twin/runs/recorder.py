@@ -9,10 +9,10 @@ import numpy as np
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
 from twin.recording.writer import Writer
-from twin.runs.block import Block
-from twin.runs.observer import Event, Observer
+from twin.runs.block import RowBlock
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 BLOCK_TICKS = 100
@@ -26,18 +26,19 @@ class Recorder(Observer):
         tuning: whose first change by hand the recording's metadata tell; an observer before this one.
 
     Attributes:
-        events: all of them. writing: wall time spent in here (s).
+        events: all of them.
+        writing: wall time spent in here (s).
     """
 
-    def __init__(self, writer: Writer, streams: Sequence[Stream], scene: Scene, tuning: Tuning):
-        self.events: list[Event] = []
+    def __init__(self, writer: Writer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
+        self.events: list[TickEvent] = []
         self.writing = 0.0
         self._writer, self._streams, self._scene, self._tuning = writer, streams, scene, tuning
         self._marked = False
 
     def begin(self, simulation: Simulation) -> None:
         self._simulation = simulation
-        self._block = Block(BLOCK_TICKS, simulation.system.outputs_width)
+        self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width)
 
     def ready(self, tick: int) -> None:
         if self._tuning.first and not self._marked:
@@ -45,7 +46,7 @@ class Recorder(Observer):
             self._writer.write_metadata("changed", {"first": self._tuning.first, "all": "the events of 'tuning'"})
             self._marked = True
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         began = time.perf_counter()
         self.events += events
         self._block.add(rows, events)

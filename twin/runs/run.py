@@ -18,8 +18,8 @@ from twin.runs.assembly.build import DriveMaker
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.fastest_pole import too_fast
 from twin.runs.loop import simulate
-from twin.runs.observer import Event, Observer
-from twin.runs.outcome import Outcome, Tally
+from twin.runs.observer import Observer, TickEvent
+from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.pacing import Pace, Punctuality
 from twin.runs.provenance import driven, provenance
 from twin.runs.recorder import BLOCK_TICKS, Recorder
@@ -61,7 +61,7 @@ class Run:
     trip: str
     drives: tuple[str, ...]
     substituted: dict[str, str]
-    outcome: Outcome
+    outcome: RunOutcome
     microseconds: dict[str, float]
     changed: bool
     punctuality: Punctuality | None
@@ -114,7 +114,7 @@ class _Progress(Observer):
     def __init__(self, tell: Progress, ticks: int):
         self._tell, self._ticks = tell, ticks
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self._tell(first + len(rows), self._ticks)
 
 

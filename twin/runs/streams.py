@@ -8,14 +8,14 @@ from twin.recording.layout import Field, Topic
 
 
 @dataclass(frozen=True)
-class Stream:
+class RowStream:
     """A topic, and the columns of a row that it is made of."""
 
     topic: Topic
     columns: slice
 
 
-def streams_of(system: System, shortest: int = 1) -> list[Stream]:
+def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
     """One per component, in their order.
 
     `drive_1` is the topic drive/1, `fault_1` is fault/1, everything else has its own name.
@@ -28,5 +28,5 @@ def streams_of(system: System, shortest: int = 1) -> list[Stream]:
         name = re.sub(r"^(drive|fault)_", r"\1/", component.name)
         fields = tuple(Field(p.name, p.size, p.kind, p.unit, p.meaning) for p in component.outputs)
         columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
-        streams.append(Stream(Topic(name, fields, max(shortest, component.period)), columns))
+        streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
     return streams

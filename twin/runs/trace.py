@@ -16,7 +16,7 @@ from twin.recording.messages import VALUE_TYPES
 from twin.recording.series import NANOSECONDS
 from twin.runs.assembly.assemble import assemble
 from twin.runs.loop import simulate
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.streams import streams_of
 
 
@@ -36,7 +36,8 @@ class Trace(Observer):
         only: the signals that are kept, `topic.field` each; none: all of them.
 
     Attributes:
-        metadata: a recording's; there is none. tick: of the simulation (s).
+        metadata: a recording's; there is none.
+        tick: of the simulation (s).
     """
 
     def __init__(self, every: int = 1, only: Collection[str] = ()):
@@ -60,7 +61,7 @@ class Trace(Observer):
         self._memory = np.empty((simulation.last_tick // self._every + 1, len(taken)))
         self._count = 0
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         kept = rows[-first % self._every :: self._every, self._taken]
         self._memory[self._count : self._count + len(kept)] = kept
         self._count += len(kept)

@@ -10,7 +10,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import unknown
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.assembly.tunable import tunables
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 
 class Tuning(Observer):
@@ -28,7 +28,7 @@ class Tuning(Observer):
         self._tunables = tunables(experiment, assembly.system)
         self._values = {key: float(tunable.number) for key, tunable in self._tunables.items()}
         self._asked: dict[str, tuple[float, float]] = {}
-        self._changes: list[Event] = []
+        self._changes: list[TickEvent] = []
         self._open = True
         self._lock = threading.Lock()
 
@@ -64,7 +64,7 @@ class Tuning(Observer):
                     self._tell(tick, key, number, " (live)")
                     self.first = self.first or self._changes[0].text
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         """Tell what was changed by hand before this slice, and by the experiment itself in it."""
         with self._lock:
             for change in self._experiment.changes:
@@ -76,7 +76,7 @@ class Tuning(Observer):
     def _tell(self, tick: int, key: str, number: float, how: str = "") -> None:
         before, self._values[key] = self._values[key], number
         told = f"{key}: {_written(before)} -> {_written(number)}{how}"
-        self._changes.append(Event(tick, "INFO", told, "tuning"))
+        self._changes.append(TickEvent(tick, "INFO", told, "tuning"))
 
     def close(self) -> None:
         """Refuse from now on."""

@@ -6,28 +6,31 @@ from typing import Protocol
 import numpy as np
 
 from twin.cosim.simulation import Simulation
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 
 class Viewer(Protocol):
     """Called by the thread that steps, between slices; what it takes its time over delays the run."""
 
-    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
         """A run begins as soon as this returns.
 
         Args:
-            streams: in the order of the recording. scene: draws rows. tick: duration of a tick (s).
+            streams: in the order of the recording.
+            scene: draws rows.
+            tick: duration of a tick (s).
             tuning: what may be changed, by any thread, until the run is over.
         """
 
-    def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
+    def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         """Show what has just been simulated.
 
         Args:
-            first: tick of the first row. rows: (n, width of the system's outputs), overwritten by the next slice.
+            first: tick of the first row.
+            rows: (n, width of the system's outputs), overwritten by the next slice.
             events: what happened in them.
         """
 
@@ -35,11 +38,11 @@ class Viewer(Protocol):
 class Shown(Observer):
     """Shows a run to `viewer`; the arguments are those of its `begin`."""
 
-    def __init__(self, viewer: Viewer, streams: Sequence[Stream], scene: Scene, tuning: Tuning):
+    def __init__(self, viewer: Viewer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
         self._viewer, self._streams, self._scene, self._tuning = viewer, streams, scene, tuning
 
     def begin(self, simulation: Simulation) -> None:
         self._viewer.begin(self._streams, self._scene, simulation.system.tick, self._tuning)
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self._viewer.show(first, rows, events)

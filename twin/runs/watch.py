@@ -6,10 +6,10 @@ import numpy as np
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.experiment import Experiment
-from twin.monitor.component import Monitor
+from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import trip_sentence
 from twin.runs.assembly.assemble import Assembly
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 
 PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
 UNREACHED = "did not reach the force down to the floor of the approach"
@@ -30,15 +30,15 @@ class Watch(Observer):
         self._experiment = experiment
         self._tasks = [type(task).__name__.lower() for task in experiment.tasks]
         self._before = np.zeros(2)
-        self._monitor = next((c for c in assembly.system.components if isinstance(c, Monitor)), None)
+        self._monitor = next((c for c in assembly.system.components if isinstance(c, SafetyMonitor)), None)
         self._tripped, self._power = False, True
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if len(rows):
             events += [*self._faults(first, len(rows)), *self._progress(first, rows), *self._trips(), *self._messages()]
             events.sort(key=lambda event: event.tick)
 
-    def _progress(self, first: int, rows: np.ndarray) -> Iterator[Event]:
+    def _progress(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
         columns = ("controller.task", "controller.phase") if self._tasks else ("controller.triggered",) * 2
         watched = np.stack([rows[:, self._system.columns(name).start] for name in columns], axis=1)
         watched = np.concatenate([self._before[None, :], watched])
@@ -49,40 +49,40 @@ class Watch(Observer):
             if self._tasks:
                 yield from self._phase(tick, before, after, F_z)
             elif after[0] > before[0]:
-                yield Event(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
+                yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
 
-    def _phase(self, tick: int, before: np.ndarray, after: np.ndarray, F_z: float) -> Iterator[Event]:
+    def _phase(self, tick: int, before: np.ndarray, after: np.ndarray, F_z: float) -> Iterator[TickEvent]:
         number, phase = int(after[0]), PhaseKind(int(after[1]))
         name = f"task {number} ({self._tasks[number - 1]})"
         if before[0] != number:
-            yield Event(tick, "INFO", f"{name} of {len(self._tasks)} begins", "controller")
+            yield TickEvent(tick, "INFO", f"{name} of {len(self._tasks)} begins", "controller")
         was = PhaseKind(int(before[1])) if before[1] else PhaseKind.DONE
         # a probe is followed by a retraction either way; what tells them apart is the force
         felt = was is PhaseKind.PROBE and F_z >= self._experiment.tasks[number - 1].force
         if phase is PhaseKind.RETRACT and was in CUT_SHORT and not felt:
-            yield Event(tick, "WARNING", f"{name} {CUT_SHORT[was]}", "controller")
-        yield Event(tick, "DEBUG", f"{name}: {phase.phrase}", "controller")
+            yield TickEvent(tick, "WARNING", f"{name} {CUT_SHORT[was]}", "controller")
+        yield TickEvent(tick, "DEBUG", f"{name}: {phase.phrase}", "controller")
 
-    def _trips(self) -> Iterator[Event]:
+    def _trips(self) -> Iterator[TickEvent]:
         if self._monitor is None:
             return
         trip = self._monitor.trip
         if trip is not None and not self._tripped:
             self._tripped = True
-            yield Event(trip.tick, "ERROR", trip_sentence(trip), "monitor")
+            yield TickEvent(trip.tick, "ERROR", trip_sentence(trip), "monitor")
         off = self._monitor.power_off_tick
         if off is not None and self._power:
             self._power = False
-            yield Event(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
+            yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
 
-    def _faults(self, first: int, count: int) -> Iterator[Event]:
+    def _faults(self, first: int, count: int) -> Iterator[TickEvent]:
         for number, fault in enumerate(self._experiment.faults, start=1):
             name = f"fault {number} ({fault.kind} of {fault.target})"
             for tick, verb in ((fault.onset, "begins"), (fault.end, "ends")):
                 if first <= tick < first + count:
-                    yield Event(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
+                    yield TickEvent(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
 
-    def _messages(self) -> Iterator[Event]:
+    def _messages(self) -> Iterator[TickEvent]:
         for component in self._system.components:
             for tick, text in component.said():
-                yield Event(tick, "WARNING", text, component.name)
+                yield TickEvent(tick, "WARNING", text, component.name)

@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.recording.logs.column_map import Column, column_map, split_unit
+from twin.recording.logs.column_map import MappedColumn, column_map, split_unit
 from twin.recording.logs.errors import LogRefused
 
 
@@ -22,17 +22,17 @@ def test_file_and_command_line_say_the_same(tmp_path: Path):
     ]
     assert column_map([str(file)]) == column_map(texts)
     assert column_map(texts) == {
-        "time": Column("stamp", "ms"),
-        "controller.F_z": Column("Fz", "N", -1),
-        "plant.p_B[2]": Column("z_mm"),
-        "encoder.theta[0]": Column("/joints.position[0]", "deg"),
+        "time": MappedColumn("stamp", "ms"),
+        "controller.F_z": MappedColumn("Fz", "N", -1),
+        "plant.p_B[2]": MappedColumn("z_mm"),
+        "encoder.theta[0]": MappedColumn("/joints.position[0]", "deg"),
     }
 
 
 def test_later_entries_win(tmp_path: Path):
     file = tmp_path / "map.toml"
     file.write_text('F = "a"\nG = "b"\n')
-    assert column_map([file, "F=c[N]"]) == {"F": Column("c", "N"), "G": Column("b")}
+    assert column_map([file, "F=c[N]"]) == {"F": MappedColumn("c", "N"), "G": MappedColumn("b")}
 
 
 @pytest.mark.parametrize(

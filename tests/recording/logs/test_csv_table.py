@@ -10,11 +10,11 @@ import pytest
 
 from twin.recording.logs import csv_table
 from twin.recording.logs.csv_head import LARGEST
-from twin.recording.logs.csv_table import Table, read_table
+from twin.recording.logs.csv_table import CsvTable, read_table
 from twin.recording.logs.errors import LogRefused
 
 
-def table(tmp_path: Path, text: str) -> Table:
+def table(tmp_path: Path, text: str) -> CsvTable:
     (tmp_path / "a.csv").write_text(text, newline="")
     return read_table(tmp_path / "a.csv")
 

@@ -3,7 +3,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from twin.report.page.block import Block, thinned, thinning
+from twin.report.page.block import DataBlock, thinned, thinning
 from twin.studies.packing import values_of
 
 samples = arrays(np.float64, st.integers(1, 200), elements=st.floats(-1e6, 1e6, width=32))
@@ -11,7 +11,7 @@ samples = arrays(np.float64, st.integers(1, 200), elements=st.floats(-1e6, 1e6, 
 
 @given(samples, samples)
 def test_what_comes_out_of_a_block_is_what_went_in_to_32_bits(a: np.ndarray, b: np.ndarray):
-    block = Block()
+    block = DataBlock()
     places = [block.add(a), block.add(b)]
     whole = values_of(block.text())
     for values, (at, count) in zip((a, b), places, strict=True):

@@ -7,14 +7,14 @@ from tests.laws.runs import PARAMETERS
 from tests.studies.paper.fig5_recordings import pressed
 from twin.plant.surface import Shape, surface_frame
 from twin.recording.recording import Recording
-from twin.report.page.block import Block
+from twin.report.page.block import DataBlock
 from twin.report.page.run import ReportRun
 from twin.report.page.scene import scene, surface
 from twin.studies.packing import values_of
 
 
 def test_every_link_of_the_player_has_its_length(force_position: Recording):
-    block = Block()
+    block = DataBlock()
     shown = scene(ReportRun("", force_position), block)
     assert shown is not None
     n = shown["frames"]["count"]
@@ -28,7 +28,7 @@ def test_every_link_of_the_player_has_its_length(force_position: Recording):
 
 
 def test_the_force_of_the_player_is_the_recorded_one(force_position: Recording):
-    block = Block()
+    block = DataBlock()
     shown = scene(ReportRun("", force_position), block)
     assert shown is not None
     columns = values_of(block.text()).reshape(-1, shown["frames"]["count"]).T
@@ -52,4 +52,4 @@ def test_the_drawn_surface_is_where_the_depth_is_zero(shape: str):
 
 
 def test_a_run_without_joint_angles_has_no_scene(tmp_path: Path):
-    assert scene(ReportRun("", pressed(tmp_path)), Block()) is None
+    assert scene(ReportRun("", pressed(tmp_path)), DataBlock()) is None

@@ -15,8 +15,8 @@ def test_the_program_is_that_of_the_tasks_in_the_manner_of_the_approach():
     assert (travel.target, travel.speed, travel.ramp_in) == ((0.0, 0.0, -0.092), 0.04, 0.1)
     assert (descend.target[2], descend.speed, descend.level) == (-0.13, 0.01, 0.6)
     assert (build_up.F_end, build_up.duration) == (8.0, 3.5)
-    manner = programs.Approach(-0.092, -0.13, 0.04, 0.01, 0.1, 0.5, 0.6)
-    roll = programs.Roll((0.0, 0.0), 5.0, 2.0, 0.005, 1.0, 6.0)
+    manner = programs.Travel(-0.092, -0.13, 0.04, 0.01, 0.1, 0.5, 0.6)
+    roll = programs.Rolling((0.0, 0.0), 5.0, 2.0, 0.005, 1.0, 6.0)
     found = [phase for phase in phases if phase.task == 3 and phase.kind == Kind.CIRCLE]
     (expected,) = (phase for phase in programs.program(manner, [roll]) if phase.kind == Kind.CIRCLE)
     assert [(phase.radius, phase.rate, phase.turns) for phase in found] == [

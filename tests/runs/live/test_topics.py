@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from twin.recording.layout import Field, Topic
 from twin.recording.messages import HEAD_SIZE, message_layout, message_records
 from twin.runs.live.topics import Encoder
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 
 TOPICS = (
     Topic("a", (Field("x", 3, "double", "m", ""), Field("n", 2, "int", "1", ""), Field("on", 1, "bool", "1", "")), 1),
@@ -15,7 +15,7 @@ TOPICS = (
         "b/1", (Field("on", 2, "bool", "1", ""), Field("J", 20, "double", "m", ""), Field("n", 1, "int", "1", "")), 2
     ),
 )
-STREAMS = (Stream(TOPICS[0], slice(0, 6)), Stream(TOPICS[1], slice(6, 29)))
+STREAMS = (RowStream(TOPICS[0], slice(0, 6)), RowStream(TOPICS[1], slice(6, 29)))
 WHOLE = (3, 4, 28)
 """Columns that hold whole numbers."""
 

@@ -10,25 +10,25 @@ from twin.errors import InputRefused
 from twin.runs.guard.reporter import DirectReporter
 from twin.studies.check import check
 from twin.studies.check.baseline import Entry, baseline_file, read_baseline, write_baseline
-from twin.studies.check.job import Outcome, Pair, checked, pairs
+from twin.studies.check.job import CheckOutcome, Pair, checked, pairs
 
 STIFFER = "[controller.position]\nkp_per_s = 2.0"
 DRIVE = "ideal_velocity"
 
 
-def outcomes(folder: Path, *files: Path, reason: str = "") -> list[Outcome]:
+def outcomes(folder: Path, *files: Path, reason: str = "") -> list[CheckOutcome]:
     """Of `files` with one drive; what an update would write is written."""
     notes: list[dict[str, Any]] = []
     work = [Pair(str(file), DRIVE) for file in files]
     checked(DirectReporter(notes.append, lambda done, total: None), work, folder, "2026-01-02", reason)
-    found = [Outcome.of(note) for note in notes]
+    found = [CheckOutcome.of(note) for note in notes]
     for outcome in found:
         if outcome.text:
             write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, DRIVE), outcome.text)
     return found
 
 
-def words(outcome: Outcome) -> dict[str, str]:
+def words(outcome: CheckOutcome) -> dict[str, str]:
     assert outcome.verdict is not None, outcome.failure
     return {row.name: row.word for row in outcome.verdict.rows}
 

@@ -8,10 +8,10 @@ from twin.runs.assembly.load import load_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.check.measurement import measured
 from twin.studies.check.signals import run_for_measures
-from twin.studies.check.verdict import Row, verdict
+from twin.studies.check.verdict import CheckRow, verdict
 
 
-def broken(name: str, drive: str, override: str) -> dict[str, Row]:
+def broken(name: str, drive: str, override: str) -> dict[str, CheckRow]:
     """What deviates from the repository's baseline with `override`."""
     experiment = load_experiment(EXPERIMENTS / f"{name}.toml", [override], drive)
     baseline = read_baseline(ROOT / f"tests/baselines/{name}/{drive}.toml")

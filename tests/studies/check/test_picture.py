@@ -8,15 +8,15 @@ from PIL import Image
 
 from twin.errors import InputRefused
 from twin.studies.check.picture import MOST, check_pictures
-from twin.studies.check.verdict import Outside, Verdict
+from twin.studies.check.verdict import CheckVerdict, Outside
 
 t = np.linspace(0.5, 4.0, 40)
 NOW = np.where(t > 3.0, np.nan, -1.05 * t)
 CURVE = Outside("z.tube", "plant.p_B[2]", "m", *(line.tolist() for line in (t, -t, -t - 0.1, -t + 0.1, NOW)))
 
 
-def outside(drive: str, *curves: Outside) -> Verdict:
-    return Verdict("step_z_air", drive, (), (), curves)
+def outside(drive: str, *curves: Outside) -> CheckVerdict:
+    return CheckVerdict("step_z_air", drive, (), (), curves)
 
 
 def test_each_check_has_a_picture_with_a_panel_per_curve_and_it_is_the_same_every_time(tmp_path: Path):

@@ -1,17 +1,17 @@
 import pytest
 
 from twin.studies.check.text import MOST, check_text
-from twin.studies.check.verdict import Row, Verdict
+from twin.studies.check.verdict import CheckRow, CheckVerdict
 
-OK = Row("z.rise_time", "s", 1.4, 1.41, 0.028, None, "ok")
-WORSE = Row("motors.commanded_travel", "rad", 0.4, 0.5, 0.008, None, "worse")
-OUTSIDE = Row("next_joint.tube", "rad", 0.14, float("nan"), 4e-4, 0.5, "outside")
-LONG = Row("force_on_the_left_shoulder.settling_time_2", "N", 5.0, 6.0, 0.1, None, "worse")
-NEW = Row("z.rise_time", "s", None, 1.4, None, None, "new")
+OK = CheckRow("z.rise_time", "s", 1.4, 1.41, 0.028, None, "ok")
+WORSE = CheckRow("motors.commanded_travel", "rad", 0.4, 0.5, 0.008, None, "worse")
+OUTSIDE = CheckRow("next_joint.tube", "rad", 0.14, float("nan"), 4e-4, 0.5, "outside")
+LONG = CheckRow("force_on_the_left_shoulder.settling_time_2", "N", 5.0, 6.0, 0.1, None, "worse")
+NEW = CheckRow("z.rise_time", "s", None, 1.4, None, None, "new")
 
 
-def verdict(*rows: Row, drive: str = "torque_motor_fmi3", notes: tuple[str, ...] = ()) -> Verdict:
-    return Verdict("step_force_scale", drive, rows, notes)
+def verdict(*rows: CheckRow, drive: str = "torque_motor_fmi3", notes: tuple[str, ...] = ()) -> CheckVerdict:
+    return CheckVerdict("step_force_scale", drive, rows, notes)
 
 
 def test_many_checks_that_are_as_they_were_are_one_line():
@@ -58,6 +58,6 @@ def test_what_could_not_be_done_is_told_first_and_in_full():
 
 
 @pytest.mark.parametrize("rows", [(OK,), (WORSE, OUTSIDE), (NEW,), (OK, LONG)])
-def test_no_line_is_longer_than_a_terminal(rows: tuple[Row, ...]):
+def test_no_line_is_longer_than_a_terminal(rows: tuple[CheckRow, ...]):
     text = check_text([verdict(*rows, notes=("a note " * 20,)), verdict(OK)], ["a sentence " * 20])
     assert max(len(line) for line in text.splitlines()) <= 80

@@ -10,7 +10,7 @@ from tests.studies.check.traces import EXPERIMENT, t
 from twin.studies.check.baseline import Baseline, Entry, baseline_of
 from twin.studies.check.measurement import Measured, Sampled
 from twin.studies.check.metric import Metric, Sense
-from twin.studies.check.verdict import Verdict, verdict
+from twin.studies.check.verdict import CheckVerdict, verdict
 
 SINE = np.sin(t)
 
@@ -24,7 +24,7 @@ def baseline(value: float = 1.0, sense: Sense = "less") -> Baseline:
     return baseline_of(EXPERIMENT, "x", coming_to(value, sense), [Entry("2026-01-01", "first")], None)
 
 
-def words(found: Verdict) -> list[str]:
+def words(found: CheckVerdict) -> list[str]:
     return [row.word for row in found.rows]
 
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 
 
 def log_of(
@@ -13,4 +13,4 @@ def log_of(
 ) -> Log:
     """A log of `signals` and `more` (n,) in N at the times t (n,)."""
     named = {**(signals or {}), **more}
-    return Log(Path(path), {name: Series(t, values, "N") for name, values in named.items()})
+    return Log(Path(path), {name: LogSeries(t, values, "N") for name, values in named.items()})

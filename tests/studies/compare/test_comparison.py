@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.studies.compare.alignment import alignment
 from twin.studies.compare.comparison import Comparison, compared
 from twin.studies.compare.row import coverage
@@ -97,7 +97,7 @@ def test_instants_in_a_gap_of_the_denser_log_are_left_out():
 
 
 def covered(ours: np.ndarray, theirs: np.ndarray) -> float:
-    return coverage(Series(ours, ours, "s"), Series(theirs, theirs, "s"))
+    return coverage(LogSeries(ours, ours, "s"), LogSeries(theirs, theirs, "s"))
 
 
 def test_a_log_of_the_same_time_covers_all_of_it_whatever_its_clock():
@@ -176,7 +176,7 @@ def test_signals_can_be_chosen_and_the_others_are_listed():
 def test_units_of_one_dimension_are_one_and_others_are_refused_with_the_remedy():
     t = T[:3]
     a = log_of(t, F=t, p=t)
-    b = Log(Path("b.csv"), {"F": Series(t, t, "1"), "p": Series(t, t, "m")})
+    b = Log(Path("b.csv"), {"F": LogSeries(t, t, "1"), "p": LogSeries(t, t, "m")})
     with pytest.raises(ComparisonRefused) as refused:
         compared(a, b)
     assert str(refused.value) == (

@@ -7,7 +7,7 @@ import pytest
 
 from tests.laws.runs import FORCE, shipped
 from twin.runs.assembly.load import load_experiment
-from twin.studies.converge.convergence import Point, Series, Study, convergence, recommended
+from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint, convergence, recommended
 from twin.studies.converge.coupling import COUPLINGS
 from twin.studies.converge.picture import draw_convergence
 from twin.studies.converge.study import convergence_facts
@@ -69,9 +69,9 @@ def test_facts_are_plain_numbers(study: Study):
     assert len(facts["series"]) == len(COUPLINGS)  # type: ignore[arg-type]
 
 
-def series(number: int, *errors: float) -> Series:
-    points = tuple(Point(tick, {"F_z": error}, 1.0) for tick, error in zip((2e-3, 1e-3), errors, strict=True))
-    return Series(COUPLINGS[number], points, {}, ())
+def series(number: int, *errors: float) -> CouplingSeries:
+    points = tuple(TickPoint(tick, {"F_z": error}, 1.0) for tick, error in zip((2e-3, 1e-3), errors, strict=True))
+    return CouplingSeries(COUPLINGS[number], points, {}, ())
 
 
 def test_the_longest_tick_that_is_good_enough_is_chosen_and_there_the_simplest_coupling():

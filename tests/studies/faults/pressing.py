@@ -6,10 +6,10 @@ from functools import cache
 from tests.laws.runs import shipped
 from twin.studies.faults.case import cases, known_kinds
 from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
-from twin.studies.faults.row import Outcome, Row
+from twin.studies.faults.row import FaultOutcome, FaultRow
 
 
-def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[Row]:
+def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[FaultRow]:
     """Rows of an experiment of experiments/."""
     experiment = shipped(name, *overrides)
     healthy = healthy_trial(experiment)
@@ -18,14 +18,14 @@ def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[Row]:
 
 
 @cache
-def pressing() -> list[Row]:
+def pressing() -> list[FaultRow]:
     return matrix("pressing")
 
 
-def outcome(peak=8.0, peak_delay=0.0, reason="", delay=None) -> Outcome:
-    return Outcome(peak, peak_delay, 0.0, reason, delay, None, "finished", "")
+def outcome(peak=8.0, peak_delay=0.0, reason="", delay=None) -> FaultOutcome:
+    return FaultOutcome(peak, peak_delay, 0.0, reason, delay, None, "finished", "")
 
 
-def row(kind="breathing", magnitude: float | None = 5.0, watched=None, unwatched=None) -> Row:
+def row(kind="breathing", magnitude: float | None = 5.0, watched=None, unwatched=None) -> FaultRow:
     runs = watched or outcome(), unwatched or outcome()
-    return Row(kind, "contact", magnitude, 5.5, True, 15.0, 8.0, *runs)
+    return FaultRow(kind, "contact", magnitude, 5.5, True, 15.0, 8.0, *runs)

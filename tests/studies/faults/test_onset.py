@@ -3,11 +3,11 @@ import pytest
 
 from twin.errors import InputRefused
 from twin.studies.faults.onset import default_onsets, touching
-from twin.studies.faults.trial import Trial
+from twin.studies.faults.trial import FaultTrial
 
 
-def healthy(force, z) -> Trial:
-    return Trial(np.array(force, dtype=float), np.array(z, dtype=float), None, None, "", "")
+def healthy(force, z) -> FaultTrial:
+    return FaultTrial(np.array(force, dtype=float), np.array(z, dtype=float), None, None, "", "")
 
 
 def test_onsets_are_the_middles_of_the_descent_and_of_the_longest_contact():

@@ -10,23 +10,23 @@ from tests.studies.identify.calibrations import identification, run
 from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.errors import TwinError
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.studies.identify.identification import NotIdentifiable, identified
 from twin.studies.identify.truth import truth
-from twin.studies.replay.model import Model, loaded_model
+from twin.studies.replay.model import RobotModel, loaded_model
 
 NINE_PRESSES = "duration_s=55"
 LOSSES = (NINE_PRESSES, "plant.eta=0.85", "plant.eta_rate_rad_per_s=0.02", "contact.tilt_deg=1.0")
 
 
-def model() -> Model:
+def model() -> RobotModel:
     return loaded_model(EXPERIMENTS / "calibration.toml")
 
 
 def changed(log: Log, name: str, change) -> Log:
     """`log` with the values of every series that begins with `name` put through `change`."""
     series = {
-        key: Series(one.t, change(one.values), one.unit) if key.startswith(name) else one
+        key: LogSeries(one.t, change(one.values), one.unit) if key.startswith(name) else one
         for key, one in log.series.items()
     }
     return replace(log, series=series)
@@ -214,7 +214,7 @@ def test_a_motor_torque_that_is_not_there_is_named():
 def test_a_scale_that_shows_its_force_late_is_found_out():
     log = run()
     F = log.series["scale.F_z"]
-    late = replace(log, series={**log.series, "scale.F_z": Series(F.t + 0.04, F.values, F.unit)})
+    late = replace(log, series={**log.series, "scale.F_z": LogSeries(F.t + 0.04, F.values, F.unit)})
     one = identified(late, model())
     assert one.estimate("delay").value == pytest.approx(0.04, abs=2e-3)
     # a line through each window replaces the force of 40 ms before

@@ -5,7 +5,7 @@ import pytest
 
 from tests.studies.identify.calibrations import belief
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Series
+from twin.recording.logs.log import LogSeries
 from twin.studies.identify.windows import windows
 from twin.studies.replay.robot_log import RobotLog
 
@@ -15,7 +15,7 @@ def log(joint: np.ndarray, t: np.ndarray, force: bool = True) -> RobotLog:
     robot = belief()
     count_l = np.floor(joint * robot.joint_counts / (2 * np.pi) + 0.5)
     count_m = np.floor(robot.N * joint * robot.motor_counts / (2 * np.pi) + 0.5)
-    scale = Series(t, np.zeros(len(t)), "N") if force else None
+    scale = LogSeries(t, np.zeros(len(t)), "N") if force else None
     count_m, count_l = (np.repeat(count[:, None], 3, axis=1) for count in (count_m, count_l))
     return RobotLog(Path("robot.csv"), t, count_m, count_l, np.empty((0, 2)), 0, scale, ())
 

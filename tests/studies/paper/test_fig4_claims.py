@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from tests.studies.paper.fig4_series import T, runs
-from twin.studies.paper.claim import Finding, judged
+from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import CLAIMS, QUALITY
 from twin.studies.paper.fig4_measures import disproportion, fluctuation
 from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
@@ -164,7 +164,7 @@ FINER = {"trigger_time", "trigger_force", "fluctuation_small", "true_force", "tr
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():
     for claim in BY_KEY.values():
         # a number without end, of which the claim says how much is printed
-        printed = Finding(claim, 1.0 / 3.0, "holds", "").measured
+        printed = ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured
         digits = len(printed.partition(" ")[0].partition(".")[2])
         assert not printed or digits == (3 if claim.key in FINER else DIGITS[claim.unit]), claim.key
 

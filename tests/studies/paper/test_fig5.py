@@ -14,7 +14,7 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
-from twin.studies.paper.claim import Finding
+from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig5 import CLAIMS
 from twin.studies.paper.fig5_measures import speed_of_touch
 from twin.studies.paper.fig5_runs import body_of, drive_of, task_runs, trip_sentence
@@ -72,7 +72,7 @@ FLAWS: dict[str, list[tuple[str, dict[str, Any]]]] = {
 }
 
 
-def findings(recording: Recording) -> dict[str, Finding]:
+def findings(recording: Recording) -> dict[str, ClaimFinding]:
     return {finding.claim.key: finding for finding in fig5_score([recording]).tasks[0].findings}
 
 
@@ -162,7 +162,7 @@ ODD_DIGITS = {"excess": 2, "tripped": 0, "missing": 0}
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit(kind: str):
     for claim in CLAIMS[kind]:
         # a number without end, of which the claim says how much is printed
-        digits = len(Finding(claim, 1.0 / 3.0, "holds", "").measured.split()[0].partition(".")[2])
+        digits = len(ClaimFinding(claim, 1.0 / 3.0, "holds", "").measured.split()[0].partition(".")[2])
         assert digits == ODD_DIGITS.get(claim.key, DIGITS[claim.unit]), claim.key
 
 

@@ -10,7 +10,7 @@ from tests.conftest import ROOT
 from tests.drive.faulty import faulty_drive
 from tests.runs.made_up import made_up
 from twin.errors import InputRefused
-from twin.studies.qualify.comparison import Trial, comparison_facts, trials
+from twin.studies.qualify.comparison import DriveTrial, comparison_facts, trials
 from twin.studies.qualify.text import compare_text
 from twin.studies.qualify.true_run import COMPARED, TrueRun
 
@@ -18,15 +18,15 @@ FIG4 = ROOT / "experiments/fig4_force_position.toml"
 
 
 @pytest.fixture(scope="module")
-def fig4() -> tuple[Trial, ...]:
+def fig4() -> tuple[DriveTrial, ...]:
     return trials(FIG4, ["velocity_servo", "pmsm_foc", "brushed_dc"])
 
 
-def values(trial: Trial) -> dict[str, float | None]:
+def values(trial: DriveTrial) -> dict[str, float | None]:
     return {measure.name: measure.value for measure in trial.measures}
 
 
-def test_the_robot_behaves_as_the_reference_computation_of_fig4(fig4: tuple[Trial, ...]):
+def test_the_robot_behaves_as_the_reference_computation_of_fig4(fig4: tuple[DriveTrial, ...]):
     servo = values(fig4[0])
     # triggered at 5.61 s, the true force settles at 6.46 s, each to 0.01 s
     assert servo["settling_time"] == pytest.approx(0.85, abs=0.02)
@@ -36,7 +36,7 @@ def test_the_robot_behaves_as_the_reference_computation_of_fig4(fig4: tuple[Tria
     assert servo["rms_z_error"] == pytest.approx(0.07e-3, rel=0.1)
 
 
-def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[Trial, ...]):
+def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[DriveTrial, ...]):
     servo, machine, brushed = map(values, fig4)
     assert servo["peak_current"] is None and machine["energy"] is None
     assert machine["peak_current"] is not None and 0.0 < machine["peak_current"] < 5.7
@@ -45,14 +45,14 @@ def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[Trial, ..
     assert brushed["energy"] > brushed["shaft_work"] > 0.0
 
 
-def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[Trial, ...]):
+def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTrial, ...]):
     lines = compare_text(fig4).splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[2:5]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(len(line.split()) == 1 + len(COMPARED) for line in lines[2:5])
 
 
-def test_facts_name_every_measure_of_every_drive(fig4: tuple[Trial, ...]):
+def test_facts_name_every_measure_of_every_drive(fig4: tuple[DriveTrial, ...]):
     facts = comparison_facts(FIG4, fig4)
     assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(list(drive["measures"]) == list(COMPARED) for drive in facts["drives"])

@@ -12,7 +12,7 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
-from twin.studies.replay.model import Model, loaded_model
+from twin.studies.replay.model import RobotModel, loaded_model
 from twin.studies.replay.replay import Replay, replayed
 
 EXPERIMENTS = Path(__file__).resolve().parents[3] / "experiments"
@@ -29,7 +29,7 @@ def ran(name: str, *settings: str) -> Recording:
     return read(execute(experiment, Path(mkdtemp(prefix="twin-replay-"))).recording)
 
 
-def healthy(name: str = FIG4) -> Model:
+def healthy(name: str = FIG4) -> RobotModel:
     """The twin of the robot as it was built."""
     return loaded_model(EXPERIMENTS / f"{name}.toml", SCALE)
 

@@ -14,7 +14,7 @@ from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
 from twin.errors import InputRefused
 from twin.studies.sweep.engine import Job, Result
 from twin.studies.sweep.folder import kept
-from twin.studies.sweep.measures import Finding
+from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Plan, Task
 from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows
 from twin.studies.sweep.sweep import State, run_sweep
@@ -49,9 +49,9 @@ class Pretender:
 
 def facts(task: Task) -> dict:
     if task.run % 5 == 0:
-        return Finding("failed", "because", {}, float("nan"), float("nan")).facts
+        return RunFinding("failed", "because", {}, float("nan"), float("nan")).facts
     stiffness = float(task.parameters[STIFFNESS])
-    return Finding("done", "", {"force_error_N": stiffness, "peak_N": 1.0 / stiffness}, 0.1, 0.05).facts
+    return RunFinding("done", "", {"force_error_N": stiffness, "peak_N": 1.0 / stiffness}, 0.1, 0.05).facts
 
 
 @pytest.fixture(scope="module")

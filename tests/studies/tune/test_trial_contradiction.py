@@ -8,16 +8,16 @@ from tests.studies.tune.corners import fig4_corners
 from twin.studies.tune.gains import LawGains
 from twin.studies.tune.goals import Goals
 from twin.studies.tune.prediction import predicted
-from twin.studies.tune.trial import Trial, contradiction
+from twin.studies.tune.trial import StepTrial, contradiction
 
 FAST = predicted(fig4_corners()[5], LawGains(5.0, 1.5e-3, 3.5e-3))
 LINEAR = FAST.answers["force"]
 GOALS = Goals(overshoot=0.05)
 
 
-def trial(swing: float = 0.0, **different: float) -> Trial:
+def trial(swing: float = 0.0, **different: float) -> StepTrial:
     """A step that is as predicted but for what is `different`."""
-    return Trial(FAST.corner, "force", np.zeros(1), np.zeros(1), replace(LINEAR, **different), swing)
+    return StepTrial(FAST.corner, "force", np.zeros(1), np.zeros(1), replace(LINEAR, **different), swing)
 
 
 def test_a_step_as_predicted_contradicts_nothing():

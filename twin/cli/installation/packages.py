@@ -41,8 +41,8 @@ def package_findings(project: dict[str, Any], clone: bool = True) -> list[Findin
     """Python, the packages that are needed, and each extra.
 
     Args:
-        project: as of `project_table`. clone: it is installed from one, so that pip can be told of it, and extras for
-            developing are of interest.
+        project: as of `project_table`.
+        clone: it is installed from one, so that pip can be told of it, and extras for developing are of interest.
     """
     return [_python(project["requires-python"]), _needed(project["dependencies"], clone), *_extras(project, clone)]
 

@@ -21,7 +21,9 @@ class Exported:
     """What was written.
 
     Attributes:
-        path: the file. signals: how many. rows: of the longest of them.
+        path: the file.
+        signals: how many.
+        rows: of the longest of them.
         note: what is wrong with the recording; empty if nothing.
     """
 
@@ -42,9 +44,12 @@ def export_recording(
     """Write the recording meant by `run` in another format.
 
     Args:
-        run: see `recording_in`. form: of the file.
-        patterns: see `selected_signals`. rate: see `table` (Hz).
-        out: the file; without it, the recording's own path with the format's suffix. force: replace what is there.
+        run: see `recording_in`.
+        form: of the file.
+        patterns: see `selected_signals`.
+        rate: see `table` (Hz).
+        out: the file; without it, the recording's own path with the format's suffix.
+        force: replace what is there.
 
     Raises:
         InputRefused: no recording, no such signal, no such rate, no pyarrow, a file in the way.

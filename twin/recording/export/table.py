@@ -25,7 +25,8 @@ class Column:
 
     Attributes:
         name: `topic.field`, with `[i]` (from 0) for an element of a field of several.
-        unit: SI, "1" for pure numbers. meaning: frame and sign.
+        unit: SI, "1" for pure numbers.
+        meaning: frame and sign.
         values: (n,) float64, int64 or bool.
     """
 

@@ -35,7 +35,7 @@ _MOTOR_SIDE = re.compile(r"(.*\.)?(theta|omega|count)_m")
 
 
 @dataclass(frozen=True)
-class Column:
+class MappedColumn:
     """Where a signal comes from: value in SI = sign * value in `unit`.
 
     Attributes:
@@ -49,13 +49,13 @@ class Column:
     sign: int = 1
 
 
-def column_map(entries: Sequence[str | Path]) -> dict[str, Column]:
+def column_map(entries: Sequence[str | Path]) -> dict[str, MappedColumn]:
     """Columns by signal (and `time`) from the texts `NAME=[-]COLUMN[UNIT]` and TOML files in `entries`.
 
     Raises:
         LogRefused: a file that cannot be read, a key or value that makes no entry; all mistakes at once.
     """
-    columns: dict[str, Column] = {}
+    columns: dict[str, MappedColumn] = {}
     mistakes: list[str] = []
     for entry in entries:
         name, equals, source = (text.strip() for text in str(entry).partition("="))
@@ -91,30 +91,32 @@ def split_unit(header: str) -> tuple[str, str]:
     return header, ""
 
 
-def _column(source: str) -> Column:
+def _column(source: str) -> MappedColumn:
     """`-Fz[N]` -> Fz, N, -1; an index stays with the name."""
     sign = -1 if source.startswith("-") else 1
     source = source.removeprefix("-")
     match = re.fullmatch(r"(.+)\[([^\[\]]+)\]", source)
     if match and not match[2].isdigit():
-        return Column(match[1].strip(), match[2], sign)
-    return Column(source, "", sign)
+        return MappedColumn(match[1].strip(), match[2], sign)
+    return MappedColumn(source, "", sign)
 
 
-def _file(path: Path, mistakes: list[str]) -> dict[str, Column]:
+def _file(path: Path, mistakes: list[str]) -> dict[str, MappedColumn]:
     try:
         content = read_toml(path)
     except InputRefused as problem:
         mistakes.append(f"{problem}; expected NAME=COLUMN or a TOML file")
         return {}
-    columns: dict[str, Column] = {}
+    columns: dict[str, MappedColumn] = {}
     if not content:
         mistakes.append(f'{path}: an empty map; expected NAME = "COLUMN"')
     _gather(path, "", content, columns, mistakes)
     return columns
 
 
-def _gather(path: Path, prefix: str, table: dict[str, Any], columns: dict[str, Column], mistakes: list[str]) -> None:
+def _gather(
+    path: Path, prefix: str, table: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]
+) -> None:
     """Entries of `table`; unquoted dots in a name have made tables of tables."""
     for key, value in table.items():
         name = f"{prefix}{key}"
@@ -128,7 +130,7 @@ def _gather(path: Path, prefix: str, table: dict[str, Any], columns: dict[str, C
             _entry(path, name, value, columns, mistakes)
 
 
-def _entry(path: Path, name: str, value: dict[str, Any], columns: dict[str, Column], mistakes: list[str]) -> None:
+def _entry(path: Path, name: str, value: dict[str, Any], columns: dict[str, MappedColumn], mistakes: list[str]) -> None:
     unknown = sorted(set(value) - _KEYS)
     column, unit, sign = value.get("column"), value.get("unit", ""), value.get("sign", 1)
     if unknown:
@@ -140,4 +142,4 @@ def _entry(path: Path, name: str, value: dict[str, Any], columns: dict[str, Colu
     elif sign not in (1, -1) or isinstance(sign, bool):
         mistakes.append(f"{path}: {name}: sign = {sign!r}: expected 1 or -1")
     else:
-        columns[name] = Column(column, unit, sign)
+        columns[name] = MappedColumn(column, unit, sign)

@@ -7,17 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import nearest
-from twin.recording.logs.column_map import TIME, TIME_NAMES, Column, split_unit
-from twin.recording.logs.csv_table import Table, more, read_table
+from twin.recording.logs.column_map import TIME, TIME_NAMES, MappedColumn, split_unit
+from twin.recording.logs.csv_table import CsvTable, more, read_table
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.recording.logs.units import unit
 from twin.units import Dimension, Unit
 
 _TIME_DIMENSION = Dimension(s=1)
 
 
-def read_csv(path: Path, columns: Mapping[str, Column]) -> Log:
+def read_csv(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     """The log in the CSV file `path`.
 
     Args:
@@ -38,7 +38,7 @@ def read_csv(path: Path, columns: Mapping[str, Column]) -> Log:
         if name != TIME:
             values = _values(table, name, column, mistakes)
             if t is not None and values is not None:
-                series[name] = Series(t, values, _unit_of(table.path, column).si)
+                series[name] = LogSeries(t, values, _unit_of(table.path, column).si)
     if mistakes:
         raise LogRefused("\n".join(mistakes))
     if not series:
@@ -48,8 +48,8 @@ def read_csv(path: Path, columns: Mapping[str, Column]) -> Log:
 
 
 def _sources(
-    table: Table, columns: Mapping[str, Column], mistakes: list[str]
-) -> tuple[dict[str, Column], tuple[str, ...]]:
+    table: CsvTable, columns: Mapping[str, MappedColumn], mistakes: list[str]
+) -> tuple[dict[str, MappedColumn], tuple[str, ...]]:
     """The columns to read, each with its unit; and what is left out."""
     head = {split_unit(name)[0]: name for name in reversed(table.head)}
     sources = {}
@@ -60,7 +60,7 @@ def _sources(
             hint = nearest(column.name, table.head, "it has {}")
             mistakes.append(f"{table.path}: column '{column.name}' for {signal} is not there; {hint}")
         else:
-            sources[signal] = Column(name, column.unit or split_unit(name)[1], column.sign)
+            sources[signal] = MappedColumn(name, column.unit or split_unit(name)[1], column.sign)
     if TIME not in columns:
         time = next((head[name] for name in TIME_NAMES if name in head), None)
         if time is None:
@@ -68,7 +68,7 @@ def _sources(
                 f"{table.path}: no column of time; it has {', '.join(table.head)}; choose with --map time=COLUMN[UNIT]"
             )
         else:
-            sources[TIME] = Column(time, split_unit(time)[1])
+            sources[TIME] = MappedColumn(time, split_unit(time)[1])
     if columns:
         return sources, ()
     words = []
@@ -80,11 +80,11 @@ def _sources(
         elif (signal := split_unit(name)[0]) in sources:
             mistakes.append(f"{table.path}: columns '{sources[signal].name}' and '{name}' are both {signal}; use --map")
         else:
-            sources[signal] = Column(name, split_unit(name)[1])
+            sources[signal] = MappedColumn(name, split_unit(name)[1])
     return sources, (f"columns of words are left out: {', '.join(words)}",) if words else ()
 
 
-def _values(table: Table, signal: str, column: Column, mistakes: list[str]) -> NDArray[np.float64] | None:
+def _values(table: CsvTable, signal: str, column: MappedColumn, mistakes: list[str]) -> NDArray[np.float64] | None:
     """A column in SI (n,); None after adding what is wrong to `mistakes`."""
     try:
         factor = _unit_of(table.path, column)
@@ -105,7 +105,7 @@ def _values(table: Table, signal: str, column: Column, mistakes: list[str]) -> N
     return column.sign * factor.in_si(table.column(column.name))
 
 
-def _check_times(table: Table, name: str, t: NDArray[np.float64], mistakes: list[str]) -> None:
+def _check_times(table: CsvTable, name: str, t: NDArray[np.float64], mistakes: list[str]) -> None:
     backwards = np.flatnonzero(np.diff(t) <= 0.0) + 1
     if len(backwards):
         k = backwards[0]
@@ -117,5 +117,5 @@ def _check_times(table: Table, name: str, t: NDArray[np.float64], mistakes: list
         )
 
 
-def _unit_of(path: Path, column: Column) -> Unit:
+def _unit_of(path: Path, column: MappedColumn) -> Unit:
     return unit(column.unit or "1", f"{path}: column '{column.name}'")

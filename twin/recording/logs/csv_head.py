@@ -22,7 +22,7 @@ LARGEST = 1e100
 _BLOCK = 2**20
 
 
-class Head(NamedTuple):
+class CsvHead(NamedTuple):
     """comments and names as in `Table`; separator; how many lines the comments take up, and with the head."""
 
     comments: tuple[str, ...]
@@ -74,7 +74,7 @@ def refuse_foreign(path: Path, file: BinaryIO) -> None:
         raise LogRefused(f"{path}: an empty file; expected a line of names, then rows of numbers")
 
 
-def head_of(path: Path, text: io.TextIOWrapper) -> Head:
+def head_of(path: Path, text: io.TextIOWrapper) -> CsvHead:
     """The head of the file at `path`, whose `text` is detached then.
 
     Raises:
@@ -102,7 +102,7 @@ def head_of(path: Path, text: io.TextIOWrapper) -> Head:
         raise LogRefused(f"{path} line {before + 1}: numbers where the names of the columns are expected")
     if len(names) < 2:
         raise LogRefused(f"{path}: one column, '{names[0]}'; expected the time and at least one signal")
-    return Head(tuple(comments), names, separator, before, until)
+    return CsvHead(tuple(comments), names, separator, before, until)
 
 
 def rows_of(path: Path, lines: Iterator[str], separator: str, before: int) -> Iterator[tuple[list[str], int]]:

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from twin.errors import InputRefused
 from twin.files import open_regular
-from twin.recording.logs.csv_head import LARGEST, Head, head_of, number, refuse_foreign, rows_of, text_of
+from twin.recording.logs.csv_head import LARGEST, CsvHead, head_of, number, refuse_foreign, rows_of, text_of
 from twin.recording.logs.errors import LogRefused
 
 LARGEST_FILE = 2**30
@@ -32,7 +32,10 @@ class Wrong:
     """Fields of one column that are no numbers.
 
     Attributes:
-        count: how many. line, text: of the first. texts: whether any is not empty. commas: whether any has a comma.
+        count: how many.
+        line, text: of the first.
+        texts: whether any is not empty.
+        commas: whether any has a comma.
     """
 
     count: int = 0
@@ -51,7 +54,7 @@ class Wrong:
 
 
 @dataclass(frozen=True)
-class Table:
+class CsvTable:
     """A CSV file.
 
     Attributes:
@@ -84,7 +87,7 @@ class Table:
         return wrong is not None and wrong.count == len(self.values) and wrong.texts and not wrong.commas
 
 
-def read_table(path: Path) -> Table:
+def read_table(path: Path) -> CsvTable:
     """The CSV file at `path`.
 
     Raises:
@@ -106,7 +109,7 @@ def more(others: int, what: str) -> str:
     return f" (and {others} more such {what}{'s' * (others > 1)})" if others else ""
 
 
-def _at_once(path: Path, file: BinaryIO, head: Head) -> Table | None:
+def _at_once(path: Path, file: BinaryIO, head: CsvHead) -> CsvTable | None:
     """The table, if each line after the head has as many fields, and only columns that begin with something else hold
     anything but numbers; None if not."""
     text = text_of(file)
@@ -148,7 +151,7 @@ def _at_once(path: Path, file: BinaryIO, head: Head) -> Table | None:
         # nan is no number either
         if not (-LARGEST <= column.min() and column.max() <= LARGEST):
             return None
-    return Table(path, head.comments, head.names, values, wrong, head.until + 1 + np.arange(len(values)))
+    return CsvTable(path, head.comments, head.names, values, wrong, head.until + 1 + np.arange(len(values)))
 
 
 def _lines(file: BinaryIO) -> int:
@@ -159,7 +162,7 @@ def _lines(file: BinaryIO) -> int:
     return ends + (file.read() != b"\n")
 
 
-def _row_by_row(path: Path, file: BinaryIO, head: Head) -> Table:
+def _row_by_row(path: Path, file: BinaryIO, head: CsvHead) -> CsvTable:
     # lists of numbers would take five times the memory
     numbers, lines, wrong = array("d"), array("q"), dict[int, Wrong]()
     ragged, first = 0, (0, 0)
@@ -192,4 +195,4 @@ def _row_by_row(path: Path, file: BinaryIO, head: Head) -> Table:
     if (many := len(lines)) < 2:
         raise LogRefused(f"{path}: {many} row{'s' * (many != 1)} of numbers, expected at least 2")
     values = np.frombuffer(numbers).reshape(many, len(head.names))
-    return Table(path, head.comments, head.names, values, wrong, np.frombuffer(lines, dtype=np.int64))
+    return CsvTable(path, head.comments, head.names, values, wrong, np.frombuffer(lines, dtype=np.int64))

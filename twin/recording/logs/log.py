@@ -14,7 +14,7 @@ from twin.recording.logs.sampling import Sampling, sampling
 
 
 @dataclass(frozen=True)
-class Series:
+class LogSeries:
     """One quantity over time.
 
     Attributes:
@@ -45,11 +45,11 @@ class Log:
     """
 
     path: Path
-    series: dict[str, Series]
+    series: dict[str, LogSeries]
     notes: tuple[str, ...] = ()
     comments: tuple[str, ...] = ()
 
-    def __getitem__(self, name: str) -> Series:
+    def __getitem__(self, name: str) -> LogSeries:
         """The scalar series `name`.
 
         Raises:
@@ -59,7 +59,7 @@ class Log:
             raise LogRefused(f"{self.path}: '{name}' is not there; {nearest(name, self.series, 'it has {}', 3)}")
         return self.series[name]
 
-    def vector(self, name: str) -> Series:
+    def vector(self, name: str) -> LogSeries:
         """The components `name[0]`, `name[1]`, ... as one series of values (n, k).
 
         Raises:
@@ -74,4 +74,4 @@ class Log:
         parts = [self.series[f"{name}[{i}]"] for i in indices]
         if any(part.unit != parts[0].unit or not np.array_equal(part.t, parts[0].t) for part in parts):
             raise LogRefused(f"{self.path}: the components of '{name}' differ in unit or in times")
-        return Series(parts[0].t, np.stack([part.values for part in parts], axis=1), parts[0].unit)
+        return LogSeries(parts[0].t, np.stack([part.values for part in parts], axis=1), parts[0].unit)

@@ -14,10 +14,10 @@ from mcap.writer import MCAP0_MAGIC
 from twin.errors import nearest
 from twin.recording.chunks import allowance, unpacked
 from twin.recording.logs import decoding
-from twin.recording.logs.column_map import TIME, Column, split_unit
+from twin.recording.logs.column_map import TIME, MappedColumn, split_unit
 from twin.recording.logs.csv_head import LARGEST
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.recording.logs.units import unit
 from twin.units import Dimension
 
@@ -28,7 +28,7 @@ LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
 
 
 @dataclass
-class Topic:
+class LoggedTopic:
     """Messages of one topic.
 
     Attributes:
@@ -53,7 +53,7 @@ def written_by_twin(path: Path) -> bool:
     return isinstance(header, Header) and header.library.startswith("twin ")
 
 
-def read_mcap(path: Path, columns: Mapping[str, Column]) -> Log:
+def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
 
     Args:
@@ -83,10 +83,10 @@ def read_mcap(path: Path, columns: Mapping[str, Column]) -> Log:
     return Log(path, series, (note,) if note else ())
 
 
-def _topics(path: Path) -> tuple[dict[str, Topic], str]:
+def _topics(path: Path) -> tuple[dict[str, LoggedTopic], str]:
     """Topics by name, and a sentence on what is missing at the end."""
     schemas: dict[int, Schema] = {}
-    channels: dict[int, Topic] = {}
+    channels: dict[int, LoggedTopic] = {}
     with path.open("rb") as file:
         file.seek(-len(MAGIC), 2)
         finished = file.read() == MAGIC and file.tell() > len(MAGIC)
@@ -98,7 +98,7 @@ def _topics(path: Path) -> tuple[dict[str, Topic], str]:
                 if isinstance(record, Schema):
                     schemas[record.id] = record
                 elif isinstance(record, Channel):
-                    channels.setdefault(record.id, Topic(record, schemas.get(record.schema_id)))
+                    channels.setdefault(record.id, LoggedTopic(record, schemas.get(record.schema_id)))
                 elif isinstance(record, Message):
                     channels[record.channel_id].times.append(record.log_time)
                     channels[record.channel_id].data.append(record.data)
@@ -115,7 +115,7 @@ def _topics(path: Path) -> tuple[dict[str, Topic], str]:
     # few writers fill in the CRC of the whole, and a record whose kind is damaged is skipped
     if expected not in (None, count):
         raise LogRefused(f"{path}: damaged: {count} messages where its index says {expected}; mcap recover may help")
-    topics: dict[str, Topic] = {}
+    topics: dict[str, LoggedTopic] = {}
     for topic in channels.values():
         # several publishers of a topic have a channel each
         same = topics.setdefault(topic.channel.topic, topic)
@@ -138,7 +138,9 @@ def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
             yield record
 
 
-def _series(path: Path, topics: Mapping[str, Topic], signal: str, column: Column, time: Column | None) -> Series:
+def _series(
+    path: Path, topics: Mapping[str, LoggedTopic], signal: str, column: MappedColumn, time: MappedColumn | None
+) -> LogSeries:
     name = max((n for n in topics if column.name.startswith(f"{n}.")), key=len, default=None)
     if name is None:
         hint = nearest(column.name.partition(".")[0], topics, "it has {}")
@@ -161,10 +163,10 @@ def _series(path: Path, topics: Mapping[str, Topic], signal: str, column: Column
     if len(repeated):
         hint = "" if time else "; choose the messages' own stamp with --map time=FIELD"
         raise LogRefused(f"{path}: {name} has two messages at {t[repeated[0]] - t[0]:.9g} s after its first{hint}")
-    return Series(t, values[order], factor.si)
+    return LogSeries(t, values[order], factor.si)
 
 
-def _numbers(path: Path, name: str, topic: Topic, field_path: str) -> np.ndarray:
+def _numbers(path: Path, name: str, topic: LoggedTopic, field_path: str) -> np.ndarray:
     """The numbers at `field_path` of the messages of a topic, (n,)."""
     try:
         decode = decoding.decoder(topic.channel, topic.schema)

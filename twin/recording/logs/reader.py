@@ -11,10 +11,10 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.files import open_regular
 from twin.recording.folder import recording_in
-from twin.recording.logs.column_map import Column
+from twin.recording.logs.column_map import MappedColumn
 from twin.recording.logs.csv_file import read_csv
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.recording.logs.mcap_file import MAGIC, read_mcap, written_by_twin
 from twin.recording.reader import read
 from twin.recording.recording import Recording
@@ -23,7 +23,7 @@ WALL_CLOCK = 1e8
 """Later than three years (s) no log starts; such a time counts from 1970."""
 
 
-def read_log(path: str | Path, columns: Mapping[str, Column] | None = None) -> Log:
+def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None) -> Log:
     """The log in `path`.
 
     Args:
@@ -65,7 +65,7 @@ def recorded(recording: Recording) -> Log:
     Raises:
         LogRefused: it holds no samples.
     """
-    series: dict[str, Series] = {}
+    series: dict[str, LogSeries] = {}
     for key, field in recording.fields().items():
         t = recording.time(key.rpartition(".")[0])
         if len(t) < 2:
@@ -73,7 +73,7 @@ def recorded(recording: Recording) -> Log:
         columns = recording[key].astype(np.float64).reshape(len(t), field.size).T
         names = [key] if field.size == 1 else [f"{key}[{i}]" for i in range(field.size)]
         for name, column in zip(names, columns, strict=True):
-            series[name] = Series(t, np.ascontiguousarray(column), field.unit)
+            series[name] = LogSeries(t, np.ascontiguousarray(column), field.unit)
     if not series:
         raise LogRefused(f"{recording.path}: holds no samples{f'; {recording.note}' if recording.note else ''}")
     return Log(recording.path, series, (*filter(None, [recording.note]), *recording.deviations))
@@ -87,7 +87,7 @@ def _finished(log: Log) -> Log:
     if start > WALL_CLOCK:
         # one array for all that share one, so that they still do
         shifted = {id(one.t): one.t - start for one in series.values()}
-        series = {name: Series(shifted[id(one.t)], one.values, one.unit) for name, one in series.items()}
+        series = {name: LogSeries(shifted[id(one.t)], one.values, one.unit) for name, one in series.items()}
         notes.append(f"times of a clock: they count from its {start:.3f} s, {_date(start)}")
     missing: dict[str, list[str]] = {}
     for name, one in series.items():

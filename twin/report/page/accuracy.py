@@ -13,7 +13,8 @@ def accuracy(budget: Budget, label: str) -> Markup:
     """The sentence, what is in the run, and what is not: the twin's own error and beliefs that may be off.
 
     Args:
-        budget: of the run's experiment. label: of the run.
+        budget: of the run's experiment.
+        label: of the run.
     """
     found, why = headline(budget), details(budget)
     together = ("all of them", f"{budget.bias:+.4f}", "", f"{budget.together:.4f}", "sum of biases, root of squares")

@@ -9,7 +9,7 @@ from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of
 
 
-class Block:
+class DataBlock:
     """The samples of one run, in the order in which they were added."""
 
     def __init__(self) -> None:

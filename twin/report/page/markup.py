@@ -25,7 +25,9 @@ def table(head: Sequence[str], rows: Iterable[Sequence[str]], label: str) -> Mar
     """A table that scrolls in its own box where the screen is too narrow for it; the first cell heads its row.
 
     Args:
-        head: titles of the columns. rows: cells, as many in each. label: what it shows, for who does not see it.
+        head: titles of the columns.
+        rows: cells, as many in each.
+        label: what it shows, for who does not see it.
     """
     titles = element("tr", *(element("th", title, scope="col") for title in head))
     lines = [

@@ -8,7 +8,7 @@ from pathlib import Path
 from string import Template
 from typing import Any
 
-from twin.report.page.block import Block
+from twin.report.page.block import DataBlock
 from twin.report.page.markup import Markup, element, joined
 from twin.report.page.panels import curves
 from twin.report.page.picture import picture
@@ -61,7 +61,7 @@ def write_report(
 def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tuple[str, str]:
     """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
     judged = verdict(runs)
-    blocks = [Block() for _ in runs]
+    blocks = [DataBlock() for _ in runs]
     panels, factor = curves(runs, blocks)
     scenes = [scene(run, block) for run, block in zip(runs, blocks, strict=True)]
     data = {

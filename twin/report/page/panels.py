@@ -6,7 +6,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from twin.report.page.block import Block, thinned, thinning
+from twin.report.page.block import DataBlock, thinned, thinning
 from twin.report.page.run import ReportRun
 from twin.studies.metrics.response import Curve
 
@@ -201,7 +201,7 @@ def _shows_something(panel: Panel, runs: Sequence[ReportRun]) -> bool:
     )
 
 
-def curves(runs: Sequence[ReportRun], blocks: Sequence[Block]) -> tuple[list[dict[str, Any]], int]:
+def curves(runs: Sequence[ReportRun], blocks: Sequence[DataBlock]) -> tuple[list[dict[str, Any]], int]:
     """(panels for JSON, factor by which samples are thinned); the samples of each run go into its block.
 
     A curve is [first sample in the block, number, time of the first (s), time from one to the next (s)]; null where a
@@ -234,7 +234,7 @@ def curves(runs: Sequence[ReportRun], blocks: Sequence[Block]) -> tuple[list[dic
     return facts, factor
 
 
-def _curve(samples: Samples | None, block: Block, factor: int) -> list[float] | None:
+def _curve(samples: Samples | None, block: DataBlock, factor: int) -> list[float] | None:
     if samples is None:
         return None
     t, values = samples

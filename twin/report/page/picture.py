@@ -9,7 +9,7 @@ from pathlib import Path
 
 from twin.report.page.markup import Markup, element
 from twin.report.page.run import ReportRun
-from twin.report.page.verdict import Verdict
+from twin.report.page.verdict import PageVerdict
 from twin.studies.paper.fig4_runs import Fig4Run
 
 CURVES = (
@@ -18,7 +18,7 @@ CURVES = (
 )  # fmt: skip
 
 
-def picture(runs: Sequence[ReportRun], verdict: Verdict) -> Markup | None:
+def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup | None:
     """Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out like Fig. 4; None if none of these fits."""
     if verdict.fig4 is not None:
         from twin.studies.paper.fig4_picture import draw_fig4

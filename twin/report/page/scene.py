@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from twin.plant.surface import apex_frame
-from twin.report.page.block import Block
+from twin.report.page.block import DataBlock
 from twin.report.page.run import ReportRun
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import AXIS, OUTWARD, skeleton
@@ -23,7 +23,7 @@ PATCH, LINES = 45.0, 10
 """Half the width of the surface that is drawn (mm), and into how many fields."""
 
 
-def scene(run: ReportRun, block: Block) -> dict[str, Any] | None:
+def scene(run: ReportRun, block: DataBlock) -> dict[str, Any] | None:
     """A run for the player, mm and N; None if it does not say where the robot is. Poses go into `block`.
 
     `frames` says where they begin, each column of all n frames together: A (9), p_B (3), displacement of the surface

@@ -10,9 +10,9 @@ from twin.report.page.measures import Measure, measures, number
 from twin.report.page.parameters import differences, flat, parameters
 from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
-from twin.report.page.verdict import Group, Verdict
+from twin.report.page.verdict import PageVerdict, RunGroup
 from twin.studies.accuracy.budget import Budget
-from twin.studies.paper.claim import Finding
+from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.score import tally
 
 MARKS = {
@@ -52,7 +52,7 @@ def sections(runs: Sequence[ReportRun], picture: Markup | None, budgets: Sequenc
     return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
 
 
-def verdict_section(runs: Sequence[ReportRun], verdict: Verdict) -> Markup:
+def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
     """The first section: the sentence, the remarks, what differs, the measures, the claims."""
     mark, look = LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
@@ -87,7 +87,7 @@ def events(run: ReportRun) -> Markup:
     return joined(parts)
 
 
-def _claims(group: Group) -> Markup:
+def _claims(group: RunGroup) -> Markup:
     held, judged = tally(group.findings)
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
@@ -96,7 +96,7 @@ def _claims(group: Group) -> Markup:
     return element("details", told, table(head, rows, group.title), **unfolded)
 
 
-def _claim(finding: Finding) -> tuple[str, ...]:
+def _claim(finding: ClaimFinding) -> tuple[str, ...]:
     claim = finding.claim
     text, look = MARKS[finding.verdict]
     place = f"Fig. {claim.figure}: " if claim.figure[0].isdigit() else ""

@@ -8,7 +8,7 @@ from string import Template
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.page import ASSETS
 from twin.report.page.picture import figure
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.parts import Asked, headline, parts
 from twin.studies.sweep.show.table import Part
 from twin.writing import write_text
@@ -30,7 +30,7 @@ NAMES = {
 """Of parts in the list of contents."""
 
 
-def write_sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
+def write_sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path], folder: Path) -> Path:
     """Write the page into `folder`; its path. The same rows give the same text.
 
     Args:
@@ -44,7 +44,7 @@ def write_sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path], fol
     return path
 
 
-def sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path]) -> str:
+def sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path]) -> str:
     """The HTML of `write_sweep_page`."""
     drawn = {name: figure(path.read_bytes(), CAPTIONS[name]) for name, path in pictures.items()}
     found = [("verdict", "Verdict", element("p", headline(kept, asked.by), class_="headline plain"))]
@@ -64,7 +64,7 @@ def sweep_page(kept: Kept, asked: Asked, pictures: Mapping[str, Path]) -> str:
     )
 
 
-def _subtitle(kept: Kept) -> str:
+def _subtitle(kept: KeptRows) -> str:
     drives = f" | {', '.join(kept.drives)}" if kept.drives else ""
     return f"{len(kept.rows)} of {kept.runs} runs | design {kept.design} | varies {', '.join(kept.labels)}{drives}"
 

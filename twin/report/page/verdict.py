@@ -8,7 +8,7 @@ from twin.errors import InputRefused
 from twin.recording.recording import Recording
 from twin.report.page.measures import outcome
 from twin.report.page.run import ReportRun
-from twin.studies.paper.claim import Finding, judged
+from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs, checked_run, fig4_runs
 from twin.studies.paper.fig5_score import Fig5Score, fig5_score
@@ -22,19 +22,20 @@ ON_TRUTH = "Judged on the true contact force, force-position run"
 
 
 @dataclass(frozen=True)
-class Group:
+class RunGroup:
     """Claims that belong together: of a figure, or of one task."""
 
     title: str
-    findings: tuple[Finding, ...]
+    findings: tuple[ClaimFinding, ...]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class PageVerdict:
     """How the runs went.
 
     Attributes:
-        headline: one sentence. good: whether all is well; None if there was nothing to judge.
+        headline: one sentence.
+        good: whether all is well; None if there was nothing to judge.
         remarks: what one has to know besides, worst first.
         groups: claims that were judged, empty if the runs are none that the paper says anything about.
         fig4, fig5: what the paper's picture is drawn from, if it applies.
@@ -43,38 +44,40 @@ class Verdict:
     headline: str
     good: bool | None
     remarks: tuple[str, ...]
-    groups: tuple[Group, ...]
+    groups: tuple[RunGroup, ...]
     fig4: Fig4Runs | None
     fig5: Fig5Score | None
 
 
-def verdict(runs: Sequence[ReportRun]) -> Verdict:
+def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
     """Judge `runs`: Fig. 4 if there is one with force control and one without, Fig. 5 every run of tasks."""
     pair, why_not = _fig4_runs(runs)
     with_tasks = [run.recording for run in runs if run.values.get("task") and run.has("controller.task")]
     fig5 = fig5_score(with_tasks) if with_tasks else None
-    groups: list[Group] = []
+    groups: list[RunGroup] = []
     if pair is not None:
         score = fig4_score(pair)
-        groups.append(Group("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
-        groups.append(Group(ON_TRUTH, score.quality))
+        groups.append(RunGroup("The paper's Fig. 4, judged as the paper does, on estimates", score.claims))
+        groups.append(RunGroup(ON_TRUTH, score.quality))
     elif len(runs) == 1 and (run := _force_position_run(runs[0])) is not None:
         # what we ask of the true force concerns this run alone
-        groups.append(Group(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
+        groups.append(RunGroup(ON_TRUTH, tuple(judged(claim, Fig4Runs(run, run)) for claim in QUALITY)))
     if fig5 is not None:
         labels = {run.recording.path: run.label for run in runs}
         for task in fig5.tasks:
             whose = f" of {labels[task.run.recording.path]}" if len(with_tasks) > 1 else ""
-            groups.append(Group(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings))
+            groups.append(
+                RunGroup(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings)
+            )
     deviations, alarms = _told(runs, lambda run: run.recording.deviations), _told(runs, _alarms)
     findings = [finding for group in groups for finding in group.findings]
     remarks = [*alarms[1:], *deviations, *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
     remarks += _told(runs, _faults)
     good = None if not findings and not alarms else not failed(findings) and not alarms
-    return Verdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
+    return PageVerdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 
-def _headline(runs: Sequence[ReportRun], findings: Sequence[Finding], alarms: Sequence[str]) -> str:
+def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
     said = []
     held, of = tally(findings)
     failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]

@@ -24,7 +24,8 @@ class Assembly:
     """A system that owns its FMU instances; a context manager that frees them.
 
     Attributes:
-        system: ready to be simulated. drives: what stands behind the three joints.
+        system: ready to be simulated.
+        drives: what stands behind the three joints.
         substituted: what took the place of the experiment's own components, by their names.
     """
 

@@ -6,7 +6,7 @@ from twin.controller.belief import Belief
 from twin.experiment import schema
 from twin.experiment.experiment import Experiment
 from twin.experiment.monitor import Monitor
-from twin.monitor.belief import Belief as MonitorBelief
+from twin.monitor.belief import MonitorBelief
 from twin.monitor.limits import Limits
 from twin.robot.geometry import Geometry
 

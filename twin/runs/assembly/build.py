@@ -46,8 +46,10 @@ class Build:
 
     Attributes:
         experiment: what to build.
-        plans: of the three joints' drives. maker: of the drives.
-        plant: at rest. theta_m: the motor angles that hold it there (3,), rad.
+        plans: of the three joints' drives.
+        maker: of the drives.
+        plant: at rest.
+        theta_m: the motor angles that hold it there (3,), rad.
     """
 
     experiment: Experiment

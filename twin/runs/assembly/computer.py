@@ -15,15 +15,15 @@ from twin.controller.task_controller import TaskController, Touch
 from twin.cosim.delay import delay
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Approach, Task
-from twin.monitor.component import Monitor
+from twin.monitor.component import SafetyMonitor
 from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
 from twin.runs.assembly.build import Build, Makers
 
 PROGRAMS: dict[str, type[programs.Task]] = {
-    "press": programs.Press,
-    "tap": programs.Tap,
-    "roll": programs.Roll,
-    "push": programs.Push,
+    "press": programs.Pressing,
+    "tap": programs.Tapping,
+    "roll": programs.Rolling,
+    "push": programs.Pushing,
 }
 """By the kind of a [[task]], whose keys they have, too."""
 
@@ -76,7 +76,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
 
 def program_of(approach: Approach, contact_force: float, tasks: Sequence[Task]) -> list[Phase]:
     """The phases of `tasks`; `contact_force` (N) counts as touching."""
-    manner = programs.Approach(contact_force=contact_force, **dict(approach))
+    manner = programs.Travel(contact_force=contact_force, **dict(approach))
     return programs.program(manner, [PROGRAMS[task.kind](**task.model_dump(exclude={"kind"})) for task in tasks])
 
 
@@ -103,4 +103,4 @@ def monitors(build: Build) -> Makers:
         return {}
     limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
     periods = experiment.controller_ticks, experiment.monitor_ticks
-    return {"monitor": lambda: Monitor(monitor_belief(experiment.robot), limits, *periods)}
+    return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods)}

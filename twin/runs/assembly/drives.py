@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.controller.pid import Gains
-from twin.controller.velocity_loop import VelocityLoop
+from twin.controller.velocity_loop import DriveSpeedLoop
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
@@ -38,7 +38,8 @@ class DrivePlan:
     Attributes:
         label: what an error calls it.
         table: what the experiment says.
-        parts: the FMUs by part. settings: values set in each.
+        parts: the FMUs by part.
+        settings: values set in each.
         bindings: the roles it fills.
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
@@ -142,7 +143,8 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
 
     Args:
         tick: of the system it will be part of (s).
-        theta_m: motor angle at t = 0 (rad). tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
+        theta_m: motor angle at t = 0 (rad).
+        tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
@@ -277,7 +279,7 @@ def _inner_system(
     if loop is None:
         wires.append((f"{INLET}.omega_ref", f"{owner['omega_ref']}.omega_ref"))
     else:
-        components.append(VelocityLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
+        components.append(DriveSpeedLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
         wires += [
             (f"{INLET}.omega_ref", "velocity_loop.omega_ref"),
             (f"{owner['omega_m']}.omega_m", "velocity_loop.omega_m"),

@@ -47,7 +47,9 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
     """The experiment that `source` says, which is completed in place.
 
     Args:
-        source: of all files. name: of the experiment. where: it comes from, for sentences.
+        source: of all files.
+        name: of the experiment.
+        where: it comes from, for sentences.
         folder: from which bodies and drives are looked up.
 
     Raises:

@@ -7,7 +7,7 @@ from twin.experiment.contact import Breathing, Contact, Shift
 from twin.experiment.fault import NEVER, Fault
 from twin.experiment.schema import Plant
 from twin.plant.body import Motion, MotionKind
-from twin.plant.contact_law import Law
+from twin.plant.contact_law import ContactLaw
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import Shape
 
@@ -25,7 +25,7 @@ def plant_parameters(plant: Plant, contact: Contact) -> PlantParameters:
         k_s=p.k_s, N=p.N, eta=p.eta, backlash=p.backlash, eta_rate=p.eta_rate,
         z_s=c.height, tilt=c.tilt, tilt_x=c.tilt_x,
         shape=int(Shape[c.shape.upper()]), radius=math.inf if c.radius is None else c.radius,
-        law=int(Law[c.law.upper()]), K=c.stiffness, **{"damping": 0.0, **c.law_constants},
+        law=int(ContactLaw[c.law.upper()]), K=c.stiffness, **{"damping": 0.0, **c.law_constants},
         mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
     )  # fmt: skip
 

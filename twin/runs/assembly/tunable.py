@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.cosim.place import Place
-from twin.cosim.system import Change, System
+from twin.cosim.system import MemoryChange, System
 from twin.experiment.change import changeable
 from twin.experiment.experiment import Experiment
 
@@ -49,7 +49,7 @@ def tunables(experiment: Experiment, system: System) -> dict[str, Tunable]:
     return found
 
 
-def scheduled(experiment: Experiment, system: System) -> tuple[Change, ...]:
+def scheduled(experiment: Experiment, system: System) -> tuple[MemoryChange, ...]:
     """The experiment's own changes, for `system`, which was assembled of it."""
     found = tunables(experiment, system)
-    return tuple(Change(c.tick, found[c.key].memory, c.value) for c in experiment.changes if c.key in found)
+    return tuple(MemoryChange(c.tick, found[c.key].memory, c.value) for c in experiment.changes if c.key in found)

@@ -26,7 +26,8 @@ def led(tables: Tables, mistakes: list[str]) -> WayPoints | None:
     """The way points along which [reference] leads; None without it, or if a mistake of another table hides them.
 
     Args:
-        tables: of the experiment. mistakes: gets a sentence if the shape cannot be followed.
+        tables: of the experiment.
+        mistakes: gets a sentence if the shape cannot be followed.
     """
     reference, computer = tables.by_name.get("reference"), tables.by_name.get("controller")
     if reference is None:
@@ -49,7 +50,8 @@ def way_points(reference: Reference, believed: Geometry, period: float, duration
     """The way points of the shape in `reference`; they end with the experiment.
 
     Args:
-        believed: geometry of the controller, whose joints a joint step moves. period: of the controller (s).
+        believed: geometry of the controller, whose joints a joint step moves.
+        period: of the controller (s).
         duration: of the experiment (s).
 
     Raises:

@@ -91,7 +91,9 @@ class IsolatedDrive(Elsewhere):
     """Stands for a drive in another process.
 
     Args:
-        name, label: of the drive. watch: of its process. described: see `host`.
+        name, label: of the drive.
+        watch: of its process.
+        described: see `host`.
     """
 
     def __init__(self, name: str, label: str, watch: Watch, described: str):

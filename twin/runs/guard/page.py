@@ -39,7 +39,8 @@ class Page:
     """The page in this process.
 
     Args:
-        fd: of the black box. inputs, outputs: numbers of doubles.
+        fd: of the black box.
+        inputs, outputs: numbers of doubles.
 
     Attributes:
         address: of byte 0.
@@ -93,7 +94,9 @@ def serve(page, inputs, step, memory, number, kernel, nap):
     """Answer questions from `number` on, until one gives a bad status or nobody asks.
 
     Args:
-        page: address. inputs: their number. step, memory: addresses of the component's step and memory.
+        page: address.
+        inputs: their number.
+        step, memory: addresses of the component's step and memory.
         kernel, nap: addresses of what `futex.kernel` and `futex.timespec` return.
 
     Returns:

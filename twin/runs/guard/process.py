@@ -32,7 +32,8 @@ class GuardedProcess:
     Attributes:
         pid: of the process.
         box: what it was doing.
-        gone: it will report no more. ended: it has been ended.
+        gone: it will report no more.
+        ended: it has been ended.
     """
 
     def __init__(self, job: str, helper: bool = False):

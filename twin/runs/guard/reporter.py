@@ -56,7 +56,8 @@ class PipeReporter:
     """For a job in a guarded process: a JSON object per line, and the black box.
 
     Args:
-        pipe: where the supervisor reads. box: file descriptor of its `BlackBox`.
+        pipe: where the supervisor reads.
+        box: file descriptor of its `BlackBox`.
 
     Attributes:
         announcer: says which call is about to be made; there are dozens in a run, too many to wake the supervisor for.

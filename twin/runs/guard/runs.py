@@ -36,7 +36,8 @@ def recorded_runs(
     `remarks`, sentences about it} after it.
 
     Args:
-        experiments: files. settings, drive, body: see `load_experiment`, for all of them.
+        experiments: files.
+        settings, drive, body: see `load_experiment`, for all of them.
         out: the folder of the only run; None: results/<experiment>/<time>.
         isolate_drives: give each drive a process of its own, and `limit_step` (s) for each call into it.
         factor, viewer: see `execute`.

@@ -36,8 +36,10 @@ class Broadcast:
     """Listens as soon as it is made.
 
     Args:
-        port: to listen at. gate: asked about every connection.
-        channels: what can be subscribed to. tuning: of the run.
+        port: to listen at.
+        gate: asked about every connection.
+        channels: what can be subscribed to.
+        tuning: of the run.
 
     Attributes:
         port: at which it listens.

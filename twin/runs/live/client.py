@@ -23,7 +23,8 @@ class Client:
     Args:
         connection: to the viewer.
         may_tune: whether it may change parameters.
-        channels: their numbers. tuning: of the run.
+        channels: their numbers.
+        tuning: of the run.
         subscribed: called when its subscriptions have changed, with whether there are more of them.
         changed: called with the parameters that it has asked to change.
 

@@ -12,9 +12,9 @@ from twin.errors import InputRefused
 from twin.runs.live.broadcast import HOST, Broadcast
 from twin.runs.live.gate import Gate
 from twin.runs.live.topics import Topics
-from twin.runs.observer import Event
+from twin.runs.observer import TickEvent
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 from twin.runs.tuning import Tuning
 
 SPACING = 0.02
@@ -61,7 +61,7 @@ class LiveServer:
         self._held.close()
         self._sign_off()
 
-    def begin(self, streams: Sequence[Stream], scene: Scene, tick: float, tuning: Tuning) -> None:
+    def begin(self, streams: Sequence[RowStream], scene: Scene, tick: float, tuning: Tuning) -> None:
         """Wait until somebody has subscribed to one of the topics.
 
         Raises:
@@ -80,7 +80,7 @@ class LiveServer:
             self._warn(refusal)
         self._on_air = broadcast, Publisher(topics, broadcast)
 
-    def show(self, first: int, rows: np.ndarray, events: Sequence[Event]) -> None:
+    def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
         """Hand the newest row and every event to the publisher."""
         if self._on_air and self._on_air[1] and len(rows):
             self._on_air[1].put(first + len(rows) - 1, rows[-1], events)
@@ -106,19 +106,20 @@ class Publisher:
     often.
 
     Args:
-        topics: of the run. broadcast: takes their messages.
+        topics: of the run.
+        broadcast: takes their messages.
     """
 
     def __init__(self, topics: Topics, broadcast: Broadcast):
         self._topics, self._broadcast = topics, broadcast
-        self._happened: deque[Event] = deque()
+        self._happened: deque[TickEvent] = deque()
         self._newest: tuple[int, np.ndarray] | None = None
         self._published = -1
         self._finished = threading.Event()
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def put(self, tick: int, row: np.ndarray, events: Sequence[Event]) -> None:
+    def put(self, tick: int, row: np.ndarray, events: Sequence[TickEvent]) -> None:
         """What has happened, and the row of `tick`, which is copied. The next row takes its place if that is sooner."""
         if events:
             self._happened.extend(events)

@@ -11,9 +11,9 @@ from twin.recording.messages import HEAD_SIZE, VALUE_TYPES, message_layout
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.writer import EVENTS, NANOSECONDS
 from twin.runs.live.protocol import Channel, Message
-from twin.runs.observer import Event
+from twin.runs.observer import TickEvent
 from twin.runs.scene.scene import Scene
-from twin.runs.streams import Stream
+from twin.runs.streams import RowStream
 
 
 class Topics:
@@ -26,7 +26,7 @@ class Topics:
         channels: the streams in their order, `/scene`, `/tf` and `/force`, which draw the robot, and `/events`.
     """
 
-    def __init__(self, streams: Sequence[Stream], scene: Scene, tick: float):
+    def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
         self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
         self._layouts = {form.name: form_layout(0, form) for form in scene.forms}
         told = [*_streams(streams), *_forms(scene), (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})]
@@ -39,12 +39,13 @@ class Topics:
         return round(tick * (self._tick * NANOSECONDS))
 
     def messages(
-        self, tick: int, row: np.ndarray, events: Sequence[Event], still: bool, wanted: frozenset[int]
+        self, tick: int, row: np.ndarray, events: Sequence[TickEvent], still: bool, wanted: frozenset[int]
     ) -> Iterator[Message]:
         """Of what has happened, and of the `row` of `tick`.
 
         Args:
-            still: also what never changes. wanted: channels that anybody has subscribed to; nothing is drawn in vain.
+            still: also what never changes.
+            wanted: channels that anybody has subscribed to; nothing is drawn in vain.
         """
         for event in events:
             time = self.time(event.tick)
@@ -65,7 +66,7 @@ class Topics:
 _Told = tuple[str, str, bytes, dict[str, str]]
 
 
-def _streams(streams: Sequence[Stream]) -> Iterator[_Told]:
+def _streams(streams: Sequence[RowStream]) -> Iterator[_Told]:
     topics = [stream.topic for stream in streams]
     for topic, name in zip(topics, message_names(topics), strict=True):
         units = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
@@ -78,7 +79,7 @@ def _forms(scene: Scene) -> Iterator[_Told]:
         yield form.name, descriptor.full_name, descriptors_of(descriptor), {}
 
 
-def _log(event: Event, time: int) -> bytes:
+def _log(event: TickEvent, time: int) -> bytes:
     log = Log(level=Log.Level.Value(event.level), message=event.text, name=event.source)
     log.timestamp.FromNanoseconds(time)
     return log.SerializeToString()
@@ -92,7 +93,7 @@ class Encoder:
     of number, however many topics and fields there are.
     """
 
-    def __init__(self, streams: Sequence[Stream]):
+    def __init__(self, streams: Sequence[RowStream]):
         messages = []
         columns: dict[Kind, list[int]] = {kind: [] for kind in VALUE_TYPES}
         places: dict[Kind, list[int]] = {kind: [] for kind in VALUE_TYPES}

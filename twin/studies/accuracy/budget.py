@@ -41,7 +41,8 @@ class Contribution:
     """One line of a budget, N.
 
     Attributes:
-        label: for people. bias, std, rms: over the window; rms^2 = bias^2 + std^2.
+        label: for people.
+        bias, std, rms: over the window; rms^2 = bias^2 + std^2.
         meaning: what was compared with what.
         group: "total": the experiment as it is.
     """
@@ -59,9 +60,12 @@ class Budget:
     """Of one experiment.
 
     Attributes:
-        name: of the experiment. start, end: of the window (s). force: mean true pressing force in it (N).
+        name: of the experiment.
+        start, end: of the window (s).
+        force: mean true pressing force in it (N).
         contributions: imperfections, the twin's own error, parameters.
-        bias: sum of the biases of the imperfections (N). together: root of the sum of their squares.
+        bias: sum of the biases of the imperfections (N).
+        together: root of the sum of their squares.
         parameters: likewise of the parameters, which the run does not contain: its belief is true.
         as_is: the error of the experiment as it is.
     """

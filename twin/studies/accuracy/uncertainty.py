@@ -12,7 +12,8 @@ class Uncertainty:
     """Of one believed parameter.
 
     Attributes:
-        label: for people. names: attributes of `schema.Model` that are off by the same amount at once.
+        label: for people.
+        names: attributes of `schema.Model` that are off by the same amount at once.
         joint: which of three values, counted from 0; None: a single number.
         share, amount: relative (1) and absolute (SI) part; one of them is 0.
         reason: why that much.

@@ -36,7 +36,8 @@ class LimitCheck:
     """The gain limit of a law at an operating point, predicted and tried.
 
     Attributes:
-        law: "position" or "force". point: where.
+        law: "position" or "force".
+        point: where.
         predicted: factor on all gains of the law, see `twin.studies.analyse.linear.margins.gain_limit`.
         low, high: factors between which a nudge begins to last in the co-simulation, each None if it was not reached.
         holds: whether the prediction is confirmed within `HOLDS`.
@@ -107,8 +108,8 @@ def bracket(lasts: Callable[[float], bool], expected: float, ends: bool = True) 
     These are `borders` if the limit is between them, else at most `CLOSE` apart.
 
     Args:
-        lasts: whether a nudge lasts with a factor on the gains. ends: whether `expected` is a limit, not just a value
-            up to which there is none.
+        lasts: whether a nudge lasts with a factor on the gains.
+        ends: whether `expected` is a limit, not just a value up to which there is none.
     """
     low, high = borders(expected)
     if lasts(low):

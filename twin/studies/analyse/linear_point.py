@@ -28,7 +28,8 @@ class LinearPoint:
     """The loops at one operating point.
 
     Attributes:
-        point: where. loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
+        point: where.
+        loops: all open, see `twin.studies.analyse.linear.loops.open_loops`.
         gains: 1 for each loop that is closed there.
     """
 
@@ -45,7 +46,8 @@ class Linearised:
         points: the drives are identified under the mean load of these.
 
     Attributes:
-        drives: one model per joint. labels: what the drives are called.
+        drives: one model per joint.
+        labels: what the drives are called.
 
     Raises:
         InputRefused: a drive has no linear model, or a rate is not one that the analysis knows.

@@ -21,7 +21,7 @@ from twin.experiment.variation import exactly_measured, with_plant
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.computer import controller
 from twin.runs.loop import simulate
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.trace import Trace
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.operating_point import OperatingPoint
@@ -50,7 +50,8 @@ class Aftermath(NamedTuple):
     """Swings of the platform, peak to peak about a straight line in the worst direction (m).
 
     Attributes:
-        hum: before the nudge. left: in the end; infinite if the platform went far off, or a component failed.
+        hum: before the nudge.
+        left: in the end; infinite if the platform went far off, or a component failed.
     """
 
     hum: float
@@ -132,7 +133,7 @@ class _Raising(Observer):
         for gain, as_set in self._gains:
             gain[...] = (self._factor**share if self._factor > 1.0 else self._factor) * as_set
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         self.enough = len(rows) > 0 and not np.abs(rows[-1, self._p_B] - self._point_B).max() < FAR
 
 

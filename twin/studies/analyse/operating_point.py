@@ -31,11 +31,12 @@ class OperatingPoint:
     """The robot at rest.
 
     Attributes:
-        name: for people. p_B: platform position (m).
+        name: for people.
+        p_B: platform position (m).
         F_z: pressing force (N); 0 in free air.
         force_on: whether the force loop is closed.
-        parameters: what is true. x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its
-            bristle straight.
+        parameters: what is true.
+        x, theta_m: state (8,) and motor angles (3,) at rest: friction sticks, with its bristle straight.
     """
 
     name: str
@@ -154,7 +155,7 @@ def _force(parameters: PlantParameters, p: tuple[float, float, float]) -> float:
     return float(contact_force(parameters, *p, 0.0, 0.0, 0.0, 0.0, 0.0)[2])
 
 
-class Place(NamedTuple):
+class PressPlace(NamedTuple):
     """A place that is pressed on: with the force F_z (N), or, if that is None, as deep as z (m) says."""
 
     x: float
@@ -164,21 +165,21 @@ class Place(NamedTuple):
     force_on: bool
 
 
-def _pressing(parameters: PlantParameters, place: Place) -> OperatingPoint:
+def _pressing(parameters: PlantParameters, place: PressPlace) -> OperatingPoint:
     z = place.z if place.F_z is None else pressing_height(parameters, place.x, place.y, place.F_z)
     return resting_point("pressing", parameters, (place.x, place.y, z), place.force_on)
 
 
-def _touches(experiment: Experiment, parameters: PlantParameters) -> list[Place]:
+def _touches(experiment: Experiment, parameters: PlantParameters) -> list[PressPlace]:
     """Each place that is pressed on, once. In a tap the force loop is off."""
-    found: list[Place] = []
+    found: list[PressPlace] = []
     for task in experiment.tasks:
         corners = [task.point, task.to] if isinstance(task, Push) else [task.point]
-        found += [Place(x, y, 0.0, task.force, not isinstance(task, Tap)) for x, y in corners]
+        found += [PressPlace(x, y, 0.0, task.force, not isinstance(task, Tap)) for x, y in corners]
     if experiment.reference is not None:
         force_on = experiment.controller.mode == "force_position"
         F_ref = experiment.controller.force.reference if force_on else None
         for x, y, z in experiment.reference.p:
             if _force(parameters, (x, y, z)) < 0.0:
-                found.append(Place(x, y, 0.0 if force_on else z, F_ref, force_on))
+                found.append(PressPlace(x, y, 0.0 if force_on else z, F_ref, force_on))
     return list(dict.fromkeys(found))

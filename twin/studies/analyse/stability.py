@@ -29,9 +29,11 @@ class PointStability:
     """One operating point, judged; margins only where it is stable, for elsewhere they mean nothing.
 
     Attributes:
-        linear: its loops. stable: whether every pole is inside the unit circle.
+        linear: its loops.
+        stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
-        margins: by loop. sensitivity: of all loops at once, largest singular value; None if unstable.
+        margins: by loop.
+        sensitivity: of all loops at once, largest singular value; None if unstable.
         limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
             `twin.studies.analyse.linear.margins.gain_limit`.
     """
@@ -70,8 +72,10 @@ class StabilityMap:
     """Damping over contact stiffness and gains at one pressing point, its pose and force kept.
 
     Attributes:
-        law: "position" or "force". at: the point.
-        stiffness: N/m (n,). factors: on all gains of the law (m,).
+        law: "position" or "force".
+        at: the point.
+        stiffness: N/m (n,).
+        factors: on all gains of the law (m,).
         zeta: smallest damping ratio of a pole (m, n); < 0: unstable; NaN: no operating point.
     """
 
@@ -98,8 +102,10 @@ class Stability:
     """An experiment's loops, judged.
 
     Attributes:
-        experiment: what it is of. shared: drives, settings and stepping of all points.
-        points: judged. problems: sentences about points that have no linear model.
+        experiment: what it is of.
+        shared: drives, settings and stepping of all points.
+        points: judged.
+        problems: sentences about points that have no linear model.
         maps: empty where nothing is pressed on.
         checks: the gain limits that were tried in the co-simulation.
     """

@@ -33,7 +33,8 @@ class Kept:
     """A number of a baseline: off by more than its bound either way is a deviation.
 
     Attributes:
-        value, bound: in `unit`, SI. keep: the bound has been chosen by somebody, and an update leaves it.
+        value, bound: in `unit`, SI.
+        keep: the bound has been chosen by somebody, and an update leaves it.
     """
 
     value: float
@@ -55,9 +56,13 @@ class Baseline:
     """What is stored.
 
     Attributes:
-        experiment, drive: their names. fingerprint: of the experiment. fmus: SHA-256 by file name.
-        twin: version that measured it. history: oldest first.
-        metrics: by "measure.metric". tubes: by measure.
+        experiment, drive: their names.
+        fingerprint: of the experiment.
+        fmus: SHA-256 by file name.
+        twin: version that measured it.
+        history: oldest first.
+        metrics: by "measure.metric".
+        tubes: by measure.
     """
 
     experiment: str

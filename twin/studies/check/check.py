@@ -20,7 +20,7 @@ from twin.studies.check.baseline import (
 )
 from twin.studies.check.measurement import Measured, measured
 from twin.studies.check.signals import run_for_measures
-from twin.studies.check.verdict import Row, verdict
+from twin.studies.check.verdict import CheckRow, verdict
 
 
 @dataclass(frozen=True)
@@ -29,7 +29,7 @@ class Deviation:
 
     experiment: str
     drive: str
-    row: Row
+    row: CheckRow
 
     def __str__(self) -> str:
         row, at = self.row, "" if self.row.at is None else f" at {self.row.at:g} s"

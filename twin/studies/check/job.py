@@ -13,7 +13,7 @@ from twin.experiment.named import experiment_file
 from twin.experiment.source import located
 from twin.studies.check.baseline import OWN, Entry, baseline_of, baseline_text, known_baseline, stored_drives
 from twin.studies.check.check import measured_with, stored_baseline
-from twin.studies.check.verdict import Verdict, verdict
+from twin.studies.check.verdict import CheckVerdict, verdict
 
 ALL = "all"
 """Called like a drive: every drive of fmus/."""
@@ -28,23 +28,24 @@ class Pair:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CheckOutcome:
     """What a check came to.
 
     Attributes:
         verdict: None if it could not be measured or compared.
         text: of the baseline's file as it would be after an update; "" if that changes nothing, or nobody asked.
-        failure: why there is no verdict, in a sentence; "" if there is one. exit_code: that goes with it.
+        failure: why there is no verdict, in a sentence; "" if there is one.
+        exit_code: that goes with it.
     """
 
     pair: Pair
-    verdict: Verdict | None
+    verdict: CheckVerdict | None
     text: str = ""
     failure: str = ""
     exit_code: int = 0
 
     @classmethod
-    def of(cls, note: dict[str, Any]) -> "Outcome":
+    def of(cls, note: dict[str, Any]) -> "CheckOutcome":
         """Put together again what `checked` has taken apart."""
         return TypeAdapter(cls).validate_python(note)
 
@@ -83,7 +84,7 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
 
 
 def checked(reporter: Any, work: Sequence[Pair], folder: Path, date: str, reason: str) -> None:
-    """Check each pair of `work`; a job of the guard. Notes: an `Outcome`, taken apart, per pair, in their order.
+    """Check each pair of `work`; a job of the guard. Notes: an `CheckOutcome`, taken apart, per pair, in their order.
 
     Args:
         work: what to check.
@@ -96,19 +97,19 @@ def checked(reporter: Any, work: Sequence[Pair], folder: Path, date: str, reason
         try:
             outcome = _outcome(pair, folder, date, reason)
         except TwinError as error:
-            outcome = Outcome(pair, None, failure=str(error), exit_code=error.exit_code)
+            outcome = CheckOutcome(pair, None, failure=str(error), exit_code=error.exit_code)
         reporter.note(**asdict(outcome))
 
 
-def _outcome(pair: Pair, folder: Path, date: str, reason: str) -> Outcome:
+def _outcome(pair: Pair, folder: Path, date: str, reason: str) -> CheckOutcome:
     file = Path(pair.file)
     if not reason:
         before = stored_baseline(folder, file, pair.drive)
         experiment, now = measured_with(file, pair.drive)
-        return Outcome(pair, verdict(experiment, pair.drive, before, now))
+        return CheckOutcome(pair, verdict(experiment, pair.drive, before, now))
     known = known_baseline(folder, file.stem, pair.drive)
     experiment, now = measured_with(file, pair.drive)
     history = known.history if known else ()
     after = baseline_of(experiment, pair.drive, now, (*history, Entry(date, reason)), known)
     same = known is not None and baseline_text(known) == baseline_text(replace(after, history=history))
-    return Outcome(pair, verdict(experiment, pair.drive, known, now), "" if same else baseline_text(after))
+    return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else baseline_text(after))

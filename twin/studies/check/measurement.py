@@ -40,7 +40,9 @@ class Sampled:
     """A curve as a baseline keeps it.
 
     Attributes:
-        signal, unit: what it is. t, values: (m,), s and SI. tolerance: half width of the tube in `unit`, dt: in s.
+        signal, unit: what it is.
+        t, values: (m,), s and SI.
+        tolerance: half width of the tube in `unit`, dt: in s.
     """
 
     signal: str
@@ -56,7 +58,8 @@ class Measured:
     """What an experiment comes to with one drive.
 
     Attributes:
-        metrics: by "measure.metric". curves: by the measure's name, every tick of its window.
+        metrics: by "measure.metric".
+        curves: by the measure's name, every tick of its window.
         fmus: SHA-256 of the FMUs, by file name.
     """
 

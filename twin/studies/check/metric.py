@@ -20,7 +20,8 @@ class Metric:
     """A measured number.
 
     Attributes:
-        value: in `unit`, SI. floor: the least that its bound may be.
+        value: in `unit`, SI.
+        floor: the least that its bound may be.
         sense: what is better: less of it, a value nearer to zero, or neither.
         scale: what its share is of, in `unit`; None: of the value, which for a coordinate would mean nothing.
     """

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from twin.studies.check.verdict import Outside, Verdict
+from twin.studies.check.verdict import CheckVerdict, Outside
 from twin.studies.compare.picture import A_COLOUR, B_COLOUR, OUT_COLOUR
 from twin.studies.compare.text import shown
 from twin.studies.figure import picture
@@ -16,7 +16,7 @@ MOST = 5
 """Checks of which there are pictures: those that are told in full."""
 
 
-def check_pictures(verdicts: Sequence[Verdict], folder: Path) -> list[Path]:
+def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
     """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files.
 
     Raises:
@@ -31,7 +31,7 @@ def check_pictures(verdicts: Sequence[Verdict], folder: Path) -> list[Path]:
     return drawn
 
 
-def _draw_verdict(verdict: Verdict, path: Path) -> None:
+def _draw_verdict(verdict: CheckVerdict, path: Path) -> None:
     with picture(path, 8.0, 3.2 * len(verdict.outside) + 0.5) as figure:
         panels = figure.subplots(len(verdict.outside), squeeze=False)[:, 0]
         for axes, curve in zip(panels, verdict.outside, strict=True):

@@ -11,14 +11,14 @@ from typing import Any
 from twin.errors import TwinError
 from twin.runs.guard.guard import guarded
 from twin.runs.guard.reporter import DirectReporter
-from twin.studies.check.job import Outcome, Pair, checked
+from twin.studies.check.job import CheckOutcome, Pair, checked
 
 JOB = "twin.studies.check.job:checked"
 
 
 def outcomes(
     pairs: Sequence[Pair], folder: Path, reason: str, processes: int, say: Callable[[str], None]
-) -> list[Outcome]:
+) -> list[CheckOutcome]:
     """The outcome of every pair, in their order.
 
     Args:
@@ -32,10 +32,10 @@ def outcomes(
         KeyboardInterrupt: after every process has ended.
     """
     arguments: dict[str, Any] = {"folder": folder, "date": date.today().isoformat(), "reason": reason}
-    found: dict[Pair, Outcome] = {}
+    found: dict[Pair, CheckOutcome] = {}
 
     def hear(note: dict[str, Any]) -> None:
-        outcome = Outcome.of(note)
+        outcome = CheckOutcome.of(note)
         found[outcome.pair] = outcome
         say(f"{len(found)} of {len(pairs)} checks")
 
@@ -77,4 +77,4 @@ def _share(
         except TwinError as failure:
             if not left:
                 raise
-            take(asdict(Outcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))
+            take(asdict(CheckOutcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))

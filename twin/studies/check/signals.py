@@ -27,7 +27,8 @@ class Signals:
     """Of a run that went to its end.
 
     Attributes:
-        run: every signal of it at every tick. believed: what the controller believes the robot to be.
+        run: every signal of it at every tick.
+        believed: what the controller believes the robot to be.
         fmus: SHA-256 of every FMU that took part, by file name.
     """
 

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable, Sequence
 
-from twin.studies.check.verdict import Row, Verdict
+from twin.studies.check.verdict import CheckRow, CheckVerdict
 from twin.studies.compare.text import shown
 from twin.studies.lines import counted, wrapped
 
@@ -13,11 +13,12 @@ MOST = 5
 """Checks that deviate and are told in full; of the others what they come to. All are in the JSON."""
 
 
-def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
+def check_text(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
     """The answer first; of a single check every number, of many only those that deviate.
 
     Args:
-        verdicts: of the checks that could be done. failures: sentences on those that could not.
+        verdicts: of the checks that could be done.
+        failures: sentences on those that could not.
     """
     lines = [_answer(verdicts, failures)]
     told = verdicts if len(verdicts) == 1 else [verdict for verdict in verdicts if verdict.deviations]
@@ -41,7 +42,7 @@ def check_text(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
     return "\n".join(lines)
 
 
-def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
+def _answer(verdicts: Sequence[CheckVerdict], failures: Sequence[str]) -> str:
     missed = f"{counted(len(failures), 'check')} could not be done" if failures else ""
     if not verdicts:
         return missed
@@ -60,18 +61,18 @@ def _answer(verdicts: Sequence[Verdict], failures: Sequence[str]) -> str:
     return "\n  ".join(filter(None, (told, f"of {of}", added, missed)))
 
 
-def _words(verdicts: Sequence[Verdict]) -> str:
+def _words(verdicts: Sequence[CheckVerdict]) -> str:
     """`3 worse, 1 outside`."""
     words = Counter(row.word for verdict in verdicts for row in verdict.deviations)
     return ", ".join(f"{count} {word}" for word, count in words.most_common())
 
 
-def _first(verdict: Verdict) -> bool:
+def _first(verdict: CheckVerdict) -> bool:
     """Whether there was no baseline."""
     return all(row.word == "new" for row in verdict.rows)
 
 
-def _table(rows: Sequence[Row]) -> Iterable[str]:
+def _table(rows: Sequence[CheckRow]) -> Iterable[str]:
     width = min(LONGEST, max(6, *(len(_name(row)) for row in rows)))
     yield f"  {'':7} {'metric':{width}} {'unit':6}{'baseline':>10}{'now':>10}{'bound':>10}"
     for row in rows:
@@ -87,7 +88,7 @@ def _table(rows: Sequence[Row]) -> Iterable[str]:
         yield f"{head} {unit:6}{numbers}"
 
 
-def _name(row: Row) -> str:
+def _name(row: CheckRow) -> str:
     return row.name if row.at is None or row.word == "ok" else f"{row.name} at {row.at:.4g} s"
 
 

@@ -20,12 +20,14 @@ Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
 
 
 @dataclass(frozen=True)
-class Row:
+class CheckRow:
     """One number or one tube.
 
     Attributes:
-        name: "measure.metric", or "measure.tube". unit: SI.
-        before, now: None where there is none. bound: how far apart they may be; None likewise.
+        name: "measure.metric", or "measure.tube".
+        unit: SI.
+        before, now: None where there is none.
+        bound: how far apart they may be; None likewise.
         at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
         word: what it comes to.
     """
@@ -44,7 +46,10 @@ class Outside:
     """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
 
     Attributes:
-        name: of its row. signal: what it is. before: the baseline. lower, upper: the tube around it.
+        name: of its row.
+        signal: what it is.
+        before: the baseline.
+        lower, upper: the tube around it.
     """
 
     name: str
@@ -58,21 +63,23 @@ class Outside:
 
 
 @dataclass(frozen=True)
-class Verdict:
+class CheckVerdict:
     """An experiment with one drive against its baseline.
 
     Attributes:
-        rows: numbers, then tubes. notes: what has changed besides, a sentence each. outside: of what tubes have lost.
+        rows: numbers, then tubes.
+        notes: what has changed besides, a sentence each.
+        outside: of what tubes have lost.
     """
 
     experiment: str
     drive: str
-    rows: tuple[Row, ...]
+    rows: tuple[CheckRow, ...]
     notes: tuple[str, ...]
     outside: tuple[Outside, ...] = ()
 
     @property
-    def deviations(self) -> tuple[Row, ...]:
+    def deviations(self) -> tuple[CheckRow, ...]:
         return tuple(row for row in self.rows if row.word != "ok")
 
     def facts(self) -> dict[str, Any]:
@@ -80,42 +87,44 @@ class Verdict:
         return finite(asdict(self))
 
 
-def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> Verdict:
+def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:
     """Hold `now` against `baseline`; if there is none, everything is new.
 
     A changed experiment or FMU is compared all the same, which is what a baseline is for, and told in a note. A number
     that is in another unit than it was is another number: the old one is gone.
     """
     if baseline is None:
-        rows = [Row(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()]
-        return Verdict(experiment.name, drive, tuple(rows), ())
+        rows = [
+            CheckRow(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()
+        ]
+        return CheckVerdict(experiment.name, drive, tuple(rows), ())
     rows, outside = list(_metric_rows(baseline, now)), []
     for name, tube in baseline.tubes.items():
         curve = now.curves.get(name)
         if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
-            rows.append(Row(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone"))
+            rows.append(CheckRow(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone"))
         else:
             row, beside = _tube_row(f"{name}.tube", tube, curve)
             rows.append(row)
             outside += [beside] if row.word == "outside" else []
     notes = tuple(_notes(experiment, baseline, now))
-    return Verdict(experiment.name, drive, tuple(rows), notes, tuple(outside))
+    return CheckVerdict(experiment.name, drive, tuple(rows), notes, tuple(outside))
 
 
-def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[Row]:
+def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[CheckRow]:
     for name, kept in baseline.metrics.items():
         metric = now.metrics.get(name)
         if metric is None or metric.unit != kept.unit:
-            yield Row(name, kept.unit, kept.value, None, None, None, "gone")
+            yield CheckRow(name, kept.unit, kept.value, None, None, None, "gone")
             continue
         word: Word = "ok"
         # written so that what is not a number is not ok
         if not abs(metric.value - kept.value) <= kept.bound:
             word = _direction(metric, kept.value)
-        yield Row(name, kept.unit, kept.value, metric.value, kept.bound, None, word)
+        yield CheckRow(name, kept.unit, kept.value, metric.value, kept.bound, None, word)
     for name, metric in now.metrics.items():
         if name not in baseline.metrics or baseline.metrics[name].unit != metric.unit:
-            yield Row(name, metric.unit, None, metric.value, None, None, "new")
+            yield CheckRow(name, metric.unit, None, metric.value, None, None, "new")
 
 
 def _direction(metric: Metric, before: float) -> Word:
@@ -125,7 +134,7 @@ def _direction(metric: Metric, before: float) -> Word:
     return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
 
 
-def _tube_row(name: str, tube: Sampled, curve: Sampled) -> tuple[Row, Outside]:
+def _tube_row(name: str, tube: Sampled, curve: Sampled) -> tuple[CheckRow, Outside]:
     """At the instants that the baseline has, where a thinned curve is as good as the whole."""
     # the times of a baseline are rounded, so its ends may lie beside the first and last tick
     inside = within(tube.t, curve.t[0], curve.t[-1])
@@ -133,7 +142,7 @@ def _tube_row(name: str, tube: Sampled, curve: Sampled) -> tuple[Row, Outside]:
     around = reach(tube.t, tube.values, tube.t, tube.dt)
     off = np.abs(around.excess(y))
     worst = int(np.argmax(off))
-    row = Row(
+    row = CheckRow(
         name,
         tube.unit,
         float(tube.values[worst]),

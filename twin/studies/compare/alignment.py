@@ -4,7 +4,7 @@ from typing import Literal, NamedTuple, cast, get_args
 
 import numpy as np
 
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.studies.compare.tolerance import ComparisonRefused
 
 Kind = Literal["none", "start", "event", "fit"]
@@ -30,7 +30,7 @@ class Alignment(NamedTuple):
     max_shift: float = 1.0
 
 
-class Shift(NamedTuple):
+class TimeShift(NamedTuple):
     """Seconds to add to the times of the second log, and a sentence where that is doubtful."""
 
     seconds: float = 0.0
@@ -52,7 +52,7 @@ def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
     return Alignment(cast(Kind, kind), signal, max_shift)
 
 
-def shift(a: Log, b: Log, how: Alignment) -> Shift:
+def shift(a: Log, b: Log, how: Alignment) -> TimeShift:
     """What to add to the times of `b` to align it with `a`.
 
     Raises:
@@ -60,10 +60,10 @@ def shift(a: Log, b: Log, how: Alignment) -> Shift:
         LogRefused: a log has no such signal.
     """
     if how.kind == "none":
-        return Shift()
+        return TimeShift()
     if how.kind == "start":
         first = [min(series.t[0] for series in log.series.values()) for log in (a, b)]
-        return Shift(float(first[0] - first[1]))
+        return TimeShift(float(first[0] - first[1]))
     ours, theirs = a[how.signal], b[how.signal]
     if np.ptp(ours.values) == 0.0 or np.ptp(theirs.values) == 0.0:
         raise ComparisonRefused(f"--by {how.signal}: is constant, so nothing in it can be aligned")
@@ -72,7 +72,7 @@ def shift(a: Log, b: Log, how: Alignment) -> Shift:
     return _fit(ours, theirs, how.max_shift)
 
 
-def _event(a: Log, b: Log, signal: str) -> Shift:
+def _event(a: Log, b: Log, signal: str) -> TimeShift:
     level = 0.5 * float(a[signal].values.min() + a[signal].values.max())
     times = []
     for log in (a, b):
@@ -82,10 +82,10 @@ def _event(a: Log, b: Log, signal: str) -> Shift:
             raise ComparisonRefused(f"{log.path}: {signal} never crosses {level:.4g}, the middle of the first's range")
         k = crossings[0]
         times.append(float(t[k] + (t[k + 1] - t[k]) * above[k] / (above[k] - above[k + 1])))
-    return Shift(times[0] - times[1])
+    return TimeShift(times[0] - times[1])
 
 
-def _fit(ours: Series, theirs: Series, limit: float) -> Shift:
+def _fit(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
     """The best of a grid of shifts, then the best near it; the rms may have several minima, a grid sees all."""
     # scipy takes a while to load, and only this needs it
     from scipy.optimize import minimize_scalar
@@ -115,4 +115,4 @@ def _fit(ours: Series, theirs: Series, limit: float) -> Shift:
     refined = minimize_scalar(rms, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step})
     found = float(refined.x) if refined.fun < costs[best] else float(grid[best])
     note = f"the best shift is at the end of --max-shift {limit:g}; widen it" if best in (0, len(grid) - 1) else ""
-    return Shift(found, note)
+    return TimeShift(found, note)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from twin.recording.logs.log import Log, Series
-from twin.studies.compare.alignment import Alignment, Shift, shift
+from twin.recording.logs.log import Log, LogSeries
+from twin.studies.compare.alignment import Alignment, TimeShift, shift
 from twin.studies.compare.pairing import no_overlap, paired, spans
-from twin.studies.compare.row import Curves, Row, curves, row
+from twin.studies.compare.row import SignalRow, TubeCurves, curves, row
 from twin.studies.compare.tolerance import ComparisonRefused, Rule, allowance
 from twin.studies.paper.digitised.provenance import provenance
 from twin.writing import finite
@@ -35,9 +35,9 @@ class Comparison:
 
     a: Path
     b: Path
-    shift: Shift
-    rows: tuple[Row, ...]
-    curves: dict[str, Curves]
+    shift: TimeShift
+    rows: tuple[SignalRow, ...]
+    curves: dict[str, TubeCurves]
     apart: tuple[str, ...]
     only_a: tuple[str, ...]
     only_b: tuple[str, ...]
@@ -45,7 +45,7 @@ class Comparison:
     notes: tuple[str, ...]
 
     @property
-    def outside(self) -> tuple[Row, ...]:
+    def outside(self) -> tuple[SignalRow, ...]:
         """Signals that leave their tube, in the order in which they do."""
         left = [row for row in self.rows if row.first_exit]
         return tuple(sorted(left, key=lambda row: row.first_exit.t if row.first_exit else 0.0))
@@ -103,7 +103,7 @@ def compared(
     rows, of_signals, apart = [], {}, []
     for name, unit in units.items():
         ours, theirs = a[name], b[name]
-        theirs = Series(theirs.t + moved.seconds, theirs.values, theirs.unit)
+        theirs = LogSeries(theirs.t + moved.seconds, theirs.values, theirs.unit)
         span, magnitude = widest[name.partition("[")[0]], float(np.nanmax(np.abs(ours.values)))
         allowed = allowance(name, unit, span, magnitude, [*stated, *given])
         found = curves(ours, theirs, allowed)

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from twin.errors import nearest
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 from twin.studies.compare.tolerance import ComparisonRefused, Rule, matches
 from twin.units import Dimension, Unit, known_unit
 
@@ -87,5 +87,5 @@ def _some(log: Log) -> str:
     return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
-def _unit(series: Series) -> Unit:
+def _unit(series: LogSeries) -> Unit:
     return known_unit(series.unit) or Unit(Dimension())

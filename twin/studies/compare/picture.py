@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from twin.recording.logs.sampling import sampling
 from twin.studies.compare.comparison import Comparison
-from twin.studies.compare.row import Curves, Row
+from twin.studies.compare.row import SignalRow, TubeCurves
 from twin.studies.compare.text import shown
 from twin.studies.figure import PAPER_BLUE, PAPER_ORANGE, picture
 
@@ -33,7 +33,7 @@ def draw_comparison(comparison: Comparison, path: Path) -> None:
         figure.legend(handles, names, loc="outside upper center", ncols=2, fontsize=9)
 
 
-def _draw(above: Axes, below: Axes, row: Row, curves: Curves) -> None:
+def _draw(above: Axes, below: Axes, row: SignalRow, curves: TubeCurves) -> None:
     unit, factor = shown(row.unit)
     t, apart = _with_breaks(curves.t)
     a, b, lower, upper = (factor * np.insert(values, apart, np.nan) for values in (curves.a, curves.b, *curves.tube))

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.recording.logs.log import Series
+from twin.recording.logs.log import LogSeries
 from twin.recording.logs.sampling import in_gap
 from twin.studies.compare.tolerance import Allowance
 from twin.studies.compare.tube import Curve, Tube, reach
@@ -25,7 +25,7 @@ class Exit:
 
 
 @dataclass(frozen=True)
-class Row:
+class SignalRow:
     """One signal; SI units. Errors are the second log's value less the first's, at the same time.
 
     Attributes:
@@ -57,7 +57,7 @@ class Row:
 
 
 @dataclass(frozen=True)
-class Curves:
+class TubeCurves:
     """What a row was computed from: instants t (s), the two values there, the reach and the tube, all (n,)."""
 
     t: Curve
@@ -67,14 +67,14 @@ class Curves:
     tube: Tube
 
 
-def curves(ours: Series, theirs: Series, allowed: Allowance) -> Curves:
+def curves(ours: LogSeries, theirs: LogSeries, allowed: Allowance) -> TubeCurves:
     """Both signals and the tube at the instants of whichever is sampled more sparsely, without gaps; n may be 0."""
     start, end = max(ours.t[0], theirs.t[0]), min(ours.t[-1], theirs.t[-1])
     count = [np.sum((series.t >= start) & (series.t <= end)) for series in (ours, theirs)]
     t = ours.t if count[0] <= count[1] else theirs.t
     t = t[(t >= start) & (t <= end) & ~in_gap(t, ours.sampling.gaps) & ~in_gap(t, theirs.sampling.gaps)]
     bounds = reach(ours.t, ours.values, t, allowed.dt)
-    return Curves(
+    return TubeCurves(
         t,
         np.interp(t, ours.t, ours.values),
         np.interp(t, theirs.t, theirs.values),
@@ -83,7 +83,9 @@ def curves(ours: Series, theirs: Series, allowed: Allowance) -> Curves:
     )
 
 
-def row(signal: str, ours: Series, theirs: Series, allowed: Allowance, found: Curves, span: float) -> Row:
+def row(
+    signal: str, ours: LogSeries, theirs: LogSeries, allowed: Allowance, found: TubeCurves, span: float
+) -> SignalRow:
     """What `found`, of at least one instant, comes to."""
     error = found.b - found.a
     # a value that is none is as wrong as can be
@@ -97,7 +99,7 @@ def row(signal: str, ours: Series, theirs: Series, allowed: Allowance, found: Cu
         first = Exit(*(float(x[k]) for x in (found.t, found.b, found.tube.lower, found.tube.upper)))
     off = float(np.max(np.abs(found.reach.excess(found.b))))
     used = off / allowed.value if allowed.value else (np.inf if len(out) else 0.0)
-    return Row(
+    return SignalRow(
         signal=signal,
         unit=ours.unit,
         n=len(found.t),
@@ -114,7 +116,7 @@ def row(signal: str, ours: Series, theirs: Series, allowed: Allowance, found: Cu
     )
 
 
-def coverage(ours: Series, theirs: Series) -> float:
+def coverage(ours: LogSeries, theirs: LogSeries) -> float:
     """Share of the time of `ours` that `theirs` covers, 0 .. 1; exactly 1 if it covers all of it.
 
     A sampled signal begins up to a period after its source and ends up to a period before it, so a period of the

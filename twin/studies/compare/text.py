@@ -4,7 +4,7 @@ import math
 from collections.abc import Iterable
 
 from twin.studies.compare.comparison import Comparison
-from twin.studies.compare.row import Row
+from twin.studies.compare.row import SignalRow
 from twin.studies.lines import counted, wrapped
 
 MOST_OUTSIDE, MOST_INSIDE = 8, 6
@@ -61,7 +61,7 @@ def _table(comparison: Comparison) -> list[str]:
     return [*lines, *([f"     and {', '.join(left)}"] if left else [])]
 
 
-def _lines(row: Row, width: int) -> list[str]:
+def _lines(row: SignalRow, width: int) -> list[str]:
     unit, factor = shown(row.unit)
     numbers = f"{factor * row.max_error:9.3g}{row.max_error_at:8.3f}"
     numbers += f"{factor * row.rms_error:9.3g}{factor * row.mean_error:10.2g}"

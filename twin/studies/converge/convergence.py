@@ -10,7 +10,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.variation import shortened
 from twin.studies.converge.coupling import COUPLINGS, Coupling
 from twin.studies.converge.order import Order, observed_order
-from twin.studies.converge.power import Residual, power_residuals
+from twin.studies.converge.power import PowerResidual, power_residuals
 from twin.studies.converge.reference import Reference, reference_of
 from twin.studies.converge.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
 from twin.studies.converge.smoothing import Smooth, comparable, smoothed
@@ -20,7 +20,7 @@ SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 
 
 @dataclass(frozen=True)
-class Point:
+class TickPoint:
     """One run: tick (s), largest error by signal (SI; infinite if it failed), wall time per simulated time."""
 
     tick: float
@@ -29,7 +29,7 @@ class Point:
 
 
 @dataclass(frozen=True)
-class Series:
+class CouplingSeries:
     """One coupling, from the longest tick to the shortest.
 
     Attributes:
@@ -38,9 +38,9 @@ class Series:
     """
 
     coupling: Coupling
-    points: tuple[Point, ...]
+    points: tuple[TickPoint, ...]
     orders: dict[str, Order]
-    residuals: tuple[Residual, ...]
+    residuals: tuple[PowerResidual, ...]
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class Choice:
     """A coupling at a tick that keeps the force within the tolerance."""
 
     coupling: Coupling
-    point: Point
+    point: TickPoint
 
 
 @dataclass(frozen=True)
@@ -56,10 +56,15 @@ class Study:
     """What came of it.
 
     Attributes:
-        name: of the experiment. duration, tick: as it was run (s). coupling: the experiment's own.
-        changes: what was taken out of the experiment. reference: what errors are measured against.
-        series: by coupling. left_out: (coupling's name, why).
-        tolerance: of the force (N). choice: None: no run met it, or nothing is pressed.
+        name: of the experiment.
+        duration, tick: as it was run (s).
+        coupling: the experiment's own.
+        changes: what was taken out of the experiment.
+        reference: what errors are measured against.
+        series: by coupling.
+        left_out: (coupling's name, why).
+        tolerance: of the force (N).
+        choice: None: no run met it, or nothing is pressed.
     """
 
     name: str
@@ -68,7 +73,7 @@ class Study:
     coupling: Coupling
     changes: tuple[str, ...]
     reference: Reference
-    series: tuple[Series, ...]
+    series: tuple[CouplingSeries, ...]
     left_out: tuple[tuple[str, str], ...]
     tolerance: float
     choice: Choice | None
@@ -104,7 +109,7 @@ def convergence(
     cut = Smooth(shortened(whole.experiment, duration) if duration else whole.experiment, whole.changes)
     used = smoothed(cut) if smooth else cut
     reference = reference_of(used.experiment)
-    series: list[Series] = []
+    series: list[CouplingSeries] = []
     left_out: list[tuple[str, str]] = []
     for coupling in COUPLINGS:
         say(coupling.name)
@@ -130,7 +135,7 @@ def convergence(
     )
 
 
-def recommended(series: list[Series], tolerance: float) -> Choice | None:
+def recommended(series: list[CouplingSeries], tolerance: float) -> Choice | None:
     """The longest tick from which on some coupling keeps the force within `tolerance` (N), and the simplest that does.
 
     At every shorter tick it has to as well: an error that is small at one tick only is luck. Couplings are in the order
@@ -147,7 +152,7 @@ def recommended(series: list[Series], tolerance: float) -> Choice | None:
     return None
 
 
-def _series(experiment: Experiment, coupling: Coupling, reference: Reference) -> Series:
+def _series(experiment: Experiment, coupling: Coupling, reference: Reference) -> CouplingSeries:
     points = tuple(_points(experiment, coupling, reference))
     ticks = [point.tick for point in points]
     orders = {
@@ -158,10 +163,10 @@ def _series(experiment: Experiment, coupling: Coupling, reference: Reference) ->
     }
     own = coupling.of(experiment, experiment.cosim.tick)
     ran = any(point.tick == own.cosim.tick and np.isfinite(point.cost) for point in points)
-    return Series(coupling, points, orders, power_residuals(own) if ran else ())
+    return CouplingSeries(coupling, points, orders, power_residuals(own) if ran else ())
 
 
-def _points(experiment: Experiment, coupling: Coupling, reference: Reference) -> Iterator[Point]:
+def _points(experiment: Experiment, coupling: Coupling, reference: Reference) -> Iterator[TickPoint]:
     for share in SHARES:
         try:
             varied = coupling.of(experiment, share * experiment.cosim.tick)
@@ -172,6 +177,6 @@ def _points(experiment: Experiment, coupling: Coupling, reference: Reference) ->
                 raise
             continue
         except ComponentFailed:
-            yield Point(share * experiment.cosim.tick, {signal.name: np.inf for signal in SIGNALS}, np.inf)
+            yield TickPoint(share * experiment.cosim.tick, {signal.name: np.inf for signal in SIGNALS}, np.inf)
             continue
-        yield Point(varied.cosim.tick, largest_errors(samples, reference.samples), cost)
+        yield TickPoint(varied.cosim.tick, largest_errors(samples, reference.samples), cost)

@@ -40,7 +40,8 @@ def coupled_derivative(parameters, T_m, droop, omega_ref, x):
 
     Args:
         parameters: `PlantParameters`; the surface stays at rest.
-        T_m, droop: of each drive in s and rad/s per N m, (3,) each. omega_ref: command in rad/s, (3,).
+        T_m, droop: of each drive in s and rad/s per N m, (3,) each.
+        omega_ref: command in rad/s, (3,).
     """
     dx = np.zeros_like(x)
     y = np.empty(1, dtype=MOTION)[0]
@@ -61,8 +62,12 @@ class Servos:
     """The constants of `coupled_derivative`, and the limits within which it is the drives' equation.
 
     Attributes:
-        T_m: s. droop: rad/s per N m. omega_max: of the command, rad/s. alpha_max: rad/s2. tau_max: of the machine,
-            N m. J_m: kg m2. Each (3,).
+        T_m: s.
+        droop: rad/s per N m.
+        omega_max: of the command, rad/s.
+        alpha_max: rad/s2.
+        tau_max: of the machine, N m.
+        J_m: kg m2. Each (3,).
     """
 
     T_m: NDArray[np.float64]
@@ -111,7 +116,8 @@ def monolithic_rows(
 
     Args:
         experiment: its [cosim] plays no role.
-        drives: behind the joints. rtol, atol: tolerances of the solver, (14,) as the state of `coupled_derivative`.
+        drives: behind the joints.
+        rtol, atol: tolerances of the solver, (14,) as the state of `coupled_derivative`.
 
     Returns:
         Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the

@@ -14,7 +14,7 @@ LEAST = 0.5
 """A smaller slope is no order: what is left is not the coupling's error."""
 
 
-class Finding(StrEnum):
+class OrderFinding(StrEnum):
     """What can be said of an order."""
 
     SMOOTH = "smooth"
@@ -29,26 +29,27 @@ class Order:
     """p in error = C tick^p; `slope` is None where it would mean nothing, and `finding` says why."""
 
     slope: float | None
-    finding: Finding
+    finding: OrderFinding
 
 
 def observed_order(ticks: ArrayLike, errors: ArrayLike, floor: float) -> Order:
     """Least squares in log-log over the errors that say something of the coupling.
 
     Args:
-        ticks: s, (n,). errors: >= 0, infinite where the run failed, (n,). floor: errors up to ten times this are left
-            out: there the reference's own error is more than a tenth.
+        ticks: s, (n,).
+        errors: >= 0, infinite where the run failed, (n,).
+        floor: errors up to ten times this are left out: there the reference's own error is more than a tenth.
     """
     h, e = np.asarray(ticks, dtype=float), np.asarray(errors, dtype=float)
     if not np.all(np.isfinite(e)):
-        return Order(None, Finding.UNSTABLE)
+        return Order(None, OrderFinding.UNSTABLE)
     told = e > 10.0 * floor
     if np.count_nonzero(told) < FEWEST:
-        return Order(None, Finding.AT_FLOOR)
+        return Order(None, OrderFinding.AT_FLOOR)
     by_tick = np.argsort(h[told])
     log_h, log_e = np.log(h[told][by_tick]), np.log(e[told][by_tick])
     pairs = np.diff(log_e) / np.diff(log_h)
     slope = float(np.polyfit(log_h, log_e, 1)[0])
     if slope < LEAST:
-        return Order(None, Finding.NOT_FALLING)
-    return Order(slope, Finding.NOT_SMOOTH if np.ptp(pairs) > UNEVEN else Finding.SMOOTH)
+        return Order(None, OrderFinding.NOT_FALLING)
+    return Order(slope, OrderFinding.NOT_SMOOTH if np.ptp(pairs) > UNEVEN else OrderFinding.SMOOTH)

@@ -8,7 +8,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.ticker import FormatStrFormatter, LogLocator, NullFormatter
 
-from twin.studies.converge.convergence import Series, Study
+from twin.studies.converge.convergence import CouplingSeries, Study
 from twin.studies.converge.signals import FORCE, Signal
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, RED, SKY, picture
 
@@ -62,7 +62,7 @@ def _draw_tolerance(by_tick: Axes, by_cost: Axes, study: Study) -> None:
     by_cost.plot(1e3 * point.cost, error, **ring)
 
 
-def _label(one: Series, signal: Signal) -> str:
+def _label(one: CouplingSeries, signal: Signal) -> str:
     slope = one.orders[signal.name].slope
     return one.coupling.name + (f": order {slope:.2f}" if slope is not None else "")
 

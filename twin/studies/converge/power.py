@@ -35,17 +35,19 @@ from twin.experiment.experiment import Experiment
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
 from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.loop import simulate
-from twin.runs.observer import Event, Observer
+from twin.runs.observer import Observer, TickEvent
 from twin.runs.trace import Trace
 
 
 @dataclass(frozen=True)
-class Residual:
+class PowerResidual:
     """Of one joint over a run.
 
     Attributes:
-        mean: of the residual power (W), signed. peak: its largest value of any step (W).
-        energy: created (J), signed. throughput: of |W_drive| (J).
+        mean: of the residual power (W), signed.
+        peak: its largest value of any step (W).
+        energy: created (J), signed.
+        throughput: of |W_drive| (J).
     """
 
     mean: float
@@ -54,7 +56,7 @@ class Residual:
     throughput: float
 
 
-def power_residuals(experiment: Experiment) -> tuple[Residual, Residual, Residual]:
+def power_residuals(experiment: Experiment) -> tuple[PowerResidual, PowerResidual, PowerResidual]:
     """Run `experiment` in this process and balance what drives and springs make of it, joint by joint.
 
     Raises:
@@ -64,7 +66,7 @@ def power_residuals(experiment: Experiment) -> tuple[Residual, Residual, Residua
         W_drive, W_spring = _work(experiment, assembly)
     created, h = W_spring - W_drive, experiment.cosim.tick
     one, two, three = (
-        Residual(
+        PowerResidual(
             mean=float(created[:, i].mean() / h),
             peak=float(np.abs(created[:, i]).max() / h),
             energy=float(created[:, i].sum()),
@@ -79,8 +81,8 @@ class _Inputs(Observer):
     """What drives and plant were given in each step: sees the inputs of a slice's last step, so slices are one tick.
 
     Attributes:
-        load: of the drives, (ticks, 3) N m. end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where
-            it is given only one.
+        load: of the drives, (ticks, 3) N m.
+        end, start: of the plant's motor ends, (ticks, 3) rad; the same angle where it is given only one.
     """
 
     def begin(self, simulation: Simulation) -> None:
@@ -91,7 +93,7 @@ class _Inputs(Observer):
         self.ramp = any(port.name == "theta_m_start" for port in self._plant.inputs)
         self.load, self.end, self.start = (np.empty((simulation.last_tick, 3)) for _ in range(3))
 
-    def take(self, first: int, rows: np.ndarray, events: list[Event]) -> None:
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         # in the last tick no step is made
         if first < len(self.load):
             self.load[first] = np.concatenate([self._input(drive, "tau_load") for drive in self._drives])

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
-from twin.studies.converge.convergence import Series, Study, convergence
+from twin.studies.converge.convergence import CouplingSeries, Study, convergence
 from twin.studies.converge.order import Order
 from twin.studies.converge.picture import draw_convergence
 from twin.studies.converge.signals import SIGNALS
@@ -76,7 +76,7 @@ def convergence_facts(study: Study) -> dict[str, object]:
     }
 
 
-def _series_facts(one: Series) -> dict[str, object]:
+def _series_facts(one: CouplingSeries) -> dict[str, object]:
     return {
         "coupling": asdict(one.coupling),
         "points": [

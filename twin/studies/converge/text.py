@@ -3,18 +3,24 @@
 from collections.abc import Mapping
 from math import isfinite
 
-from twin.studies.converge.convergence import Point, Series, Study
-from twin.studies.converge.order import Finding, Order
+from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint
+from twin.studies.converge.order import Order, OrderFinding
 from twin.studies.converge.signals import FORCE, SIGNALS
 from twin.studies.lines import labelled
 
 NAME = 31
 COLUMN = 9
 REMARKS = {
-    Finding.NOT_SMOOTH: ("~", "slopes of neighbouring ticks differ by more than 0.3: an event moves with the tick"),
-    Finding.NOT_FALLING: ("x", "does not fall with the tick: not the coupling's error, but the drive's or an event's"),
-    Finding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
-    Finding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
+    OrderFinding.NOT_SMOOTH: (
+        "~",
+        "slopes of neighbouring ticks differ by more than 0.3: an event moves with the tick",
+    ),
+    OrderFinding.NOT_FALLING: (
+        "x",
+        "does not fall with the tick: not the coupling's error, but the drive's or an event's",
+    ),
+    OrderFinding.AT_FLOOR: ("-", "too few errors are above the reference's own to make an order"),
+    OrderFinding.UNSTABLE: ("!", "a run failed: the coupling is not stable at that tick"),
 }
 """How orders are marked, and why."""
 
@@ -50,7 +56,7 @@ def _headline(study: Study) -> list[str]:
     return told
 
 
-def _own(study: Study) -> Point | None:
+def _own(study: Study) -> TickPoint | None:
     """The run of the experiment's own coupling and tick, if it is among the others."""
     points = [point for one in study.series if one.coupling == study.coupling for point in one.points]
     return next((point for point in points if point.tick == study.tick), None)
@@ -99,7 +105,7 @@ def _power(study: Study) -> list[str]:
     return [*told, *labelled("", "mean, energy: of all joints, + created; peak: of one; share: of the energy through")]
 
 
-def _balance(one: Series) -> list[str]:
+def _balance(one: CouplingSeries) -> list[str]:
     energy = sum(joint.energy for joint in one.residuals)
     mean, peak = sum(joint.mean for joint in one.residuals), max(joint.peak for joint in one.residuals)
     share = energy / max(sum(joint.throughput for joint in one.residuals), 1e-300)

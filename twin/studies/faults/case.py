@@ -44,7 +44,8 @@ def cases(
     """kinds x magnitudes x onsets, each on the kind's first target.
 
     Args:
-        onsets: (s). duration: of each fault (s); None: to the end.
+        onsets: (s).
+        duration: of each fault (s); None: to the end.
 
     Raises:
         InputRefused: an onset or the duration is not one of this experiment.

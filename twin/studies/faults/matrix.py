@@ -10,13 +10,13 @@ from twin.experiment.fault import NEVER
 from twin.monitor.reasons import trip_sentence
 from twin.studies.faults.case import Case
 from twin.studies.faults.onset import default_onsets, touching
-from twin.studies.faults.row import End, Outcome, Row
-from twin.studies.faults.trial import Trial, trial
+from twin.studies.faults.row import End, FaultOutcome, FaultRow
+from twin.studies.faults.trial import FaultTrial, trial
 
 FAILURE = "FAILURE"
 
 
-def healthy_trial(experiment: Experiment) -> Trial:
+def healthy_trial(experiment: Experiment) -> FaultTrial:
     """The run that every row is compared with: no fault, with the monitor.
 
     Raises:
@@ -41,7 +41,7 @@ def healthy_trial(experiment: Experiment) -> Trial:
     return healthy
 
 
-def onsets_of(experiment: Experiment, healthy: Trial, wanted: Sequence[float]) -> tuple[float, ...]:
+def onsets_of(experiment: Experiment, healthy: FaultTrial, wanted: Sequence[float]) -> tuple[float, ...]:
     """The onsets `wanted` (s), or if there are none, those that the healthy run suggests.
 
     Raises:
@@ -50,7 +50,7 @@ def onsets_of(experiment: Experiment, healthy: Trial, wanted: Sequence[float]) -
     return tuple(wanted) or tuple(tick * experiment.cosim.tick for tick in default_onsets(healthy))
 
 
-def matrix_rows(experiment: Experiment, healthy: Trial, cases: Sequence[Case]) -> Iterator[Row]:
+def matrix_rows(experiment: Experiment, healthy: FaultTrial, cases: Sequence[Case]) -> Iterator[FaultRow]:
     """One row per case, as they come.
 
     Raises:
@@ -63,7 +63,7 @@ def matrix_rows(experiment: Experiment, healthy: Trial, cases: Sequence[Case]) -
         watched, unwatched = (
             outcome(trial(experiment, fault, watched), fault.onset, tick, limit) for watched in (True, False)
         )
-        yield Row(
+        yield FaultRow(
             kind=fault.kind,
             target=fault.target,
             magnitude=case.magnitude,
@@ -77,16 +77,17 @@ def matrix_rows(experiment: Experiment, healthy: Trial, cases: Sequence[Case]) -
         )
 
 
-def outcome(run: Trial, onset: int, tick: float, limit: float) -> Outcome:
+def outcome(run: FaultTrial, onset: int, tick: float, limit: float) -> FaultOutcome:
     """What `run` did from tick `onset` on.
 
     Args:
-        tick: (s). limit: of the force (N).
+        tick: (s).
+        limit: of the force (N).
     """
     force = run.force[onset:]
     at_fault = run.culprit.startswith("fault_")
     tripped = run.trip.tick if run.trip else len(run.force) - 1 if at_fault else None
-    return Outcome(
+    return FaultOutcome(
         # the row of the tick in which a step fails is there
         peak=float(force.max()),
         peak_delay=float(tick * force.argmax()),
@@ -99,7 +100,7 @@ def outcome(run: Trial, onset: int, tick: float, limit: float) -> Outcome:
     )
 
 
-def _end(run: Trial) -> End:
+def _end(run: FaultTrial) -> End:
     if run.failure:
         return "run ended"
     if run.power_off_tick is not None:

@@ -4,13 +4,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.studies.faults.trial import Trial
+from twin.studies.faults.trial import FaultTrial
 
 TOUCH = 0.5
 """True force (N) from which on the robot touches: half the force at which the monitor lets a contact begin."""
 
 
-def default_onsets(healthy: Trial) -> tuple[int, int]:
+def default_onsets(healthy: FaultTrial) -> tuple[int, int]:
     """(a tick in free motion, a tick in contact) of a `healthy` run.
 
     The first is the middle of the descent to the first contact, the second the middle of the longest contact: the hold
@@ -29,7 +29,7 @@ def default_onsets(healthy: Trial) -> tuple[int, int]:
     return (descent + first) // 2, int(longest.sum()) // 2
 
 
-def touching(run: Trial) -> NDArray[np.bool_]:
+def touching(run: FaultTrial) -> NDArray[np.bool_]:
     """In which ticks the robot touches, (ticks,)."""
     return run.force >= TOUCH
 

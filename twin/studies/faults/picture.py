@@ -12,7 +12,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.studies.faults.row import ALLOWANCE, Row
+from twin.studies.faults.row import ALLOWANCE, FaultRow
 from twin.studies.faults.text import magnitude_text
 from twin.studies.figure import BARE, INK, VERMILION, picture
 
@@ -25,11 +25,12 @@ SIZES = 3
 """Magnitudes of a kind; a kind that has none takes the room of all."""
 
 
-def draw_fault_matrix(experiment: str, rows: Sequence[Row], path: Path) -> None:
+def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> None:
     """Write the picture to `path` (PNG): a line per kind, a column per onset and magnitude, the peak force in each.
 
     Args:
-        experiment: its name. rows: of one matrix, kind by kind, the same onsets for each.
+        experiment: its name.
+        rows: of one matrix, kind by kind, the same onsets for each.
     """
     kinds = [list(group) for _, group in groupby(rows, lambda row: row.kind)]
     onsets = list(dict.fromkeys(row.onset for row in rows))
@@ -53,7 +54,7 @@ def draw_fault_matrix(experiment: str, rows: Sequence[Row], path: Path) -> None:
         figure.legend(handles=marks, loc="outside lower center", ncols=3)
 
 
-def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line: int, onset: int) -> None:
+def _draw_cell(axes: Axes, shade: ScalarMappable, row: FaultRow, watched: bool, line: int, onset: int) -> None:
     run, safe = (row.watched, row.safe) if watched else (row.unwatched, row.safe_unwatched)
     wide = SIZES if row.magnitude is None else 1
     left = onset * SIZES + (0 if row.magnitude is None else _size(row))
@@ -72,12 +73,12 @@ def _draw_cell(axes: Axes, shade: ScalarMappable, row: Row, watched: bool, line:
         axes.plot(middle + 0.36, line + 0.5, ls="", marker="o", color=ink, ms=3.5)
 
 
-def _size(row: Row) -> int:
+def _size(row: FaultRow) -> int:
     """Which of the kind's magnitudes it is, from 0."""
     return (CATALOGUE[row.kind].magnitudes or ()).index(row.magnitude or 0.0)
 
 
-def _kind_text(of_kind: Sequence[Row]) -> str:
+def _kind_text(of_kind: Sequence[FaultRow]) -> str:
     sizes = list(dict.fromkeys(row.magnitude for row in of_kind))
     if sizes == [None]:
         return of_kind[0].kind
@@ -85,7 +86,7 @@ def _kind_text(of_kind: Sequence[Row]) -> str:
     return f"{of_kind[0].kind}  " + ", ".join([f"{m:g}" for m in smaller] + [magnitude_text(of_kind[0].kind, largest)])
 
 
-def _label(axes: Axes, rows: Sequence[Row], onsets: Sequence[float], lines: int) -> None:
+def _label(axes: Axes, rows: Sequence[FaultRow], onsets: Sequence[float], lines: int) -> None:
     in_contact = {row.onset: row.in_contact for row in rows}
     axes.set_xlim(0, SIZES * len(onsets))
     axes.set_ylim(lines, 0)

@@ -14,16 +14,19 @@ because it did not retract; before its time because a component failed."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class FaultOutcome:
     """What one run did, from the onset of the fault on.
 
     Attributes:
-        peak: largest true contact force (N). peak_delay: from the onset to that (s).
+        peak: largest true contact force (N).
+        peak_delay: from the onset to that (s).
         above: how long the force was above the force limit (s).
-        reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the
-            fault itself; "" if neither.
-        delay: from the onset to the trip (s). power_off_delay: from the onset to the loss of power (s).
-        end: see `End`. failure: the sentence that ended the run.
+        reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the fault
+            itself; "" if neither.
+        delay: from the onset to the trip (s).
+        power_off_delay: from the onset to the loss of power (s).
+        end: see `End`.
+        failure: the sentence that ended the run.
     """
 
     peak: float
@@ -37,13 +40,16 @@ class Outcome:
 
 
 @dataclass(frozen=True)
-class Row:
+class FaultRow:
     """A fault of the matrix.
 
     Attributes:
-        kind, target: of the fault. magnitude: as the catalogue writes it, in its unit; None where there is none.
-        onset: (s). in_contact: whether the healthy robot touches then.
-        limit: the monitor's force limit (N). healthy_peak: largest true force of the healthy run from the onset on (N).
+        kind, target: of the fault.
+        magnitude: as the catalogue writes it, in its unit; None where there is none.
+        onset: (s).
+        in_contact: whether the healthy robot touches then.
+        limit: the monitor's force limit (N).
+        healthy_peak: largest true force of the healthy run from the onset on (N).
         watched, unwatched: with the monitor and without.
         stays: whether the fault lasts to the end of the run.
     """
@@ -55,8 +61,8 @@ class Row:
     in_contact: bool
     limit: float
     healthy_peak: float
-    watched: Outcome
-    unwatched: Outcome
+    watched: FaultOutcome
+    unwatched: FaultOutcome
     stays: bool = True
 
     @property
@@ -139,6 +145,6 @@ class Row:
         }
 
 
-def _facts(outcome: Outcome) -> dict[str, Any]:
+def _facts(outcome: FaultOutcome) -> dict[str, Any]:
     units = {"peak": "_N", "peak_delay": "_s", "above": "_s", "delay": "_s", "power_off_delay": "_s"}
     return {key + units.get(key, ""): value for key, value in asdict(outcome).items()}

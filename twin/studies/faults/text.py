@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from itertools import groupby
 
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.studies.faults.row import ALLOWANCE, Row
+from twin.studies.faults.row import ALLOWANCE, FaultRow
 from twin.studies.lines import markdown, wrapped
 
 UNITS = {
@@ -24,11 +24,12 @@ UNDER_HEAD = ("", "", "s", "N", "N", "", "", "s")
 MARKDOWN = ("Kind", "Worst at", "Onset (s)", "Peak (N)", "Without monitor (N)", "Seen", "By", "After (s)", "Ends")
 
 
-def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
+def fault_matrix_text(experiment: str, rows: Sequence[FaultRow]) -> str:
     """The verdict, then the worst case of each kind, then what the verdict does not cover.
 
     Args:
-        experiment: its name. rows: of one matrix, kind by kind, at least one.
+        experiment: its name.
+        rows: of one matrix, kind by kind, at least one.
     """
     first = rows[0]
     safe, safe_unwatched = sum(r.safe for r in rows), sum(r.safe_unwatched for r in rows)
@@ -57,7 +58,7 @@ def fault_matrix_text(experiment: str, rows: Sequence[Row]) -> str:
     return "\n".join(line.rstrip() for line in [*lines, *_exceptions(rows)])
 
 
-def fault_matrix_table(rows: Sequence[Row]) -> str:
+def fault_matrix_table(rows: Sequence[FaultRow]) -> str:
     """A Markdown table: the worst case of each kind."""
     lines = [(f"`{row.kind}`", *_cells(row, of_kind), row.watched.end) for row, of_kind in _worst(rows)]
     return markdown(MARKDOWN, [[cell or "-" for cell in cells] for cells in lines])
@@ -69,14 +70,14 @@ def magnitude_text(kind: str, magnitude: float | None) -> str:
     return "" if magnitude is None else f"{magnitude:g} {UNITS.get(unit, unit or '')}".rstrip()
 
 
-def _worst(rows: Sequence[Row]) -> Iterator[tuple[Row, list[Row]]]:
+def _worst(rows: Sequence[FaultRow]) -> Iterator[tuple[FaultRow, list[FaultRow]]]:
     """Of each kind the row with the largest force as printed (of equals the largest fault), and all its rows."""
     for _, group in groupby(rows, lambda row: row.kind):
         of_kind = list(group)
         yield max(of_kind, key=lambda row: (round(row.watched.peak, 1), of_kind.index(row))), of_kind
 
 
-def _cells(row: Row, of_kind: Sequence[Row]) -> tuple[str, ...]:
+def _cells(row: FaultRow, of_kind: Sequence[FaultRow]) -> tuple[str, ...]:
     return (
         magnitude_text(row.kind, row.magnitude),
         f"{row.onset:.2f}",
@@ -97,7 +98,7 @@ def _line(cells: Sequence[str]) -> str:
     return f"{kind:20} {worst:12} {onset:>5} {peak:>5} {without:>7} {seen:>4} {by:14.14} {after:>6}"
 
 
-def _exceptions(rows: Sequence[Row]) -> Iterator[str]:
+def _exceptions(rows: Sequence[FaultRow]) -> Iterator[str]:
     kinds = list(dict.fromkeys(row.kind for row in rows))
     yield from _block("! said to be seen, and not seen:", [_named(row) for row in rows if row.missed])
     yield from _block("! beyond the bound, and not said to go there:", [_named(row) for row in rows if row.loose])
@@ -111,7 +112,7 @@ def _exceptions(rows: Sequence[Row]) -> Iterator[str]:
     yield from _block("unseen at their largest magnitude, as was said:", [_named(r) for r in last if not r.missed])
 
 
-def _named(row: Row) -> str:
+def _named(row: FaultRow) -> str:
     told = " ".join(filter(None, (row.kind, magnitude_text(row.kind, row.magnitude))))
     seen = f"{row.watched.reason} after {1e3 * (row.watched.delay or 0.0):.0f} ms" if row.detected else "not seen"
     return f"{told} at {row.onset:.2f} s: {row.watched.peak:.1f} N, {seen}"

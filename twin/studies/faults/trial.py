@@ -15,7 +15,7 @@ from twin.runs.trace import Trace
 
 
 @dataclass(frozen=True)
-class Trial:
+class FaultTrial:
     """A run that is over.
 
     Attributes:
@@ -35,7 +35,7 @@ class Trial:
     culprit: str
 
 
-def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> Trial:
+def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> FaultTrial:
     """Run `experiment` with `fault` as its only one (None: with none), with its monitor or without.
 
     Raises:
@@ -46,7 +46,7 @@ def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> Trial:
     run = Trace(only=("plant.F_ee_B", "plant.p_B"))
     with assemble(dataclasses.replace(experiment, faults=faults, monitor=monitor)) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run])
-    return Trial(
+    return FaultTrial(
         force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
         z=run["plant.p_B"][:, 2],
         trip=done.monitor.trip if done.monitor else None,

@@ -58,7 +58,9 @@ class Pose(NamedTuple):
     """Where windows are.
 
     Attributes:
-        p_B: (n, 3), m. J: d theta_l / d p_B (n, 3, 3), rad/m. g_a: weight of the arms (n, 3), N m.
+        p_B: (n, 3), m.
+        J: d theta_l / d p_B (n, 3, 3), rad/m.
+        g_a: weight of the arms (n, 3), N m.
         lift: d p_z / d theta_l (n, 3), m/rad: the third row of J^-1, so that J^-T e_z is the same.
     """
 
@@ -68,7 +70,7 @@ class Pose(NamedTuple):
     lift: NDArray[np.float64]
 
 
-class Rows(NamedTuple):
+class Equations(NamedTuple):
     """Equations of all windows.
 
     Attributes:
@@ -141,12 +143,14 @@ def inertia(seen: Windows, belief: Belief, at: Pose) -> NDArray[np.float64]:
 
 def rows(
     x: NDArray[np.float64], seen: Windows, belief: Belief, resolution: float, at: Pose, surface: bool = True
-) -> Rows:
+) -> Equations:
     """Residuals of all equations at parameters `x` (17,).
 
     Args:
-        seen: windows in free air or in contact. belief: geometry, masses, N and counts.
-        resolution: step of the force (N). at: `pose` at x's zeros of the joints.
+        seen: windows in free air or in contact.
+        belief: geometry, masses, N and counts.
+        resolution: step of the force (N).
+        at: `pose` at x's zeros of the joints.
         surface: whether the depth in the scale is held against the scale's law, too.
     """
     W = platform_weight(belief)
@@ -172,7 +176,7 @@ def rows(
     depth = at.p_B[under, 2] - plane + x[COMPLIANCE] * F[law] / (1.0 - x[DAMPING] * rate)
     turn = np.linalg.norm(at.lift[under], axis=1)
     depth_rounding = np.hypot(turn * step_l, PLAUSIBLE_COMPLIANCE * resolution) / np.sqrt(12.0)
-    return Rows(
+    return Equations(
         np.concatenate([joints.ravel(), force, depth]),
         np.concatenate([np.full(3 * len(air), rounding), force_rounding, depth_rounding]),
         np.concatenate([np.repeat(air, 3), scale, under]),

@@ -32,7 +32,10 @@ def sandwich(
     too small, because the fit has bent to them. Infinite for a single cluster.
 
     Args:
-        A: (m, p). inverse: its pseudo-inverse, A^+ (p, m). residual: (m,). cluster: the group of each row (m,).
+        A: (m, p).
+        inverse: its pseudo-inverse, A^+ (p, m).
+        residual: (m,).
+        cluster: the group of each row (m,).
     """
     numbers = np.unique(cluster)
     G = len(numbers)

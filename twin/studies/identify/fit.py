@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
-from twin.studies.identify.balance import Rows, clear, in_air, on_scale, pose, rows
+from twin.studies.identify.balance import Equations, clear, in_air, on_scale, pose, rows
 from twin.studies.identify.clustered import sandwich, t_factor
 from twin.studies.identify.parameters import COUNT, JOINT_ZERO, KAPPA, RATE, Parameter, sizes, starts
 from twin.studies.identify.windows import Windows
@@ -42,12 +42,15 @@ class Fit:
     Attributes:
         unknowns: what was searched for.
         x: values (17,); what is not seen stands at its start.
-        covariance: (17, 17), of what is seen, by the scatter between clusters. independent: as if there were none.
+        covariance: (17, 17), of what is seen, by the scatter between clusters.
+        independent: as if there were none.
         unseen: orthonormal directions in units of sizes that the data do not see (17, k).
         singular: singular values of the whitened Jacobian in units of sizes, descending (k,).
-        seen: the windows used. rows: their equations at x.
+        seen: the windows used.
+        rows: their equations at x.
         converged: whether the search came to rest.
-        clusters: how many groups of windows. t_factor: half width of a 95 % interval in standard deviations.
+        clusters: how many groups of windows.
+        t_factor: half width of a 95 % interval in standard deviations.
     """
 
     unknowns: tuple[Parameter, ...]
@@ -57,7 +60,7 @@ class Fit:
     unseen: NDArray[np.float64]
     singular: NDArray[np.float64]
     seen: Windows
-    rows: Rows
+    rows: Equations
     converged: bool
     clusters: int
     t_factor: float
@@ -108,9 +111,12 @@ def fit(
     """The parameters that meet `balance.rows` best.
 
     Args:
-        seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are left
-            out. belief: geometry, masses, N, counts. unknowns: of `parameters`. resolution: step of the force (N).
-        fixed: indices of parameters that are known and stay at their start. surface: see `rows`.
+        seen: windows of a log; those at the edge of a dead zone, and those neither in air nor in contact, are left out.
+        belief: geometry, masses, N, counts.
+        unknowns: of `parameters`.
+        resolution: step of the force (N).
+        fixed: indices of parameters that are known and stay at their start.
+        surface: see `rows`.
 
     Raises:
         Unreachable: joint angles that do not close.
@@ -144,7 +150,7 @@ def fit(
     return Fit(unknowns, x, covariance, independent, unseen, singular, used, at, change < CONVERGED, clusters, factor)
 
 
-def _linearised(x, scale, used, belief, resolution, surface) -> tuple[Rows, NDArray[np.float64]]:
+def _linearised(x, scale, used, belief, resolution, surface) -> tuple[Equations, NDArray[np.float64]]:
     """Equations at x, and d residual / d (x / scale) over their sigma (m, 17), by central differences: the equations
     are smooth away from dead zones. Kinematics are solved anew for the zeros of the joints only."""
     here = pose(belief, used.joint - x[JOINTS])

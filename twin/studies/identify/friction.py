@@ -28,8 +28,9 @@ def friction(springs: Fit, seen: Windows, belief: Belief) -> Estimate | None:
     """Coefficient of friction mu from the windows in which the head slides; None if it never does.
 
     Args:
-        springs: identified; how unsure they are goes into the interval. seen: windows in order of time. belief:
-            geometry, masses, N.
+        springs: identified; how unsure they are goes into the interval.
+        seen: windows in order of time.
+        belief: geometry, masses, N.
     """
     at = pose(belief, seen.joint - springs.x[JOINT_ZERO : JOINT_ZERO + 3])
     v = np.linalg.solve(at.J, seen.speed[..., None])[..., 0]

@@ -18,7 +18,7 @@ from twin.studies.identify.one_pose import OnePose, one_pose
 from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
 from twin.studies.identify.units import Estimate
 from twin.studies.identify.windows import COUNTS, Windows, windows
-from twin.studies.replay.model import Model
+from twin.studies.replay.model import RobotModel
 from twin.studies.replay.robot_log import robot_log
 
 PLAUSIBLE = 5.0
@@ -53,14 +53,16 @@ class Identification:
     """What a log says.
 
     Attributes:
-        model: what the robot is taken for. fit: of the springs and the scale. seen: all windows of slow motion.
+        model: what the robot is taken for.
+        fit: of the springs and the scale.
+        seen: all windows of slow motion.
         quantities: by name.
         one_pose: the paper's procedure on the same log; None: no gradual press.
         alike: unknowns that this log cannot tell apart, names of each such group.
         notes: sentences on the log.
     """
 
-    model: Model
+    model: RobotModel
     fit: Fit
     seen: Windows
     quantities: Mapping[str, Quantity]
@@ -93,11 +95,12 @@ class Identification:
         return found
 
 
-def identified(log: Log, model: Model, height: float | None = None, motor_torque: bool = False) -> Identification:
+def identified(log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False) -> Identification:
     """Estimates from the encoders and the scale of `log`.
 
     Args:
-        log: as `read_log` gives it. model: geometry, masses, N and counts that are believed.
+        log: as `read_log` gives it.
+        model: geometry, masses, N and counts that are believed.
         height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
         motor_torque: whether drive/n.tau_motor is a measured torque.
 

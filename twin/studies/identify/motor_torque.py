@@ -22,7 +22,8 @@ def spring_stiffness(springs: Fit, belief: Belief, log: Log) -> Estimate | None:
     """k_s (N m/rad) from drive/1.tau_motor to drive/3.tau_motor of `log`; None if the torque does not vary.
 
     Args:
-        springs: identified; how unsure they are goes into the interval. belief: N.
+        springs: identified; how unsure they are goes into the interval.
+        belief: N.
 
     Raises:
         LogRefused: a torque is missing, or in another unit.

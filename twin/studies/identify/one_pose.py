@@ -24,7 +24,7 @@ PLACE = 2e-3
 """m: a press that moves farther sideways is a sweep."""
 
 
-class Step(NamedTuple):
+class OnePoseStep(NamedTuple):
     """One way to read the press. name: what it takes into account; k_s_eta (N m/rad) of a line through the origin."""
 
     name: str
@@ -35,7 +35,9 @@ class OnePose(NamedTuple):
     """The paper's procedure on one press.
 
     Attributes:
-        place: (2,), m. start, end: s. force: scale (n,), N.
+        place: (2,), m.
+        start, end: s.
+        force: scale (n,), N.
         calculated: F_z as (27) has it with the believed k_s eta (n,), N.
         steps: as printed, then with one cause after the other taken away.
     """
@@ -45,14 +47,16 @@ class OnePose(NamedTuple):
     end: float
     force: NDArray[np.float64]
     calculated: NDArray[np.float64]
-    steps: tuple[Step, ...]
+    steps: tuple[OnePoseStep, ...]
 
 
 def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose | None:
     """The paper's procedure on the press nearest to the middle; None if there is no gradual press.
 
     Args:
-        seen: windows in order of time. belief: what the robot is taken for. x: the identified parameters.
+        seen: windows in order of time.
+        belief: what the robot is taken for.
+        x: the identified parameters.
     """
     press = _press(seen, belief)
     if press is None:
@@ -65,10 +69,10 @@ def one_pose(seen: Windows, belief: Belief, x: NDArray[np.float64]) -> OnePose |
     d = wound(w - x[OFFSET : OFFSET + 3], x[BACKLASH])
     freed, _ = _pressing(k, d, belief, press, x[JOINT_ZERO : JOINT_ZERO + 3])
     steps = (
-        Step("as printed", k * _slope(printed, F)),
-        Step("weight taken off", k * _slope(printed, F - weight)),
-        Step("and the zeros", k * _slope(zeroed, F - own_weight)),
-        Step("and the dead zone", k * _slope(freed, F - own_weight)),
+        OnePoseStep("as printed", k * _slope(printed, F)),
+        OnePoseStep("weight taken off", k * _slope(printed, F - weight)),
+        OnePoseStep("and the zeros", k * _slope(zeroed, F - own_weight)),
+        OnePoseStep("and the dead zone", k * _slope(freed, F - own_weight)),
     )
     p_B = pose(belief, press.joint - np.array(belief.joint_zero)).p_B
     return OnePose(p_B[:, :2].mean(axis=0), float(press.t[0]), float(press.t[-1]), F, printed, steps)

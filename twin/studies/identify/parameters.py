@@ -13,8 +13,10 @@ class Parameter:
     """One unknown.
 
     Attributes:
-        name: as in facts; vectors count from 1. meaning: for people.
-        unit: SI. start: the believed value.
+        name: as in facts; vectors count from 1.
+        meaning: for people.
+        unit: SI.
+        start: the believed value.
         size: how far belief and truth may plausibly be apart; only what the data pins down to a tenth of it is told.
     """
 

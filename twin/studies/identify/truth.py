@@ -5,10 +5,10 @@ from collections.abc import Mapping
 import numpy as np
 
 from twin.experiment.schema import Cosim, Plant
-from twin.studies.replay.model import Model
+from twin.studies.replay.model import RobotModel
 
 
-def truth(model: Model) -> Mapping[str, float]:
+def truth(model: RobotModel) -> Mapping[str, float]:
     """The plant's values by the names of `identification.Quantity`, SI.
 
     The viscous friction is what encoders that are read in the same instant show of it. A co-simulation holds the motor

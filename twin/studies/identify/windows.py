@@ -35,7 +35,8 @@ class Windows(NamedTuple):
     Attributes:
         t: middle of each (n,), s.
         motor, joint: what the encoders read, zeros included (n, 3), rad.
-        speed: of the joints (n, 3), rad/s. acceleration: of the joints (n, 3), rad/s2.
+        speed: of the joints (n, 3), rad/s.
+        acceleration: of the joints (n, 3), rad/s2.
         spread: half of the range that the wind-up motor - N joint runs through (n, 3), rad.
         force: of the scale, pressing positive (n,), N.
         force_rate: its slope (n,), N/s.
@@ -75,7 +76,8 @@ def windows(log: RobotLog, belief: Belief) -> Windows:
     """The windows of `log` that are fit for statics; none is an answer, too.
 
     Args:
-        log: with a measured force. belief: of counts per turn and N.
+        log: with a measured force.
+        belief: of counts per turn and N.
 
     Raises:
         LogRefused: no force was measured, or never together with the encoders.

@@ -14,7 +14,8 @@ def work(t: Curve, torque: Curve, speed: Curve) -> tuple[float, float]:
     """(delivered, returned): work (J) of shafts on their loads, where power is positive and where it is negative.
 
     Args:
-        t: s (n,). torque, speed: N m that opposes positive speed, rad/s, (n, k).
+        t: s (n,).
+        torque, speed: N m that opposes positive speed, rad/s, (n, k).
     """
     power = torque * speed
     delivered = np.sum(np.trapezoid(np.maximum(power, 0.0), t, axis=0))

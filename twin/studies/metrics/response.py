@@ -15,7 +15,8 @@ def settling_time(t: Curve, y: Curve, target: float, band: float) -> float:
     """Time (s) from which |y - target| <= band holds to the end; infinity if it does not hold at the end.
 
     Args:
-        t, y: samples (n,). target, band: in the unit of y.
+        t, y: samples (n,).
+        target, band: in the unit of y.
     """
     outside = np.flatnonzero(np.abs(y - target) > band)
     if len(outside) == 0:

@@ -27,10 +27,15 @@ class StepInfo:
     """What a response to a step at t = 0 comes to; times in s, values in the unit of y.
 
     Attributes:
-        final: y_inf. peak: the value of y farthest along the step; peak_time: when.
-        delay_time: to 50 %. rise_time: from 10 to 90 %. settling_time_2, settling_time_5: to stay within 2, 5 %;
-            infinity if it was outside within the last tenth, as a response that hunts for ever is.
-        overshoot: share of the step. steady_state_error: r - y_inf.
+        final: y_inf.
+        peak: the value of y farthest along the step;
+        peak_time: when.
+        delay_time: to 50 %.
+        rise_time: from 10 to 90 %.
+        settling_time_2, settling_time_5: to stay within 2, 5 %; infinity if it was outside within the last tenth, as a
+            response that hunts for ever is.
+        overshoot: share of the step.
+        steady_state_error: r - y_inf.
         IAE, ISE, ITAE: unit times s, unit squared times s, unit times s squared.
     """
 
@@ -52,7 +57,10 @@ def step_info(t: Curve, y: Curve, before: float, reference: float) -> StepInfo:
     """Measure the response y to a step of its reference at t = 0.
 
     Args:
-        t: s, ascending, from 0 on (n,). y: samples (n,). before: y_0. reference: r, constant after the step.
+        t: s, ascending, from 0 on (n,).
+        y: samples (n,).
+        before: y_0.
+        reference: r, constant after the step.
 
     Raises:
         InputRefused: fewer than 20 samples, no step, no answer, or a response that has not settled at the end.

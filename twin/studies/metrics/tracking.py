@@ -37,7 +37,8 @@ def lag(t: Curve, y: Curve, reference: Curve, longest: float) -> float:
     Trans. Signal Processing 41, 1993: average square difference function).
 
     Args:
-        t: evenly spaced, for longer than `longest` (n,). y, reference: (n,).
+        t: evenly spaced, for longer than `longest` (n,).
+        y, reference: (n,).
     """
     step, n = t[1] - t[0], len(t)
     most = round(longest / step)
@@ -55,7 +56,8 @@ def path_error(p: Curve, path: Curve) -> Curve:
     """Distance of each point to a path, whenever it was due there, (n,) in the unit of the points.
 
     Args:
-        p: points (n, d). path: corners of the path (m, d), close together where it bends.
+        p: points (n, d).
+        path: corners of the path (m, d), close together where it bends.
     """
     # where the path rests, a corner would have no way to its neighbour
     path = path[np.append(True, np.any(np.diff(path, axis=0) != 0.0, axis=1))]

@@ -13,8 +13,10 @@ class Claim:
     """One claim: `source` says where its bounds come from, not when they were set (docs/fig5.md says it of Fig. 5).
 
     Attributes:
-        key: short name. text: one line for the scorecard. figure: where it stands. quote: the paper's words, or why
-            we ask it if the paper does not.
+        key: short name.
+        text: one line for the scorecard.
+        figure: where it stands.
+        quote: the paper's words, or why we ask it if the paper does not.
         measure: runs -> the number judged; infinity or nan where it never happens, and nan always fails. None: nothing
             can be measured.
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
@@ -46,7 +48,7 @@ class Claim:
 
 
 @dataclass(frozen=True)
-class Finding:
+class ClaimFinding:
     """A claim and what a run says to it; `value` in the claim's unit."""
 
     claim: Claim
@@ -69,17 +71,17 @@ class Finding:
         return self.claim.expected
 
 
-def judged(claim: Claim, runs: Any) -> Finding:
+def judged(claim: Claim, runs: Any) -> ClaimFinding:
     """Measure `claim` on `runs`."""
     if claim.measure is None:
-        return Finding(claim, math.nan, "not reproducible", claim.reason)
+        return ClaimFinding(claim, math.nan, "not reproducible", claim.reason)
     value = claim.measure(runs) * claim.scale
     if reason := claim.trivial(runs):
-        return Finding(claim, value, "trivial", reason)
-    return Finding(claim, value, "holds" if claim.low <= value <= claim.high else "fails", "")
+        return ClaimFinding(claim, value, "trivial", reason)
+    return ClaimFinding(claim, value, "holds" if claim.low <= value <= claim.high else "fails", "")
 
 
-def as_facts(finding: Finding) -> dict[str, object]:
+def as_facts(finding: ClaimFinding) -> dict[str, object]:
     """For JSON: what was claimed, measured, expected and found."""
     claim = finding.claim
     return {

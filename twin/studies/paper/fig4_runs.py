@@ -25,7 +25,7 @@ SYMMETRIC = 1e-3
 """Force in x (N) below which a run is symmetrical."""
 
 
-class Series(Protocol):
+class RunSeries(Protocol):
     """Series of a run by name: a recording, or a run in memory."""
 
     @property
@@ -36,7 +36,7 @@ class Series(Protocol):
     def time(self, topic: str) -> np.ndarray: ...
 
 
-def _read(of: Callable[[Series], Curve]) -> "cached_property[Curve]":
+def _read(of: Callable[[RunSeries], Curve]) -> "cached_property[Curve]":
     return cached_property(lambda run: of(run.recording))
 
 
@@ -47,13 +47,16 @@ class Fig4Run:
     Attributes:
         t, t_plant, t_scale: times (n,), s, of controller, plant and electronic scale.
         F_z, F_ee_B: pressing force as the controller estimates it, low-passed (N); force on the environment as
-            estimated, unfiltered (n, 3), N. F_z_ref: what the former should be (N).
-        true_F_z, true_F_ee_B: the same in truth, on `t_plant`. scale_F_z: the scale's reading (N), on `t_scale`.
+            estimated, unfiltered (n, 3), N.
+        F_z_ref: what the former should be (N).
+        true_F_z, true_F_ee_B: the same in truth, on `t_plant`.
+        scale_F_z: the scale's reading (N), on `t_scale`.
         p_B, z: position as the controller estimates it (n, 3), m: what the paper's encoders give; its height.
-        z_ref, z_cmd: height asked for, pre-defined and after the force loop (m). true_z: in truth, on `t_plant`.
+        z_ref, z_cmd: height asked for, pre-defined and after the force loop (m).
+        true_z: in truth, on `t_plant`.
     """
 
-    recording: Series
+    recording: RunSeries
 
     t = _read(lambda series: series.time("controller"))
     t_plant = _read(lambda series: series.time("plant"))

@@ -35,8 +35,12 @@ class TaskRun:
     its commands are.
 
     Attributes:
-        recording: of the run. number: which task of the run, counted from 1. task: what was asked for, SI.
-        F_z: true pressing force (N). p_B: true position of the platform (m). v_z: its vertical speed upwards (m/s).
+        recording: of the run.
+        number: which task of the run, counted from 1.
+        task: what was asked for, SI.
+        F_z: true pressing force (N).
+        p_B: true position of the platform (m).
+        v_z: its vertical speed upwards (m/s).
     """
 
     recording: Recording

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 from twin.experiment.task import Press, Push, Roll, Tap, Task
 from twin.recording.recording import Recording
-from twin.studies.paper.claim import Finding, as_facts, judged
+from twin.studies.paper.claim import ClaimFinding, as_facts, judged
 from twin.studies.paper.fig5 import CLAIMS
 from twin.studies.paper.fig5_runs import TaskRun, body_of, drive_of, task_runs, trip_sentence
 from twin.studies.paper.score import failed
@@ -16,8 +16,11 @@ class TaskScore:
     """One task and what it says to the claims of its kind.
 
     Attributes:
-        run: the task's curves. drive, body: by name. name: of the task among those of the run, `push 2`. manner: what
-            was asked for, in words. findings: in the order of the claims.
+        run: the task's curves.
+        drive, body: by name.
+        name: of the task among those of the run, `push 2`.
+        manner: what was asked for, in words.
+        findings: in the order of the claims.
     """
 
     run: TaskRun
@@ -25,7 +28,7 @@ class TaskScore:
     body: str
     name: str
     manner: str
-    findings: tuple[Finding, ...]
+    findings: tuple[ClaimFinding, ...]
 
     @property
     def kind(self) -> str:
@@ -58,7 +61,7 @@ class Fig5Score:
     remarks: tuple[str, ...]
 
     @property
-    def findings(self) -> list[Finding]:
+    def findings(self) -> list[ClaimFinding]:
         return [finding for task in self.tasks for finding in task.findings]
 
     @property

@@ -27,7 +27,8 @@ def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
     """Draw the task into `axes`.
 
     Args:
-        run: has samples. floor: lowest height that any of the pictures shows (m).
+        run: has samples.
+        floor: lowest height that any of the pictures shows (m).
     """
     bottom = 1e3 * floor - MARGIN
     # in the order written: matplotlib's own guess of what lies in front hides traces that are in the surface

@@ -4,23 +4,23 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from twin.studies.paper.claim import Finding, as_facts, judged
+from twin.studies.paper.claim import ClaimFinding, as_facts, judged
 from twin.studies.paper.fig4 import CLAIMS, OUT_OF_SCOPE, QUALITY
 from twin.studies.paper.fig4_runs import Fig4Runs
 
 
-def failed(findings: Iterable[Finding]) -> list[str]:
+def failed(findings: Iterable[ClaimFinding]) -> list[str]:
     """Keys of the claims that fail."""
     return [f.claim.key for f in findings if f.verdict == "fails"]
 
 
-def tally(findings: Iterable[Finding]) -> tuple[int, int]:
+def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
     """(how many hold, how many were judged)."""
     verdicts = [f.verdict for f in findings]
     return verdicts.count("holds"), verdicts.count("holds") + verdicts.count("fails")
 
 
-def bound_used(finding: Finding) -> float:
+def bound_used(finding: ClaimFinding) -> float:
     """How much of its bound a measure takes: 1 is at the bound, more fails; between two bounds, 0 is in their middle.
 
     Claims with a lower bound alone have no scale to measure that on and give 0 or infinity.
@@ -40,14 +40,15 @@ class Score:
     """What runs say to Fig. 4.
 
     Attributes:
-        claims: of the paper, judged on estimates. quality: ours, judged on the truth.
+        claims: of the paper, judged on estimates.
+        quality: ours, judged on the truth.
         tuned: parameters that were tuned to meet the text, key -> source.
         without_x: why nothing is said of forces in x, or "".
         out_of_scope: what the paper reports and no model here can.
     """
 
-    claims: tuple[Finding, ...]
-    quality: tuple[Finding, ...]
+    claims: tuple[ClaimFinding, ...]
+    quality: tuple[ClaimFinding, ...]
     tuned: dict[str, str]
     without_x: str = ""
     out_of_scope: tuple[str, ...] = OUT_OF_SCOPE

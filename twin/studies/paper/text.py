@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Sequence
 
 from twin.studies.lines import WIDTH, wrapped
-from twin.studies.paper.claim import Finding
+from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig5_score import Fig5Score, TaskScore
 from twin.studies.paper.score import Score, bound_used, tally
 
@@ -40,7 +40,7 @@ def fig5_text(score: Fig5Score) -> str:
 
 
 def _table(tasks: Sequence[TaskScore]) -> list[str]:
-    rows: dict[tuple[str, str], dict[str, list[Finding]]] = {}
+    rows: dict[tuple[str, str], dict[str, list[ClaimFinding]]] = {}
     for task in tasks:
         rows.setdefault((task.drive, task.body), {}).setdefault(task.kind, []).extend(task.findings)
     lines = [f"{'drive':18} {'body':9}" + "".join(f"{kind:>13}" for kind in KINDS)]
@@ -49,7 +49,7 @@ def _table(tasks: Sequence[TaskScore]) -> list[str]:
     return [*lines, "Claims held/judged, and how much of its bound the worst measure takes."]
 
 
-def _cell(findings: Sequence[Finding]) -> str:
+def _cell(findings: Sequence[ClaimFinding]) -> str:
     held, judged = tally(findings)
     if not judged:
         return "-"
@@ -60,7 +60,7 @@ def _cell(findings: Sequence[Finding]) -> str:
 def _failures(tasks: Sequence[TaskScore]) -> list[str]:
     """What fails, one line per body, kind of task and claim: how often, the range measured, and with which drives."""
     drives = {task.drive for task in tasks}
-    groups: dict[tuple[str, str, str], list[tuple[str, Finding]]] = {}
+    groups: dict[tuple[str, str, str], list[tuple[str, ClaimFinding]]] = {}
     for task in tasks:
         for finding in task.findings:
             if finding.verdict in ("holds", "fails"):
@@ -77,7 +77,7 @@ def _failures(tasks: Sequence[TaskScore]) -> list[str]:
     return lines
 
 
-def _range(findings: Sequence[Finding]) -> str:
+def _range(findings: Sequence[ClaimFinding]) -> str:
     """The least and the largest that was measured; `never` counts as larger."""
     least, *_, largest = [*(ordered := sorted(findings, key=lambda f: f.value)), ordered[-1]]
     if least.measured == largest.measured:
@@ -85,7 +85,7 @@ def _range(findings: Sequence[Finding]) -> str:
     return f"{least.measured.removesuffix(least.claim.unit).rstrip()} .. {largest.measured}"
 
 
-def _lines(findings: Iterable[Finding]) -> list[str]:
+def _lines(findings: Iterable[ClaimFinding]) -> list[str]:
     lines = []
     for f in findings:
         lines.append(f"  {MARKS[f.verdict]:4} {f.claim.text:47} {f.measured:>10}  {f.expected:>12}".rstrip())

@@ -27,7 +27,10 @@ class Response:
     """What a drive did, one sample per tick, all (ticks,).
 
     Attributes:
-        t: s. omega_ref, omega_m: rad/s. tau_load: N m. theta_m: rad.
+        t: s.
+        omega_ref, omega_m: rad/s.
+        tau_load: N m.
+        theta_m: rad.
         cost: wall time in the drive's steps, per tick (s).
     """
 
@@ -55,7 +58,8 @@ def on_bench(plan: DrivePlan, tick: float, inputs: Curve) -> Iterator[System]:
 
     Args:
         plan: the drive; all axes of one of three are commanded and loaded alike.
-        tick: s. inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
+        tick: s.
+        inputs: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks, 2).
 
     Raises:
         InputRefused: the drive cannot be loaded or initialised, or does not take such a tick.

@@ -14,7 +14,7 @@ from twin.studies.qualify.true_run import COMPARED, TrueRun
 
 
 @dataclass(frozen=True)
-class Trial:
+class DriveTrial:
     """One drive in the experiment.
 
     Attributes:
@@ -30,7 +30,7 @@ class Trial:
     failure: str = ""
 
 
-def trials(experiment: Path, drives: list[str]) -> tuple[Trial, ...]:
+def trials(experiment: Path, drives: list[str]) -> tuple[DriveTrial, ...]:
     """Run `experiment` with each of `drives` in all three joints, in this process.
 
     Raises:
@@ -42,7 +42,7 @@ def trials(experiment: Path, drives: list[str]) -> tuple[Trial, ...]:
     return tuple(_trial(loaded, drive) for loaded, drive in zip(experiments, drives, strict=True))
 
 
-def comparison_facts(experiment: Path, done: tuple[Trial, ...]) -> dict[str, Any]:
+def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str, Any]:
     """Everything but the curves, for JSON; SI units."""
     return {
         "experiment": experiment.stem,
@@ -58,12 +58,12 @@ def comparison_facts(experiment: Path, done: tuple[Trial, ...]) -> dict[str, Any
     }
 
 
-def _trial(experiment: Experiment, name: str) -> Trial:
+def _trial(experiment: Experiment, name: str) -> DriveTrial:
     trace = Trace()
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [trace], timed=True)
     run = TrueRun(trace)
     if done.failure:
         lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
-        return Trial(name, run, lost, str(done.failure))
-    return Trial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))
+        return DriveTrial(name, run, lost, str(done.failure))
+    return DriveTrial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))

@@ -7,7 +7,7 @@ import numpy as np
 
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.metrics.response import Curve, first_time
-from twin.studies.qualify.comparison import Trial
+from twin.studies.qualify.comparison import DriveTrial
 from twin.studies.qualify.true_run import STILL, TrueRun
 
 COLORS = (BLUE, ORANGE, GREEN, PINK, SKY, VERMILION, "#6a3d9a", INK)
@@ -15,7 +15,7 @@ CLOSE_UP = 2.5
 """How much (s) of the approach the second panel shows."""
 
 
-def draw_drive_compare(trials: Sequence[Trial], title: str, path: Path) -> None:
+def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> None:
     """Write the picture to `path` (PNG): what is controlled, its approach, the error of z, error in the second half.
 
     What is controlled is the true pressing force if the robot touches anything, else the true z.

@@ -44,7 +44,8 @@ def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
     """Measure `bandwidth`: where `gain` first falls below 1/sqrt(2) of its value at the lowest frequency.
 
     Args:
-        frequencies: Hz, ascending (n,). gain: (n,).
+        frequencies: Hz, ascending (n,).
+        gain: (n,).
         steady_gain: speed over command at rest of both, for a drive too slow for the lowest frequency.
     """
     if gain[0] < HALF_POWER * abs(steady_gain):

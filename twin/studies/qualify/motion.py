@@ -22,7 +22,8 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Checks `direction`, `scale` and `rate`; measures `speed` and `no_load_speed`.
 
     Args:
-        plan: the drive. cycle: its work cycle.
+        plan: the drive.
+        cycle: its work cycle.
 
     Raises:
         ComponentFailed: it failed in one of the runs.
@@ -59,7 +60,8 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `load`, measure `droop`.
 
     Args:
-        plan: the drive. cycle: its work cycle.
+        plan: the drive.
+        cycle: its work cycle.
 
     Raises:
         ComponentFailed: it failed in the run without load.

@@ -25,11 +25,12 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class Curves:
+class BenchCurves:
     """What the findings were read from; None where the drive failed.
 
     Attributes:
-        cycle: rest, a step of the command, a step of the load. overload: the load grows until the shaft stalls.
+        cycle: rest, a step of the command, a step of the load.
+        overload: the load grows until the shaft stalls.
         frequencies, gain: Hz and speed over command (n,); empty where the drive failed.
     """
 
@@ -52,7 +53,7 @@ class Qualification:
     plan: DrivePlan
     checks: tuple[Check, ...]
     measures: tuple[Measure, ...]
-    curves: Curves
+    curves: BenchCurves
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -96,7 +97,7 @@ def qualified(table: Drive) -> Qualification:
     attempts = Attempts()
     cycle = attempts.made(lambda: response(plan, *work_cycle()))
     if cycle is None:
-        return _judged(plan, attempts, Curves())
+        return _judged(plan, attempts, BenchCurves())
     swept = attempts.made(lambda: frequency_response(plan))
     stalled = attempts.made(lambda: overload(plan))
     attempts.found(lambda: direction_findings(plan, cycle))
@@ -109,7 +110,7 @@ def qualified(table: Drive) -> Qualification:
         attempts.findings.append(bandwidth(*swept, steady_gain))
     if stalled:
         attempts.findings.append(stall_torque(stalled))
-    return _judged(plan, attempts, Curves(cycle, stalled, *(swept or ())))
+    return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
 
 
 class Attempts:
@@ -132,7 +133,7 @@ class Attempts:
         self.findings += self.made(examination) or ()
 
 
-def _judged(plan: DrivePlan, attempts: Attempts, curves: Curves) -> Qualification:
+def _judged(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
     """Everything in the order of the definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""

@@ -16,7 +16,8 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     """Check `repeats`, measure `cost`.
 
     Args:
-        plan: the drive. cycle: its work cycle.
+        plan: the drive.
+        cycle: its work cycle.
 
     Raises:
         ComponentFailed: it failed in the second or third run.
@@ -32,7 +33,8 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
     """Measure `step_error`: the work cycle once more, the FMU stepped twice as finely, its inputs held as before.
 
     Args:
-        plan: the drive. cycle: its work cycle.
+        plan: the drive.
+        cycle: its work cycle.
     """
     loop = plan.table.velocity_loop
     steps = max(plan.table.substeps, round(TICK / loop.period) if loop else 1)

@@ -19,7 +19,9 @@ class ShelvedDrive:
         name: of the folder, as `--drive` takes it.
         kind: "servo" (takes a speed), "motor" (our velocity loop is in front of it), "parts" (several FMUs); "" where
             it does not fit.
-        command: what it is commanded with. fmi: versions. description: the FMU's own, one line.
+        command: what it is commanded with.
+        fmi: versions.
+        description: the FMU's own, one line.
         problem: why it does not fit; empty if it does.
     """
 

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.studies.lines import WIDTH, markdown, wrapped
-from twin.studies.qualify.comparison import Trial
+from twin.studies.qualify.comparison import DriveTrial
 from twin.studies.qualify.shelf import ShelvedDrive
 from twin.studies.qualify.true_run import COMPARED
 
@@ -49,7 +49,7 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
-def compare_text(trials: Sequence[Trial]) -> str:
+def compare_text(trials: Sequence[DriveTrial]) -> str:
     """One line per drive, and what there is to say about gaps."""
     shown = {name: _unit_shown(name) for name in COMPARED}
     columns = {name: 1 + max(6, len(COMPARED[name].text), len(unit)) for name, (_, unit) in shown.items()}

@@ -19,7 +19,8 @@ def work_cycle(speed: float = SPEED_IN_USE, load: float = LOAD_IN_USE, end: floa
     """Commanded speed (rad/s) and load (N m), one value per tick, (ticks,).
 
     Args:
-        speed, load: after their steps. end: s.
+        speed, load: after their steps.
+        end: s.
     """
     k = np.arange(round(end / TICK))
     return np.where(k >= round(COMMANDED / TICK), speed, 0.0), np.where(k >= round(LOADED / TICK), load, 0.0)

@@ -34,11 +34,14 @@ class Drift:
     """What became of one residual, in its own unit.
 
     Attributes:
-        baseline, sigma: its mean r_0 at the beginning, and the deviation of a block's mean. block: its length (s).
+        baseline, sigma: its mean r_0 at the beginning, and the deviation of a block's mean.
+        block: its length (s).
         tolerance: changes of the mean up to this are none.
-        t, mean: end (s) and mean residual of each block, (n,); up, low: the sums after it, (n,).
+        t, mean: end (s) and mean residual of each block, (n,);
+        up, low: the sums after it, (n,).
         alarm: end of the block that raised it (s); NaN: none did.
-        since: when the sum that raised it began to grow (s). size: mean residual less r_0 since then.
+        since: when the sum that raised it began to grow (s).
+        size: mean residual less r_0 since then.
     """
 
     baseline: float

@@ -31,11 +31,12 @@ TABLES: dict[str, type[Section]] = {
 
 
 @dataclass(frozen=True)
-class Model:
+class RobotModel:
     """The twin of one robot, SI.
 
     Attributes:
-        name: of the experiment. values: its tables as far as they are used here, keys with units.
+        name: of the experiment.
+        values: its tables as far as they are used here, keys with units.
         belief, gravity_compensation: the controller's, for its estimate.
         plant, substeps, motions, tick: the plant model, what moves its surface, and its step (s).
         resolution: of the measured force (N); 0: not known.
@@ -57,7 +58,7 @@ class Model:
         return self.belief._replace(backlash=self.plant.backlash)
 
 
-def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
+def loaded_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
     """What a replay needs of the experiment file at `path`, with `settings` as of `twin run --set`.
 
     Raises:
@@ -68,7 +69,7 @@ def loaded_model(path: Path, settings: Iterable[str] = ()) -> Model:
     return _model(experiment.name, values, **{name: getattr(experiment, name) for name in TABLES})
 
 
-def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> Model:
+def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) -> RobotModel:
     """What a replay needs of the robot whose log is the file `log`: of `experiment`, or else as the log itself tells.
 
     Raises:
@@ -81,13 +82,14 @@ def model_for(log: Path, experiment: Path | None, settings: Sequence[str] = ()) 
     raise InputRefused(f"{log}: does not say of which robot it is; name its experiment with --experiment FILE")
 
 
-def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> Model:
+def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, settings: Iterable[str] = ()) -> RobotModel:
     """What a replay needs of the experiment that a recording of twin carries with it.
 
     Args:
-        metadata: of the recording. where: the recording, for sentences.
-        settings: "table.key=value" texts laid over it. [plant] and [controller.model] are filled in there, so a
-            setting of [robot] would reach nothing, and is refused like every table that a replay does not read.
+        metadata: of the recording.
+        where: the recording, for sentences.
+        settings: "table.key=value" texts laid over it. [plant] and [controller.model] are filled in there, so a setting
+            of [robot] would reach nothing, and is refused like every table that a replay does not read.
 
     Raises:
         InputRefused: the recording has no experiment, or a setting does not fit.
@@ -114,8 +116,8 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
 def _model(
     name: str, values: Mapping[str, Any], plant: Plant, contact: Contact, cosim: Cosim, controller: Controller,
     scale: Scale | None = None,
-) -> Model:  # fmt: skip
-    return Model(
+) -> RobotModel:  # fmt: skip
+    return RobotModel(
         name=name,
         values=values,
         belief=believed(controller),

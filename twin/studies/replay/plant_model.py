@@ -16,7 +16,7 @@ from twin.plant.body import Body
 from twin.plant.component import OUTPUTS, Plant
 from twin.plant.parameters import STATES
 from twin.recording.logs.errors import LogRefused
-from twin.studies.replay.model import Model
+from twin.studies.replay.model import RobotModel
 
 LONGEST_GAP = 0.1
 """s. A line across more than this is no motor's way: several periods of the springs' slowest free motion, 72 rad/s."""
@@ -26,7 +26,7 @@ the robot's joint friction, and 5 of a robot with a quarter of it."""
 
 
 def motions(
-    model: Model, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
+    model: RobotModel, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
 ) -> tuple[dict[str, NDArray[np.float64]], list[float]]:
     """What the plant model does under the motor angles of a log.
 
@@ -35,7 +35,8 @@ def motions(
 
     Args:
         model: the twin.
-        t: times of the samples (n,), s, ascending. theta_m: motor angles (n, 3), rad.
+        t: times of the samples (n,), s, ascending.
+        theta_m: motor angles (n, 3), rad.
         p_B: the robot's position by its encoders (n, 3), m, for the starts.
 
     Returns:
@@ -56,7 +57,7 @@ def motions(
 
 
 def _stretch(
-    model: Model, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
+    model: RobotModel, t: NDArray[np.float64], theta_m: NDArray[np.float64], p_B: NDArray[np.float64]
 ) -> dict[str, NDArray[np.float64]]:
     """The plant's outputs at the samples of a stretch without long gaps."""
     x = np.zeros(STATES)

@@ -12,7 +12,7 @@ from twin.errors import InputRefused
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.studies.replay.drift import Drift, drift
-from twin.studies.replay.model import Model
+from twin.studies.replay.model import RobotModel
 from twin.studies.replay.plant_model import motions
 from twin.studies.replay.residual import Residual, Statistics, angle_rounding, force_rounding, residual, statistics
 from twin.studies.replay.robot_log import RobotLog, robot_log
@@ -27,7 +27,8 @@ class Indicator:
     """One way in which the twin can stop matching.
 
     Attributes:
-        name: `force`, or `joint 1` .. `joint 3`. unit: `N` or `rad`.
+        name: `force`, or `joint 1` .. `joint 3`.
+        unit: `N` or `rad`.
         t, r: the residual's times (n,), s, and values (n,).
         drift: what became of it.
     """
@@ -47,12 +48,13 @@ class Replay:
         model, log: what was put in.
         estimator: outputs of the controller's estimator at the log's samples, by port.
         twin: likewise with the dead zone taken off as the plant has it; the same object where the belief knows it.
-        plant: the plant model's; None: not asked for. starts: when it started (s).
+        plant: the plant model's; None: not asked for.
+        starts: when it started (s).
         forces: F_z of `estimator`, `twin` and `plant` beside the measured force; empty without one.
         indicators: force first; empty: nothing independent of the encoders to compare with.
     """
 
-    model: Model
+    model: RobotModel
     log: RobotLog
     estimator: Outputs
     twin: Outputs
@@ -75,7 +77,7 @@ class Replay:
 
 def replayed(
     log: Log,
-    model: Model,
+    model: RobotModel,
     plant: bool = False,
     baseline: float = 1.0,
     tolerance: float | None = None,
@@ -86,7 +88,8 @@ def replayed(
     it, and its error changes by twice the dead zone's torque where a spring changes sides, on a healthy robot, too.
 
     Args:
-        log: of a robot or a run. model: what is believed of it.
+        log: of a robot or a run.
+        model: what is believed of it.
         plant: let the plant model run in parallel.
         baseline: length of the beginning that says what is normal (s); the robot should be in free air.
         tolerance: change of the mean force residual that is no news (N); None: what rounding alone can do.

@@ -69,7 +69,8 @@ def residual(
     """`values` beside the measurements: at each, the newest value of that moment, unless it is stale or from a gap.
 
     Args:
-        t: times of the values (n,), s, ascending. values: (n,).
+        t: times of the values (n,), s, ascending.
+        values: (n,).
         gaps: intervals (k, 2), s, in which values are missing.
         t_measured, measured: times and values of the measurement (m,).
     """
@@ -132,7 +133,9 @@ def force_rounding(belief: Belief, J: NDArray[np.float64], resolution: float) ->
     F_z = -e_z J^T tau_l with tau_l = k_s N eta (theta_m - N theta_l), Eq. 19 to 21.
 
     Args:
-        belief: the estimator's. J: Jacobians (n, 9), rad/m, row by row. resolution: of the measurement (N).
+        belief: the estimator's.
+        J: Jacobians (n, 9), rad/m, row by row.
+        resolution: of the measurement (N).
     """
     of_z = np.abs(J[:, 2::3]) * load_torque(belief.k_s, belief.N, belief.eta, 1.0)
     motor, joint = _counts(belief)

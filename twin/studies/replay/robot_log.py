@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, Series
+from twin.recording.logs.log import Log, LogSeries
 
 SCALE = "scale.F_z"
 COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
@@ -28,7 +28,8 @@ class RobotLog:
         path: of the file.
         t: times of the encoders' samples (n,), s, ascending.
         count_m, count_l: counts (n, 3); of a log of angles they are no whole numbers.
-        gaps: start and end (s) of each interval in which samples are missing, (k, 2). missing: how many are.
+        gaps: start and end (s) of each interval in which samples are missing, (k, 2).
+        missing: how many are.
         force: measured pressing force (N); None: the log has none.
         notes: what was wrong with the file, one sentence each.
     """
@@ -39,7 +40,7 @@ class RobotLog:
     count_l: NDArray[np.float64]
     gaps: NDArray[np.float64]
     missing: int
-    force: Series | None
+    force: LogSeries | None
     notes: tuple[str, ...]
 
     @property
@@ -56,7 +57,8 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     carries counts. Measured force: `scale.F_z` (N), pressing positive.
 
     Args:
-        log: as `read_log` gives it. belief: turns angles into counts.
+        log: as `read_log` gives it.
+        belief: turns angles into counts.
 
     Raises:
         LogRefused: no encoders, other units, motor and joint encoders at different times, or times before 0.
@@ -82,7 +84,7 @@ def robot_log(log: Log, belief: Belief) -> RobotLog:
     )
 
 
-def _counts(log: Log, name: str, belief: Belief) -> Series:
+def _counts(log: Log, name: str, belief: Belief) -> LogSeries:
     """Counts (n, 3) of the motor or the joint encoders."""
     angle = f"estimator.{COUNTS[name]}"
     faults = [int(m[1]) for key in log.series if (m := re.fullmatch(rf"fault/(\d+)\.{name}\[0\]", key))]
@@ -99,17 +101,17 @@ def _counts(log: Log, name: str, belief: Belief) -> Series:
     # counts per turn and zeros (rad): what `estimator.angle` takes off again
     of_motor = name == "count_m"
     turn, zero = (belief.motor_counts, belief.motor_zero) if of_motor else (belief.joint_counts, belief.joint_zero)
-    return Series(series.t, (series.values + np.array(zero)) * (turn / (2.0 * np.pi)), "1")
+    return LogSeries(series.t, (series.values + np.array(zero)) * (turn / (2.0 * np.pi)), "1")
 
 
-def _three(log: Log, name: str, unit: str) -> Series:
+def _three(log: Log, name: str, unit: str) -> LogSeries:
     series = log.vector(name)
     if series.values.shape[1] != 3:
         raise LogRefused(f"{log.path}: {name} has {series.values.shape[1]} components, expected 3, one per joint")
     return _in_unit(log, name, series, unit)
 
 
-def _in_unit(log: Log, name: str, series: Series, unit: str) -> Series:
+def _in_unit(log: Log, name: str, series: LogSeries, unit: str) -> LogSeries:
     if series.unit != unit:
         raise LogRefused(
             f"{log.path}: {name} is in '{series.unit}', expected '{unit}'; say so with --map {name}=COLUMN[UNIT]"

@@ -10,7 +10,7 @@ from twin.studies.replay.replay import Indicator, Replay
 ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
 
 
-class Verdict(StrEnum):
+class ReplayVerdict(StrEnum):
     """What a replay comes to."""
 
     MATCHES = "matches"
@@ -18,11 +18,11 @@ class Verdict(StrEnum):
     UNKNOWN = "cannot tell"
 
 
-def verdict(replay: Replay) -> Verdict:
+def verdict(replay: Replay) -> ReplayVerdict:
     """Of all indicators; without one nothing can be said."""
     if not replay.indicators:
-        return Verdict.UNKNOWN
-    return Verdict.DRIFTING if replay.first_alarm else Verdict.MATCHES
+        return ReplayVerdict.UNKNOWN
+    return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
 
 
 def replay_text(replay: Replay, name: str, files: Mapping[str, str]) -> str:
@@ -37,9 +37,9 @@ def replay_text(replay: Replay, name: str, files: Mapping[str, str]) -> str:
 
 def _headline(replay: Replay, name: str) -> str:
     match verdict(replay):
-        case Verdict.MATCHES:
+        case ReplayVerdict.MATCHES:
             return f"{name}: robot and twin match, {replay.log.t[0]:g} to {replay.log.t[-1]:g} s"
-        case Verdict.UNKNOWN:
+        case ReplayVerdict.UNKNOWN:
             return f"{name}: cannot tell whether robot and twin match"
     first = replay.first_alarm
     assert first is not None

@@ -21,7 +21,8 @@ class Definition(BaseModel):
     Attributes:
         experiment: file, as seen from the sweep's folder upwards.
         runs: points per drive; None in a grid, whose levels say it. design = "saltelli": blocks of as many points as
-            parameters and two more. seed: of sampled designs.
+            parameters and two more.
+        seed: of sampled designs.
         claims: "fig4": each point is run with force control and without, and the paper's claims are judged on both.
         reuse: "reset": a worker resets FMU instances for the next run; None: it makes new ones.
         drives: each runs every point; empty: the experiment's own.

@@ -17,8 +17,10 @@ class Job:
     """What all runs of a sweep have in common.
 
     Attributes:
-        experiment: its file. recordings: the folder in which a run's recording gets a folder of its own.
-        record: of which runs, "all", "failures" or "none". claims: "fig4" or "", see `Definition`.
+        experiment: its file.
+        recordings: the folder in which a run's recording gets a folder of its own.
+        record: of which runs, "all", "failures" or "none".
+        claims: "fig4" or "", see `Definition`.
         reuse: "reset" or "", likewise; the drives have been found fit for it.
         limits: of each worker process.
     """

@@ -18,7 +18,7 @@ FACTS = "sweep.json"
 
 
 class Facts(Shape):
-    """sweep.json; its keys as in `Kept`, and what all runs have in common."""
+    """sweep.json; its keys as in `KeptRows`, and what all runs have in common."""
 
     sweep: str
     runs: int = Field(ge=1, le=MOST_RUNS)
@@ -31,12 +31,16 @@ class Facts(Shape):
 
 
 @dataclass(frozen=True)
-class Kept:
+class KeptRows:
     """What a folder holds.
 
     Attributes:
-        name: of the sweep. runs: planned, of all drives. design, drives, limits: see `Definition`.
-        labels: what varies, in the order of the file. metrics: that a run may have. rows: of finished runs, by run.
+        name: of the sweep.
+        runs: planned, of all drives.
+        design, drives, limits: see `Definition`.
+        labels: what varies, in the order of the file.
+        metrics: that a run may have.
+        rows: of finished runs, by run.
     """
 
     name: str
@@ -82,7 +86,7 @@ def claim(folder: Path, plan: Plan) -> None:
     write_json(folder / FACTS, content)
 
 
-def kept(folder: Path) -> Kept:
+def kept(folder: Path) -> KeptRows:
     """What is in `folder`.
 
     Raises:
@@ -94,7 +98,7 @@ def kept(folder: Path) -> Kept:
     rows, _ = read_rows(folder / ROWS)
     rows.sort(key=lambda row: row["run"])
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
-    return Kept(facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"], rows=rows, **lists)
+    return KeptRows(facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"], rows=rows, **lists)
 
 
 def _read(folder: Path) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from twin.errors import InputRefused, nearest
 
 if TYPE_CHECKING:
     from twin.experiment.measure import Measure
-    from twin.runs.outcome import Outcome
+    from twin.runs.outcome import RunOutcome
 
 METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm")
 """Of the plant, see `twin.runs.outcome.Outcome`."""
@@ -29,7 +29,7 @@ BY_KIND: dict[str, tuple[str, ...]] = {
 
 
 @dataclass(frozen=True)
-class Finding:
+class RunFinding:
     """What became of one run.
 
     Attributes:
@@ -64,11 +64,11 @@ class Finding:
 
 
 def failure(reason: str) -> dict[str, Any]:
-    """Facts of the `Finding` of a run whose process died."""
-    return Finding("failed", reason, {}, math.nan, math.nan).facts
+    """Facts of the `RunFinding` of a run whose process died."""
+    return RunFinding("failed", reason, {}, math.nan, math.nan).facts
 
 
-def metrics_of(outcome: "Outcome") -> dict[str, float | None]:
+def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
     """`outcome` by the names of `METRICS`."""
     values = (
         outcome.force_error, outcome.peak, outcome.peak_time, outcome.end,

@@ -4,11 +4,11 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.writing import written
 
 
-def write_parquet(kept: Kept, path: Path) -> None:
+def write_parquet(kept: KeptRows, path: Path) -> None:
     """Write `kept` to `path`, a line per run in the order of runs: the same rows make the same bytes.
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,

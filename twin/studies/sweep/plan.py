@@ -23,8 +23,11 @@ class Task:
     """One run.
 
     Attributes:
-        run: its number, from 1. key: says what it computes, see `Plan`.
-        drive: None: the experiment's own. parameters: by label. settings: for `load_experiment`.
+        run: its number, from 1.
+        key: says what it computes, see `Plan`.
+        drive: None: the experiment's own.
+        parameters: by label.
+        settings: for `load_experiment`.
     """
 
     run: int
@@ -39,7 +42,9 @@ class Plan:
     """A sweep that may begin.
 
     Attributes:
-        name: of the file. definition: what it says. experiment: its file.
+        name: of the file.
+        definition: what it says.
+        experiment: its file.
         tasks: every run once. A key is the hash of all that decides the result: version of twin, the experiment's
             values, the FMUs' SHA-256, drive and settings.
         metrics: that a run may have.
@@ -68,7 +73,9 @@ def plan_of(definition: Definition, experiment: Path, name: str, source: str, se
     """What `definition` means for the file `experiment`: first and extreme runs loaded, their FMUs described.
 
     Args:
-        name: of the sweep. source: what a mistake is blamed on. settings: for `load_experiment`, of every run.
+        name: of the sweep.
+        source: what a mistake is blamed on.
+        settings: for `load_experiment`, of every run.
 
     Raises:
         InputRefused: no run, or values that make no experiment, or a limit of no metric.

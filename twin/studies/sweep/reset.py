@@ -34,7 +34,8 @@ def problems(reporter: Reporter, experiment: str, runs: list[tuple[str | None, l
     """A sentence for every drive that must not be used again.
 
     Args:
-        experiment: its file. runs: (drive, settings) for `load_experiment`.
+        experiment: its file.
+        runs: (drive, settings) for `load_experiment`.
     """
     from twin.runs.assembly.drives import planned
     from twin.runs.assembly.load import load_experiment

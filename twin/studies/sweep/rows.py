@@ -26,14 +26,14 @@ class Shape(BaseModel):
     model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 
 
-class Answer(Shape):
+class ClaimShape(Shape):
     """What a run said to a claim."""
 
     verdict: str
     value: float | None
 
 
-class Curves(Shape):
+class CurvesShape(Shape):
     """What `twin.studies.sweep.curves.packed` makes; a run without any has an empty table."""
 
     period_s: float = Field(0.04, gt=0, le=1e6)
@@ -53,8 +53,8 @@ class RowShape(Shape):
     within_limits: bool | None
     seconds: float | None
     stepping_s: float | None
-    claims: dict[str, Answer] = Field(default_factory=dict)
-    curves: Curves | None = None
+    claims: dict[str, ClaimShape] = Field(default_factory=dict)
+    curves: CurvesShape | None = None
 
 
 def parsed(text: str | bytes, shape: type[BaseModel]) -> dict[str, Any] | None:

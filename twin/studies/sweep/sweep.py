@@ -26,8 +26,10 @@ class State:
     """How far a sweep is.
 
     Attributes:
-        done, total: runs with a row, runs planned. failed: of those done, without metrics.
-        began_with: runs that had a row before. elapsed: wall time since then (s).
+        done, total: runs with a row, runs planned.
+        failed: of those done, without metrics.
+        began_with: runs that had a row before.
+        elapsed: wall time since then (s).
         best: (metric, value, run) of the best run so far by the usual metric; None: there is none.
     """
 
@@ -60,8 +62,10 @@ def run_sweep(
     """Run what of `plan` has no row in `folder` yet; every row of it.
 
     Args:
-        engine: who runs them. record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
-        limits: of each worker process. show: told the state at the beginning and after each batch of rows.
+        engine: who runs them.
+        record: "all", "failures" or "none"; recordings go to `folder`/runs/NUMBER.
+        limits: of each worker process.
+        show: told the state at the beginning and after each batch of rows.
 
     Raises:
         InputRefused: the folder is another sweep's, or cannot be written; or a drive must not be reset.
@@ -112,12 +116,13 @@ class _Tally:
 
 
 @dataclass(frozen=True)
-class Estimate:
+class SweepEstimate:
     """What runs cost.
 
     Attributes:
-        start: from the start of a worker to the end of its first run (s). run: each further one (s). size: of each on
-            the disk (bytes).
+        start: from the start of a worker to the end of its first run (s).
+        run: each further one (s).
+        size: of each on the disk (bytes).
     """
 
     start: float
@@ -129,7 +134,7 @@ class Estimate:
         return self.start + self.run * -(-runs // processes), self.size * runs
 
 
-def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estimate, Row]:  # noqa: B008, it is frozen
+def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
     """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing.
 
     Raises:
@@ -145,7 +150,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Estim
             rows += [_row(plan, task, facts) for task, facts in batch]
         size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
     recorded = size if record == "all" else 0
-    return Estimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
+    return SweepEstimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
 
 
 def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:

@@ -19,11 +19,11 @@ from twin.studies.check.measurement import metrics_of_measure
 from twin.studies.check.signals import Signals, refuse_unknown
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
 from twin.studies.sweep.fig4 import COMPANION, findings
-from twin.studies.sweep.measures import Finding, metrics_of
+from twin.studies.sweep.measures import RunFinding, metrics_of
 from twin.writing import made_folder
 
 
-def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> Finding:
+def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
     """Run the experiment at `path` and measure it; a failure of the run is a finding like any other.
 
     Args:
@@ -43,9 +43,9 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
         free_kept()
-        return Finding(*_told(problem), {}, time.perf_counter() - began, 0.0)
+        return RunFinding(*_told(problem), {}, time.perf_counter() - began, 0.0)
     status = "tripped" if done.trip else "done"
-    return Finding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
+    return RunFinding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
 
 
 def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:

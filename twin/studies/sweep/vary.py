@@ -29,7 +29,8 @@ class Vary(_Table):
     Attributes:
         key, keys: of the experiment, with their units; several get the same value.
         values: levels of a grid, or what is drawn from with equal probability.
-        low, high: `from` and `to`: ends of an interval. count: levels of it in a grid.
+        low, high: `from` and `to`: ends of an interval.
+        count: levels of it in a grid.
         scale: whether levels and probability are even in the value or in its logarithm.
         distribution: of an uncertain value; uniform has `from` and `to`, normal `mean` and `std`, lognormal `median`
             and `sigma`, the standard deviation of the natural logarithm.
@@ -94,7 +95,8 @@ def contradictions(vary: Vary, sampled: bool, known: Sequence[str]) -> list[str]
     """What is wrong with a table whose keys are right by themselves.
 
     Args:
-        sampled: whether the design draws; a grid has levels. known: labels that a condition may name.
+        sampled: whether the design draws; a grid has levels.
+        known: labels that a condition may name.
     """
     mistakes = _of_names(vary)
     needed: tuple[str, ...] = _SHAPES.get(vary.distribution or "", ("low", "high"))

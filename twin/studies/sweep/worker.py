@@ -15,11 +15,13 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
     Notes: {"finding": facts of `Finding`} after each.
 
     Args:
-        experiment: its file. folder: where recordings go, a folder per run. claims: see `trial`.
+        experiment: its file.
+        folder: where recordings go, a folder per run.
+        claims: see `trial`.
         reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
         orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
-            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in
-            a sweep that records failures never meets it.
+            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in a
+            sweep that records failures never meets it.
 
     Raises:
         RecordingFailed: the disk is full.

@@ -32,10 +32,13 @@ class Corner:
     (3,), the low-passed estimated pressing force, the true position (3,), and the true pressing force, SI.
 
     Attributes:
-        experiment: whose drives and settings these are. drive: what its drive is called.
+        experiment: whose drives and settings these are.
+        drive: what its drive is called.
         point: where.
-        A, B, C: (n, n), (n, 3), (8, n). period: s.
-        omega: rad/s (m,). P: response (m, 4, 3) of what is estimated.
+        A, B, C: (n, n), (n, 3), (8, n).
+        period: s.
+        omega: rad/s (m,).
+        P: response (m, 4, 3) of what is estimated.
     """
 
     experiment: Experiment

@@ -23,7 +23,8 @@ def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]
     """TOML: `extends` the file `experiment`, and all gains of the laws with where they come from.
 
     Args:
-        folder: where it will stand. options: of the command line, with which the experiment is as it was tuned.
+        folder: where it will stand.
+        options: of the command line, with which the experiment is as it was tuned.
     """
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
     before, after = done.before.gains, done.after.gains

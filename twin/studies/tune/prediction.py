@@ -32,12 +32,12 @@ LARGEST_FACTOR = 1000.0
 
 
 @dataclass(frozen=True)
-class Answer:
+class StepAnswer:
     """The answer to a unit step of the reference of one law, in truth and not as it is estimated.
 
     Attributes:
-        overshoot: share of the step. settling: time from which it stays within `SETTLED` (s); infinity: not in
-            `HORIZON`.
+        overshoot: share of the step.
+        settling: time from which it stays within `SETTLED` (s); infinity: not in `HORIZON`.
         error: integrated absolute error over `HORIZON`, of a unit step (s).
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
     """
@@ -53,7 +53,8 @@ class Prediction:
     """Gains at a corner.
 
     Attributes:
-        corner: where. radius: largest magnitude of a pole; below 1: stable.
+        corner: where.
+        radius: largest magnitude of a pole; below 1: stable.
         sensitivity: M_s, the largest |1/(1+L)| of any loop with the others closed; infinity if unstable.
         answers: by law; the worst of its axes. Empty if unstable.
     """
@@ -61,7 +62,7 @@ class Prediction:
     corner: Corner
     radius: float
     sensitivity: float
-    answers: dict[str, Answer]
+    answers: dict[str, StepAnswer]
 
     @property
     def stable(self) -> bool:
@@ -165,9 +166,9 @@ def _powers(row: Matrix, A: Matrix, count: int) -> tuple[Matrix, Matrix]:
     return rows[:count], power
 
 
-def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
+def answer(t: Matrix, share: Matrix, bandwidth: float) -> StepAnswer:
     """What `share` (n,) of the step, 1 in the end, comes to at the times `t` (n,) up to `HORIZON` (s)."""
-    return Answer(
+    return StepAnswer(
         overshoot(share, 1.0),
         settling_time(t, share, 1.0, SETTLED),
         float(np.mean(np.abs(1.0 - share)) * HORIZON),
@@ -175,14 +176,14 @@ def answer(t: Matrix, share: Matrix, bandwidth: float) -> Answer:
     )
 
 
-def _answer(corner: Corner, gains: LawGains, S: np.ndarray, i: int) -> Answer:
+def _answer(corner: Corner, gains: LawGains, S: np.ndarray, i: int) -> StepAnswer:
     below = np.flatnonzero(np.abs(1.0 - S[:, i]) < HALF_POWER)
     t, y, final = step_response(corner, gains, i)
     return answer(t, y / final, float(corner.omega[below[0]]) if len(below) else float(corner.omega[-1]))
 
 
-def _worst(each: list[Answer]) -> Answer:
-    return Answer(
+def _worst(each: list[StepAnswer]) -> StepAnswer:
+    return StepAnswer(
         max(found.overshoot for found in each),
         max(found.settling for found in each),
         max(found.error for found in each),

@@ -31,8 +31,10 @@ class Miss(NamedTuple):
     """A goal that gains miss at a corner.
 
     Attributes:
-        goal: "margin", "overshoot", "bandwidth" or "stability". by: relative, for the overshoot a share of the step.
-        reached: what there is instead, in the unit of the goal. at: where.
+        goal: "margin", "overshoot", "bandwidth" or "stability".
+        by: relative, for the overshoot a share of the step.
+        reached: what there is instead, in the unit of the goal.
+        at: where.
     """
 
     goal: str

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from twin.studies.lines import wrapped
 from twin.studies.tune.fragment import goals_sentence
-from twin.studies.tune.prediction import HORIZON, Answer
+from twin.studies.tune.prediction import HORIZON, StepAnswer
 from twin.studies.tune.search import Miss
 from twin.studies.tune.trial import Whole
 from twin.studies.tune.tuned import Judged, Tuned, worst_places
@@ -106,7 +106,7 @@ def _bandwidth(omega: float) -> str:
     return f"{'-':>7}" if math.isnan(omega) else f"{hertz:4.{digits}f} Hz"
 
 
-def _answer(found: Answer) -> str:
+def _answer(found: StepAnswer) -> str:
     settling = f"{found.settling:.2f} s" if math.isfinite(found.settling) else f"> {HORIZON:g} s"
     return f"{100.0 * found.overshoot:3.0f} % {settling:>7}"
 

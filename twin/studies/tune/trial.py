@@ -5,20 +5,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.cosim.system import Change
+from twin.cosim.system import MemoryChange
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.experiment.reference import WayPoints
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.tunable import FORCE_REFERENCE, PLACES
 from twin.runs.loop import simulate
-from twin.runs.outcome import Outcome, Tally
+from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.trace import Trace
 from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.tune.corner import Corner, at_stiffness
 from twin.studies.tune.gains import LawGains, with_gains
 from twin.studies.tune.goals import Goals
-from twin.studies.tune.prediction import HALF_POWER, HORIZON, SETTLED, Answer, Prediction, answer, step_response
+from twin.studies.tune.prediction import HALF_POWER, HORIZON, SETTLED, Prediction, StepAnswer, answer, step_response
 
 REST = 3.0
 """Time (s) before the step, in which the platform sags under the drives' droop."""
@@ -40,11 +40,12 @@ SLOWER = 0.1
 
 
 @dataclass(frozen=True)
-class Trial:
+class StepTrial:
     """A step at a corner, simulated.
 
     Attributes:
-        corner: where. law: whose reference was stepped.
+        corner: where.
+        law: whose reference was stepped.
         t, share: s (n,) since the step, and what came of it (n,), 1 where the linear model ends.
         answer: its bandwidth is NaN if the step is not over in `HORIZON`.
         swing: of the run with the step, in the end: peak to peak about a straight line (share of the step).
@@ -54,7 +55,7 @@ class Trial:
     law: str
     t: Matrix
     share: Matrix
-    answer: Answer
+    answer: StepAnswer
     swing: float
 
 
@@ -67,7 +68,7 @@ def can_be_tried(corner: Corner) -> bool:
     return corner.point.in_contact == corner.point.force_on and (damping is None or damping.gain == 0.0)
 
 
-def step_trial(corner: Corner, gains: LawGains) -> Trial | None:
+def step_trial(corner: Corner, gains: LawGains) -> StepTrial | None:
     """Simulate the answer of the true force or height to a step of its reference; None if the run failed.
 
     The same run without the step is taken off, so that what both do falls out: the sagging before all.
@@ -88,14 +89,15 @@ def step_trial(corner: Corner, gains: LawGains) -> Trial | None:
     found = answer(t, share, step_bandwidth(share, tick))
     if math.isinf(found.settling):
         found = replace(found, bandwidth=math.nan)
-    return Trial(corner, corner.laws[0], t, share, found, lasting_swing(t, moved / end))
+    return StepTrial(corner, corner.laws[0], t, share, found, lasting_swing(t, moved / end))
 
 
 def step_bandwidth(share: Matrix, tick: float) -> float:
     """Where the frequency response, the spectrum of the impulse response, first falls below 1/sqrt(2) (rad/s).
 
     Args:
-        share: answer to a unit step (n,), 1 at its end. tick: between its samples (s).
+        share: answer to a unit step (n,), 1 at its end.
+        tick: between its samples (s).
     """
     spectrum = np.abs(np.fft.rfft(np.diff(share, prepend=0.0), SPECTRUM))
     return float(np.argmax(spectrum < HALF_POWER) * 2.0 * np.pi / (SPECTRUM * tick))
@@ -134,12 +136,12 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
         if stepped and point.force_on:
             memory = PLACES[FORCE_REFERENCE].memory_of(system.component("controller"))
             assert memory is not None
-            system.changes = (*system.changes, Change(rest, memory, high))
+            system.changes = (*system.changes, MemoryChange(rest, memory, high))
         simulate(assembly, rest + over, [run]).completed()
     return -run[pressed][rest:, 2] if point.force_on else run[risen][rest:, 2]
 
 
-def contradiction(trial: Trial, prediction: Prediction, goals: Goals) -> str:
+def contradiction(trial: StepTrial, prediction: Prediction, goals: Goals) -> str:
     """What the co-simulation does that the linear model does not and that the goals forbid; "" if nothing."""
     simulated, linear = trial.answer, prediction.answers[trial.law]
     if trial.swing > SWING:
@@ -162,11 +164,13 @@ class Whole:
     """The experiment itself.
 
     Attributes:
-        drive: what its drive is called. outcome: None if it failed. trip: why the safety monitor tripped, or "".
+        drive: what its drive is called.
+        outcome: None if it failed.
+        trip: why the safety monitor tripped, or "".
     """
 
     drive: str
-    outcome: Outcome | None
+    outcome: RunOutcome | None
     trip: str
 
 

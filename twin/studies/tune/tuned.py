@@ -11,9 +11,9 @@ from twin.studies.analyse.linear_point import Linearised
 from twin.studies.tune.corner import Corner, corners
 from twin.studies.tune.gains import LawGains, gains_of
 from twin.studies.tune.goals import Goals
-from twin.studies.tune.prediction import Answer, Prediction, confirmed, predicted
+from twin.studies.tune.prediction import Prediction, StepAnswer, confirmed, predicted
 from twin.studies.tune.search import Miss, best_gains, worst_misses
-from twin.studies.tune.trial import Trial, Whole, can_be_tried, contradiction, step_trial, whole_run
+from twin.studies.tune.trial import StepTrial, Whole, can_be_tried, contradiction, step_trial, whole_run
 from twin.writing import finite
 
 
@@ -22,7 +22,9 @@ class Judged:
     """Gains, judged at every corner.
 
     Attributes:
-        gains: which. predictions: of the linear model. misses: goals that they miss, each where it is missed most.
+        gains: which.
+        predictions: of the linear model.
+        misses: goals that they miss, each where it is missed most.
         trials: simulated steps by the number of the corner; None: the run failed. A corner that is predicted to be
             unstable is not tried.
         wholes: the experiment itself, with each drive.
@@ -31,7 +33,7 @@ class Judged:
     gains: LawGains
     predictions: list[Prediction]
     misses: list[Miss]
-    trials: dict[int, Trial | None]
+    trials: dict[int, StepTrial | None]
     wholes: list[Whole]
 
 
@@ -40,8 +42,11 @@ class Tuned:
     """What tuning came to.
 
     Attributes:
-        experiments: one per drive. goals: asked for. stiffness: range (N/m), None: that of the experiment.
-        drives: as identified, one per experiment. problems: sentences about points that have no linear model.
+        experiments: one per drive.
+        goals: asked for.
+        stiffness: range (N/m), None: that of the experiment.
+        drives: as identified, one per experiment.
+        problems: sentences about points that have no linear model.
         before, after: the experiment's own gains, and the best.
     """
 
@@ -96,7 +101,8 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
 
     Args:
         experiments: the same experiment with each drive for which the gains have to do, at least one.
-        goals: `law` is filled in. stiffness: range of the contact's (N/m).
+        goals: `law` is filled in.
+        stiffness: range of the contact's (N/m).
 
     Raises:
         InputRefused: goals that nothing can meet, gains that are not tuned, no linear model.
@@ -168,7 +174,7 @@ def _facts(judged: Judged) -> dict[str, Any]:
     }
 
 
-def _corner_facts(prediction: Prediction, trial: Trial | None) -> dict[str, Any]:
+def _corner_facts(prediction: Prediction, trial: StepTrial | None) -> dict[str, Any]:
     point = prediction.corner.point
     return finite({
         "drive": prediction.corner.drive,
@@ -182,5 +188,5 @@ def _corner_facts(prediction: Prediction, trial: Trial | None) -> dict[str, Any]
     })  # fmt: skip
 
 
-def _answer_facts(found: Answer) -> dict[str, float]:
+def _answer_facts(found: StepAnswer) -> dict[str, float]:
     return {key: getattr(found, key) for key in ("overshoot", "settling", "bandwidth")}

@@ -151,7 +151,7 @@ def test_each_mechanism_does_its_kinds_and_no_others(mechanism, kinds):
     assert set(kinds) == {name for name, known in CATALOGUE.items() if known.mechanism == mechanism}
 
 
-@pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, count_fault.Law), (DRIVE_LAWS, drive_fault.Law)])
+@pytest.mark.parametrize(("laws", "known"), [(COUNT_LAWS, count_fault.CountLaw), (DRIVE_LAWS, drive_fault.DriveLaw)])
 def test_each_law_belongs_to_one_kind(laws, known):
     assert sorted(laws.values()) == sorted(known)
 

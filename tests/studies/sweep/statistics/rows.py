@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Row
 
 
@@ -22,10 +22,10 @@ def row(run: int, parameters: dict[str, Any], drive: str | None = None, status: 
     }
 
 
-def kept(rows: list[Row], **facts: Any) -> Kept:
+def kept(rows: list[Row], **facts: Any) -> KeptRows:
     """A folder with these rows."""
     labels = tuple(dict.fromkeys(label for one in rows for label in one["parameters"]))
     drives = tuple(drive for drive in dict.fromkeys(one["drive"] for one in rows) if drive)
     metrics = tuple(dict.fromkeys(metric for one in rows for metric in one["metrics"]))
     usual = {"name": "made_up", "runs": len(rows), "design": "random", "drives": drives, "labels": labels}
-    return Kept(**{**usual, "metrics": metrics, "limits": {}, "rows": rows, **facts})
+    return KeptRows(**{**usual, "metrics": metrics, "limits": {}, "rows": rows, **facts})

@@ -16,7 +16,8 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
     """Every way in which the tables that are right by themselves do not fit together, one sentence each.
 
     Args:
-        tables: of the experiment. reference: its way points, if they are right.
+        tables: of the experiment.
+        reference: its way points, if they are right.
         named: what the file has, right or not.
     """
     checked = tables.by_name

@@ -4,7 +4,7 @@ import math
 
 from twin.errors import Unreachable
 from twin.experiment.monitor import Monitor
-from twin.monitor.belief import Belief
+from twin.monitor.belief import MonitorBelief
 from twin.monitor.observation import low_pass_share
 from twin.monitor.resolution import Resolution, geometry, press_wind_up, resolution
 from twin.monitor.retraction import retreat
@@ -13,7 +13,7 @@ DISTINCT = 3.0
 """A limit has to be this many times what the encoders resolve, or rounding alone comes near it."""
 
 
-def contradictions(monitor: Monitor, belief: Belief, sample_period: float, speed_limit: float) -> list[str]:
+def contradictions(monitor: Monitor, belief: MonitorBelief, sample_period: float, speed_limit: float) -> list[str]:
     """Every way in which the limits of [monitor] cannot all mean something, one sentence each; none if not enabled.
 
     Args:
@@ -69,7 +69,7 @@ def _among_times(monitor: Monitor, sample_period: float, speed_limit: float) -> 
     return told
 
 
-def _against_robot(monitor: Monitor, belief: Belief, sample_period: float) -> list[str]:
+def _against_robot(monitor: Monitor, belief: MonitorBelief, sample_period: float) -> list[str]:
     p_B = (0.0, 0.0, 0.5 * (monitor.z_min + monitor.z_max))
     at = f"at z = {1e3 * p_B[2]:g} mm"
     try:
@@ -110,7 +110,7 @@ def _resolved(one_count: Resolution, share: float) -> list[tuple[str, str, float
     ]
 
 
-def _of_retraction(monitor: Monitor, belief: Belief) -> list[str]:
+def _of_retraction(monitor: Monitor, belief: MonitorBelief) -> list[str]:
     """The retraction has to raise the platform from everywhere: looked at around the top and around the bottom."""
     for z in (monitor.z_max, monitor.z_min):
         for angle in range(0, 360, 30):

@@ -31,8 +31,10 @@ class Situation:
     """Everything that decides whether a task is possible.
 
     Attributes:
-        plant: the robot and what it presses on, as they are. geometries: as it is, and as the controller believes it.
-        approach, controller: their tables. monitor: its table, if it watches.
+        plant: the robot and what it presses on, as they are.
+        geometries: as it is, and as the controller believes it.
+        approach, controller: their tables.
+        monitor: its table, if it watches.
     """
 
     plant: PlantParameters

@@ -11,7 +11,8 @@ class Circuit:
     """A copy of a system's components and feeds; the components themselves are shared.
 
     Attributes:
-        components: in the order in which a tick evaluates them. feeds: see `twin.cosim.wiring`.
+        components: in the order in which a tick evaluates them.
+        feeds: see `twin.cosim.wiring`.
     """
 
     def __init__(self, components: Iterable[Component], feeds: Mapping[End, End]):

@@ -18,10 +18,8 @@ from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.ticks import whole_ticks
 from twin.faults.command_fault import CommandFault
-from twin.faults.count_fault import CountFault
-from twin.faults.count_fault import Law as CountLaw
-from twin.faults.drive_fault import DriveFault
-from twin.faults.drive_fault import Law as DriveLaw
+from twin.faults.count_fault import CountFault, CountLaw
+from twin.faults.drive_fault import DriveFault, DriveLaw
 from twin.faults.message_fault import MessageFault
 from twin.faults.parameter_fault import ParameterFault
 from twin.faults.randomness import first_state
@@ -35,13 +33,7 @@ THREE_AXES = "drive"
 COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
 LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
 """Below which a law changes no count."""
-DRIVE_LAWS = {
-    "drive_runaway": DriveLaw.RUNAWAY,
-    "drive_freewheel": DriveLaw.FREEWHEEL,
-    "drive_dead": DriveLaw.DEAD,
-    "joint_jam": DriveLaw.JAM,
-    "drive_failure": DriveLaw.FAILURE,
-}
+DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
 
 
 @dataclass(frozen=True)
@@ -80,7 +72,9 @@ def inject(
         components, feeds: of the healthy system, by the names encoder, estimator, controller, monitor (if there is
             one), drive or drive_1 .. drive_3, plant.
         faults: what breaks.
-        tick: (s). counts_per_turn: of the motor and of the joint encoders. speed_limit: of a drive (rad/s).
+        tick: (s).
+        counts_per_turn: of the motor and of the joint encoders.
+        speed_limit: of a drive (rad/s).
 
     Raises:
         InputRefused: a kind or target that does not exist, or a magnitude that does nothing.

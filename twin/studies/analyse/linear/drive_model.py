@@ -72,7 +72,8 @@ def fitted_drive(
         frequencies: Hz (n,), below half the rate of ticks; 0 for the steady gain.
         response: (n, 2), advance per tick over omega_ref (rad per rad/s) and tau_load (rad per N m).
         uncertainty: standard deviation of `response` (n, 2).
-        tick: s. label: what an error calls the drive.
+        tick: s.
+        label: what an error calls the drive.
 
     Raises:
         InputRefused: no stable model comes close: the drive does not answer in proportion.

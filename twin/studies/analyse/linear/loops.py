@@ -19,7 +19,8 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
     """All loops open: inputs `LOOPS` and `REFERENCES`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS` and the truth.
 
     Args:
-        robot: `period_map`, of which no output depends directly on an input. law: with the same period.
+        robot: `period_map`, of which no output depends directly on an input.
+        law: with the same period.
     """
     angles = len(MEASURED)
     C_m, C_true = robot.C[:angles], robot.C[angles:]

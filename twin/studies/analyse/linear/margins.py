@@ -31,10 +31,13 @@ class Margins(NamedTuple):
     """How far a closed loop is from instability; None where there is no such number.
 
     Attributes:
-        gain: factor by which the loop's gain may grow. gain_frequency: of the swing it then has (rad/s).
+        gain: factor by which the loop's gain may grow.
+        gain_frequency: of the swing it then has (rad/s).
         reduction: factor to which the gain may fall, < 1.
-        phase: rad. crossover: frequency at which the loop's gain is 1 and the phase margin counts (rad/s).
-        sensitivity: M_s, largest |1/(1+L)|. complementary: M_t, largest |L/(1+L)|.
+        phase: rad.
+        crossover: frequency at which the loop's gain is 1 and the phase margin counts (rad/s).
+        sensitivity: M_s, largest |1/(1+L)|.
+        complementary: M_t, largest |L/(1+L)|.
         bandwidth: where |L/(1+L)| first falls below 1/sqrt(2) (rad/s).
         remark: why a number is missing.
     """

@@ -28,8 +28,10 @@ class Settings(NamedTuple):
     """The controller's settings, SI.
 
     Attributes:
-        N: belt ratio. eta: belt efficiency, as believed.
-        position, force: gains. corner: low-pass on the force (Hz).
+        N: belt ratio.
+        eta: belt efficiency, as believed.
+        position, force: gains.
+        corner: low-pass on the force (Hz).
         damping: None where the controller has none.
         period: s.
     """

@@ -23,8 +23,10 @@ class Stepping(NamedTuple):
     """How the co-simulation steps.
 
     Attributes:
-        tick: s. substeps: of the plant per tick.
-        period: ticks between two calls of the controller. delay: ticks from its call to the drives.
+        tick: s.
+        substeps: of the plant per tick.
+        period: ticks between two calls of the controller.
+        delay: ticks from its call to the drives.
         jacobi: all continuous components see what is valid at the tick; else the plant sees the drives' newest angles.
     """
 

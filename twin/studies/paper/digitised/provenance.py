@@ -36,7 +36,7 @@ class Digitised(Section):
     tool: str
 
 
-class Head(Section):
+class FileHead(Section):
     """The head of a file, by column: two points (pixel, value) of its axis, and the uncertainty."""
 
     figure: Figure
@@ -56,7 +56,7 @@ class Provenance:
         time: uncertainty of the time, s.
     """
 
-    head: Head
+    head: FileHead
     signal: str
     value: float
     time: float
@@ -77,11 +77,11 @@ def provenance(log: Log) -> Provenance | None:
     if "[figure]" not in log.comments:
         return None
     try:
-        head = Head.model_validate(_by_column(toml_of("\n".join(log.comments), str(log.path))))
+        head = FileHead.model_validate(_by_column(toml_of("\n".join(log.comments), str(log.path))))
     except InputRefused as problem:
         raise LogRefused(f"{problem}; its head is not TOML behind #") from None
     except ValidationError as error:
-        raise LogRefused("\n".join(f"{log.path}: {text}" for text in sentences(error, Head, "head"))) from None
+        raise LogRefused("\n".join(f"{log.path}: {text}" for text in sentences(error, FileHead, "head"))) from None
     if len(log.series) != 1:
         raise LogRefused(f"{log.path}: {len(log.series)} curves, expected one in a file of a digitised figure")
     signal = next(iter(log.series))

@@ -36,7 +36,8 @@ class Bundle:
     """The experiment at a path, and what its runs add to it as they are packed.
 
     Attributes:
-        manifest: of what has been packed. contents: by SHA-256.
+        manifest: of what has been packed.
+        contents: by SHA-256.
 
     Raises:
         InputRefused: a file cannot be read, or is not what it should be.
@@ -89,7 +90,8 @@ class Bundle:
         """Pack what a table of a drive names, and name it anew in place.
 
         Args:
-            folder: where the table's names are looked up. into: folder in the bundle where they will be.
+            folder: where the table's names are looked up.
+            into: folder in the bundle where they will be.
         """
         if not isinstance(table, dict):
             return

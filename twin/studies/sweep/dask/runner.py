@@ -25,7 +25,9 @@ class SweepJob:
     """What all runs of a sweep have in common, for whichever worker gets one.
 
     Attributes:
-        sweep: tells it from all others. versions: of whoever sends it. manifest: of its files.
+        sweep: tells it from all others.
+        versions: of whoever sends it.
+        manifest: of its files.
         job: as on the machine that sends it; paths are the runner's own.
     """
 
@@ -49,8 +51,10 @@ class Reply:
     """Of a worker.
 
     Attributes:
-        store: which machine and `file_store` it shares with others. address: of the worker, if it was given runs.
-        versions: its own, if they differ: it has run nothing. missing: SHA-256 that it needs first: likewise.
+        store: which machine and `file_store` it shares with others.
+        address: of the worker, if it was given runs.
+        versions: its own, if they differ: it has run nothing.
+        missing: SHA-256 that it needs first: likewise.
         results: else of every run; of fewer if the runner was closed.
     """
 

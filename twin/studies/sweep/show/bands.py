@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 
 from twin.studies.figure import picture
 from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.statistics.bands import Bands
 
 PANELS = (
@@ -26,7 +26,7 @@ MARGIN = 0.1
 """Around it (mm)."""
 
 
-def draw_bands(bands: Bands, kept: Kept, path: Path) -> None:
+def draw_bands(bands: Bands, kept: KeptRows, path: Path) -> None:
     """Write the picture to `path` (PNG): panels A to D of Fig. 4, and below them what is true.
 
     Raises:

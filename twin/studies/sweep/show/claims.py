@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.table import Part
 from twin.studies.sweep.show.words import interval, number
 from twin.studies.sweep.statistics.claims import Likelihood, likelihoods
@@ -25,7 +25,7 @@ def least_sure(found: Sequence[Likelihood]) -> str:
     return text if least.share >= LIKELY else f"{text}; least sure: {least.claim.key} ({100 * least.share:.0f} %)"
 
 
-def claims_part(kept: Kept) -> Part | None:
+def claims_part(kept: KeptRows) -> Part | None:
     """Each claim with the probability that it holds; None if none was asked for."""
     found = likelihoods(kept.rows)
     if not found:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.lines import counted
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.statistics.pareto import pareto_front
@@ -15,7 +15,7 @@ COLORS = (BLUE, VERMILION, GREEN, PINK, ORANGE, SKY, "#000000")
 MARKERS = "osD^vP*X"
 
 
-def draw_front(kept: Kept, asked: Asked, path: Path) -> None:
+def draw_front(kept: KeptRows, asked: Asked, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from twin.errors import plain
 from twin.studies.lines import counted
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.claims import claims_part, least_sure
 from twin.studies.sweep.show.sensitivity import sensitivity_parts
@@ -31,7 +31,9 @@ class Asked:
     """What a user wants to know.
 
     Attributes:
-        by: metric that runs are ranked by. against: the other one of the Pareto front. top: so many best runs.
+        by: metric that runs are ranked by.
+        against: the other one of the Pareto front.
+        top: so many best runs.
     """
 
     by: str
@@ -39,7 +41,7 @@ class Asked:
     top: int
 
 
-def parts(kept: Kept, asked: Asked) -> list[Part]:
+def parts(kept: KeptRows, asked: Asked) -> list[Part]:
     """Everything there is to say, most wanted first. In a sweep with claims these come first and no run is best: what
     is drawn there nobody can choose."""
     judged = claims_part(kept)
@@ -51,7 +53,7 @@ def parts(kept: Kept, asked: Asked) -> list[Part]:
     return [part for part in found if part is not None]
 
 
-def headline(kept: Kept, by: str) -> str:
+def headline(kept: KeptRows, by: str) -> str:
     """`NAME  20 runs: least force_error_N 0.31 (run 12); 2 failed`."""
     begun = "" if len(kept.rows) == kept.runs else f"{len(kept.rows)} of "
     text = f"{kept.name}  {begun}{counted(kept.runs, 'run')}"
@@ -69,13 +71,13 @@ def headline(kept: Kept, by: str) -> str:
     return text + "".join(f"; {one}" for one in told)
 
 
-def _best(kept: Kept, asked: Asked) -> Part | None:
+def _best(kept: KeptRows, asked: Asked) -> Part | None:
     ranked = best(kept.rows, asked.by)
     head, rows = _runs(kept, ranked[: asked.top], asked)
     return Part("best", f"best runs by {asked.by}", head, rows) if ranked else None
 
 
-def _front(kept: Kept, asked: Asked) -> Part | None:
+def _front(kept: KeptRows, asked: Asked) -> Part | None:
     front = pareto_front(kept.rows, asked.by, asked.against)
     if not front or asked.by == asked.against:
         return None
@@ -86,7 +88,7 @@ def _front(kept: Kept, asked: Asked) -> Part | None:
     return Part("front", title, head, rows, more)
 
 
-def _runs(kept: Kept, rows: Sequence[Row], asked: Asked) -> tuple[list[str], list[list[str]]]:
+def _runs(kept: KeptRows, rows: Sequence[Row], asked: Asked) -> tuple[list[str], list[list[str]]]:
     names = short(kept.labels)
     metrics = list(dict.fromkeys((asked.by, asked.against)))
     several = len(kept.drives) > 1
@@ -102,7 +104,7 @@ def _runs(kept: Kept, rows: Sequence[Row], asked: Asked) -> tuple[list[str], lis
     ]
 
 
-def _drives(kept: Kept, asked: Asked) -> Part | None:
+def _drives(kept: KeptRows, asked: Asked) -> Part | None:
     if len(drives_in(kept.rows)) < 2:
         return None
     scores = drive_ranking(kept.rows, asked.by)
@@ -126,7 +128,7 @@ def _drives(kept: Kept, asked: Asked) -> Part | None:
     return Part("drives", f"drives by {asked.by}", head, rows, remarks)
 
 
-def _distributions(kept: Kept) -> Part | None:
+def _distributions(kept: KeptRows) -> Part | None:
     spreads = [found for metric in metrics_in(kept.rows) if (found := spread(kept.rows, metric))]
     if not spreads or len(kept.rows) < 2:
         return None
@@ -144,7 +146,7 @@ def _shades(found: Spread) -> str:
     return "".join(SHADES[math.ceil(count / fullest * (len(SHADES) - 1))] for count in found.counts)
 
 
-def _reasons(kept: Kept) -> Part | None:
+def _reasons(kept: KeptRows) -> Part | None:
     reasons: dict[tuple[str, str], list[int]] = {}
     for row in kept.rows:
         if row["status"] != "done":

@@ -13,7 +13,7 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from twin.errors import InputRefused
 from twin.studies.figure import INK, MAP, VERMILION, picture
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.words import short
 from twin.studies.sweep.statistics.ranking import drives_in, is_number, numeric_labels, value
@@ -23,7 +23,7 @@ COLORS = "cividis_r"
 FAILED = VERMILION
 
 
-def axes_of(kept: Kept, x: str | None, y: str | None) -> tuple[str, str] | None:
+def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | None:
     """The two parameters of the map: those asked for, else the first two that are numbers; None: there are not two.
 
     Raises:
@@ -45,7 +45,7 @@ def axes_of(kept: Kept, x: str | None, y: str | None) -> tuple[str, str] | None:
     return (first, second) if first and second and first != second else None
 
 
-def draw_sweep(kept: Kept, axes: tuple[str, str], metric: str, path: Path) -> None:
+def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -> None:
     """Write the map of `metric` over `axes` to `path` (PNG), a panel per drive.
 
     Cells of a grid show the best run at that point over all other parameters; draws of a sample are dots. An orange

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.bands import draw_bands
 from twin.studies.sweep.show.front import draw_front
 from twin.studies.sweep.show.parts import Asked
@@ -13,7 +13,7 @@ from twin.studies.sweep.statistics.pareto import pareto_front
 from twin.studies.sweep.statistics.ranking import metrics_in
 
 
-def write_pictures(kept: Kept, asked: Asked, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
+def write_pictures(kept: KeptRows, asked: Asked, x: str | None, y: str | None, folder: Path) -> dict[str, Path]:
     """Write them into `folder` (PNG), which exists: what each shows -> its file.
 
     Args:

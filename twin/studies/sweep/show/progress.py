@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from twin.studies.sweep.sweep import Estimate, State
+from twin.studies.sweep.sweep import State, SweepEstimate
 
 
 def state_text(state: State) -> str:
@@ -18,7 +18,7 @@ def state_text(state: State) -> str:
     return "  ".join(parts)
 
 
-def estimate_text(name: str, runs: int, processes: int, estimate: Estimate, first: dict[str, Any]) -> str:
+def estimate_text(name: str, runs: int, processes: int, estimate: SweepEstimate, first: dict[str, Any]) -> str:
     """What `runs` runs will take, and what that was measured on."""
     seconds, size = estimate.total(runs, processes)
     many = "process" if processes == 1 else "processes"

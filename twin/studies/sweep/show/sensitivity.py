@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from twin.studies.lines import counted
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.table import Part
 from twin.studies.sweep.show.words import interval, short
@@ -17,7 +17,7 @@ SURE = 0.05
 """Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
 
 
-def sensitivity_parts(kept: Kept, metric: str) -> list[Part]:
+def sensitivity_parts(kept: KeptRows, metric: str) -> list[Part]:
     """For each drive by itself: what moves one drive need not move another."""
     found: list[Part | None] = []
     drives = drives_in(kept.rows)
@@ -45,7 +45,7 @@ def starred(correlations: dict[str, Correlation]) -> set[str]:
     return stars
 
 
-def _correlations(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | None:
+def _correlations(kept: KeptRows, rows: list[Row], metric: str, of: str) -> Part | None:
     names = short(kept.labels)
     found = {
         label: correlation
@@ -72,7 +72,7 @@ def _correlations(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | N
     return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
 
 
-def _indices(kept: Kept, rows: list[Row], metric: str, of: str) -> Part | None:
+def _indices(kept: KeptRows, rows: list[Row], metric: str, of: str) -> Part | None:
     if kept.design != "saltelli":
         return None
     found = sobol_indices(rows, kept.labels, kept.runs // max(1, len(kept.drives)), metric)

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.studies.figure import BARE, INK, picture
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.front import COLORS
 from twin.studies.sweep.statistics.distribution import spread
 from twin.studies.sweep.statistics.ranking import drives_in, metrics_in, value
@@ -13,7 +13,7 @@ from twin.studies.sweep.statistics.ranking import drives_in, metrics_in, value
 COLUMNS = 3
 
 
-def draw_spreads(kept: Kept, path: Path) -> None:
+def draw_spreads(kept: KeptRows, path: Path) -> None:
     """Write the picture to `path` (PNG).
 
     Raises:

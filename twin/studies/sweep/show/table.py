@@ -9,8 +9,10 @@ class Part:
     """A table with a title and sentences.
 
     Attributes:
-        key: short name. head: titles of the columns, rows: cells, as many in each; empty if there is no table.
-        remarks: sentences to it. notes: by first cell, what it means; for a page, which has the room.
+        key: short name.
+        head: titles of the columns, rows: cells, as many in each; empty if there is no table.
+        remarks: sentences to it.
+        notes: by first cell, what it means; for a page, which has the room.
         text_only: titles of columns that a page does without, because it has a picture.
     """
 

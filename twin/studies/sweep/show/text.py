@@ -3,12 +3,12 @@
 from collections.abc import Sequence
 
 from twin.studies.lines import WIDTH, counted, wrapped
-from twin.studies.sweep.folder import Kept
+from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.parts import Asked, headline, parts
 from twin.studies.sweep.show.table import Part
 
 
-def sweep_text(kept: Kept, asked: Asked) -> str:
+def sweep_text(kept: KeptRows, asked: Asked) -> str:
     """The report of a sweep."""
     lines = [headline_text(kept, asked.by)]
     for part in parts(kept, asked):
@@ -16,7 +16,7 @@ def sweep_text(kept: Kept, asked: Asked) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def headline_text(kept: Kept, by: str) -> str:
+def headline_text(kept: KeptRows, by: str) -> str:
     """The first sentence in lines of at most 80 characters."""
     return _folded(headline(kept, by))
 

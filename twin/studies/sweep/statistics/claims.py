@@ -16,7 +16,8 @@ class Likelihood:
     """A claim in a sweep.
 
     Attributes:
-        claim: what is claimed. holds, judged: runs; a run in which it is trivial is not judged.
+        claim: what is claimed.
+        holds, judged: runs; a run in which it is trivial is not judged.
         trivial: runs that say nothing about it.
         interval: 95 % interval of the probability that it holds.
         quantiles: of the number measured, in the claim's unit, at `QUANTILES`; infinity where it never happens.

@@ -22,8 +22,10 @@ class Correlation:
     """Spearman's rank correlation of a parameter with a metric.
 
     Attributes:
-        rho: -1 .. 1, positive if the metric rises with the parameter. low, high: 95 % interval.
-        p: chance of as strong a one if the two had nothing to do with each other. runs: that it is of.
+        rho: -1 .. 1, positive if the metric rises with the parameter.
+        low, high: 95 % interval.
+        p: chance of as strong a one if the two had nothing to do with each other.
+        runs: that it is of.
     """
 
     rho: float

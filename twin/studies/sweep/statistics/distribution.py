@@ -19,9 +19,13 @@ class Spread:
     """The numbers of a metric.
 
     Attributes:
-        metric: its name. numbers: of the runs that have one, in the order of runs. missing: runs that have none.
-        quantiles: at `QUANTILES`. counts: of `BINS` bins of equal width from the least number to the largest; of one
-            bin around them all if they differ by no more than rounding. edges: of the bins, one more than these.
+        metric: its name.
+        numbers: of the runs that have one, in the order of runs.
+        missing: runs that have none.
+        quantiles: at `QUANTILES`.
+        counts: of `BINS` bins of equal width from the least number to the largest; of one bin around them all if they
+            differ by no more than rounding.
+        edges: of the bins, one more than these.
     """
 
     metric: str

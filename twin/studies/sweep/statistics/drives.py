@@ -19,7 +19,9 @@ class DriveScore:
     """A drive in the sweep.
 
     Attributes:
-        drive: its name; "" for the experiment's own. runs: finished. completed: of those, done with a number.
+        drive: its name; "" for the experiment's own.
+        runs: finished.
+        completed: of those, done with a number.
         median, worst: of the metric over the completed runs; nan if there is none.
         behind: median over points of how much more it has than the first drive, and its 95 % interval; nan for the
             first, and where no point was completed by both.

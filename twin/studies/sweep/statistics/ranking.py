@@ -49,7 +49,8 @@ def checked_rank(option: str, metric: str, known: Sequence[str], claims: Sequenc
     """`metric` as it was given with `option`.
 
     Args:
-        known: metrics that a run may have. claims: whose numbers may be asked for, too; see `claims_in`.
+        known: metrics that a run may have.
+        claims: whose numbers may be asked for, too; see `claims_in`.
 
     Raises:
         InputRefused: there is no such metric, or less of it is not better.

@@ -35,7 +35,8 @@ class Indices:
     """What a drive's rows say.
 
     Attributes:
-        of: by parameter; empty if there is nothing to say. remark: what stands in the way, or how far it holds.
+        of: by parameter; empty if there is nothing to say.
+        remark: what stands in the way, or how far it holds.
         blocks, planned: blocks of d + 2 runs that are whole, and in the design.
     """
 
@@ -49,8 +50,9 @@ def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric:
     """Indices of every parameter, of one drive's rows in a design = "saltelli".
 
     Args:
-        labels: d parameters in the order of the design. runs: planned for this drive, blocks of d + 2. Run numbers of
-            the drive are consecutive; the first row of each block is where `saltelli_cube` begins one.
+        labels: d parameters in the order of the design.
+        runs: planned for this drive, blocks of d + 2. Run numbers of the drive are consecutive; the first row of each
+            block is where `saltelli_cube` begins one.
 
     A block with a run that has no number is left out as a whole, since each of its runs counts relative to the others.
     """
@@ -85,7 +87,8 @@ def estimates(f_A: Numbers, f_B: Numbers, f_AB: Numbers) -> tuple[Numbers, Numbe
     centred before, which leaves the indices what they are and their error smaller.
 
     Args:
-        f_A, f_B: (..., n). f_AB: (..., d, n), column i of A replaced by that of B.
+        f_A, f_B: (..., n).
+        f_AB: (..., d, n), column i of A replaced by that of B.
     """
     both = np.concatenate([f_A, f_B], axis=-1)
     variance = both.var(axis=-1)[..., None]

@@ -1,0 +1,68 @@
+"""What things are called, and how docstrings say what they take."""
+
+import ast
+import re
+from collections import defaultdict
+from collections.abc import Iterator
+from itertools import combinations
+from pathlib import Path
+
+Documented = ast.FunctionDef | ast.ClassDef
+SECTION = re.compile(r"\n( *)(?:Args|Attributes):\n((?:\1 +.*(?:\n|$))*)")
+ANOTHER = re.compile(r"[.;] (\w+): ")
+"""Within a line: the name of one more argument."""
+
+
+def modules(root: Path) -> Iterator[tuple[str, ast.Module]]:
+    for path in sorted((root / "twin").rglob("*.py")):
+        name = ".".join(path.relative_to(root).with_suffix("").parts)
+        yield name.removesuffix(".__init__"), ast.parse(path.read_text())
+
+
+def arguments(node: Documented) -> set[str]:
+    """Of a function; of a class its fields, and with what it is made."""
+    if isinstance(node, ast.FunctionDef):
+        return {one.arg for one in (*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs)}
+    fields = {one.target.id for one in node.body if isinstance(one, ast.AnnAssign) and isinstance(one.target, ast.Name)}
+    made = [one for one in node.body if isinstance(one, ast.FunctionDef) and one.name == "__init__"]
+    return fields.union(*map(arguments, made))
+
+
+def packed(node: Documented) -> Iterator[str]:
+    """Arguments of which the docstring tells in the line of another one."""
+    for _, items in SECTION.findall(f"{ast.get_docstring(node, clean=False) or ''}\n"):
+        for line in items.splitlines():
+            yield from (name for name in ANOTHER.findall(line) if name in arguments(node))
+
+
+def test_an_argument_in_the_line_of_another_one_is_noticed():
+    (node,) = ast.parse('def f(a, b):\n    """Do.\n\n    Args:\n        a: one. b: two: three.\n    """\n').body
+    assert isinstance(node, ast.FunctionDef)
+    assert list(packed(node)) == ["b"]
+
+
+def test_every_argument_has_a_line_of_its_own(root: Path):
+    found = [
+        f"{module}: {node.name}: {name}"
+        for module, tree in modules(root)
+        for node in ast.walk(tree)
+        if isinstance(node, Documented)
+        for name in packed(node)
+    ]
+    assert not found
+
+
+def test_classes_of_the_same_name_never_meet_in_a_file(root: Path):
+    classes: dict[str, set[str]] = defaultdict(set)
+    imported: dict[str, set[str]] = {}
+    for module, tree in modules(root):
+        for one in tree.body:
+            if isinstance(one, ast.ClassDef):
+                classes[one.name].add(module)
+        froms = [one for one in ast.walk(tree) if isinstance(one, ast.ImportFrom) and one.module]
+        imported[module] = {module, *(str(one.module) for one in froms)}
+        imported[module] |= {f"{one.module}.{alias.name}" for one in froms for alias in one.names}
+    assert len(classes) > 300
+    for name, homes in classes.items():
+        for pair in combinations(sorted(homes), 2):
+            assert not [module for module, seen in imported.items() if seen.issuperset(pair)], f"{name} of {pair}"
