@@ -200,11 +200,11 @@ def test_what_is_written_is_read_as_it_was_with_its_origins_and_order(tmp_path_f
     assert repr(again) == repr(source)
 
 
-@pytest.mark.parametrize("key", ["drive.parameters.motor.R", 'drive.parameters."motor.R"', "drive.parameters.'motor.R'"])
-def test_a_parameter_whose_name_has_dots_is_set_with_quotes_and_without(tmp_path: Path, key: str):
+@pytest.mark.parametrize("name", ["motor.R", '"motor.R"', "'motor.R'"])
+def test_a_parameter_whose_name_has_dots_is_set_with_quotes_and_without(tmp_path: Path, name: str):
     source = read_source(write(tmp_path, "e.toml", '[drive.parameters]\n"motor.R" = 1.0\nmotor.L = 2.0\n'))
     assert source.values["drive"]["parameters"] == {"motor.R": 1.0, "motor.L": 2.0}
-    override(source, [f"{key}=3"])
+    override(source, [f"drive.parameters.{name}=3"])
     assert source.values["drive"]["parameters"] == {"motor.R": 3, "motor.L": 2.0}
     assert source.origins["drive.parameters.motor.R"] == "set on the command line"
 

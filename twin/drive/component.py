@@ -106,7 +106,8 @@ class FmuComponent(Component):
         functions[RESTORE] = f"Set{self._state_name}"
         called = functions[status // 16 * 16]
         code = STATUSES.get(status % 16, f" status {status % 16}")
-        return f"{prefix}{called} returned {prefix}{code}{said}"
+        shorter = "; it may do with shorter steps: raise [drive] substeps" if code == "Discard" else ""
+        return f"{prefix}{called} returned {prefix}{code}{said}{shorter}"
 
     def rewind(self) -> Rewind | None:
         if not self.instance.description.model.coSimulation.canGetAndSetFMUstate:

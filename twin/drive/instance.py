@@ -18,6 +18,7 @@ from twin.drive.description import FmuDescription, Variable
 from twin.drive.slave import FMU2Drive, FMU3Drive
 from twin.errors import ComponentFailed, InputRefused
 
+
 class Setup(NamedTuple):
     """What an FMU is told of the run before it is initialised.
 
@@ -219,9 +220,15 @@ class Instance:
         except Exception:
             self._fmu.component = None
         if not self._fmu.component:
+            clocks = [v.name for v in self.description.variables.values() if v.type == "Clock"]
+            why = (
+                f"it may want its clocks ({', '.join(clocks[:3])}) served in event mode, which twin does not do"
+                if clocks
+                else f"the GUID {self.description.model.guid} in modelDescription.xml may not be the binary's own: "
+                "export it again"
+            )
             raise InputRefused(
-                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; the GUID "
-                f"{self.description.model.guid} in modelDescription.xml may not be the binary's own: export it again"
+                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; {why}"
             )
 
     def _initialise(self) -> None:

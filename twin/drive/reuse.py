@@ -46,7 +46,7 @@ def instance(
     folder: Path,
     settings: Sequence[Setting],
     inputs: Sequence[Setting],
-    setup: Setup,
+    setup: Setup = Setup(),  # noqa: B008, it is frozen
 ) -> Instance:
     """One in step mode: a kept one that has been reset, or a new one; arguments as those of `Instance`.
 
