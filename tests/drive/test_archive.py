@@ -48,7 +48,7 @@ def test_a_damaged_entry_is_refused(tmp_path: Path, servo: Path):
     assert "is damaged; get the FMU again" in said or "not a complete FMU" in said
 
 
-@pytest.mark.parametrize("name", ["../evil.so", "/etc/evil", "C:/evil", "binaries\\evil.dll", "a/../../evil"])
+@pytest.mark.parametrize("name", ["../evil.so", "/etc/evil", "C:/evil", "..\\evil.dll", "a/../../evil"])
 def test_an_entry_that_points_outside_is_refused(tmp_path: Path, name: str):
     file = tmp_path / "bad.fmu"
     info = zipfile.ZipInfo("x")

@@ -60,6 +60,16 @@ def test_a_drive_without_this_platforms_binary_is_refused_with_what_it_has(tmp_p
     assert "it has darwin64, win64" in refusal(bad)
 
 
+def test_a_binary_of_another_name_than_the_description_says_is_told_of(tmp_path: Path, servo: Path):
+    def renamed(name: str, content: bytes) -> tuple[str, bytes]:
+        return name.replace("linux64/velocity_servo", "linux64/servo"), content
+
+    said = refusal(altered(servo, tmp_path / "bad.fmu", renamed))
+    assert (
+        "its binary for this platform is servo.so; by its modelIdentifier it has to be called velocity_servo.so" in said
+    )
+
+
 @pytest.mark.parametrize(
     ("old", "new", "said"),
     [

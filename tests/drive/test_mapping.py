@@ -155,3 +155,20 @@ def test_a_word_of_three_letters_in_a_description_says_nothing():
         variable("x_1", "input", "rpm", "refers to the shaft"), variable("x_2", "input", "rpm")
     )
     assert "cannot tell which of its variables is omega_ref" in refusal(two)
+
+
+def test_one_variable_plays_one_role():
+    both = FOREIGN | drive(variable("shaft", "output", ""))
+    with pytest.raises(InputRefused, match="'shaft' is given to theta_m and omega_m; one variable plays one role"):
+        bindings("acme.fmu", both, Wiring(outputs={"theta_m": "shaft", "omega_m": "shaft"}))
+
+
+def test_a_variable_that_counts_the_other_way_is_told_with_its_minus():
+    found = bindings("acme.fmu", FOREIGN, Wiring(inputs={"tau_load": "-M_load"}))
+    assert [str(b) for b in found if b.turned] == ["tau_load <- -M_load [mN.m]"]
+
+
+def test_a_drive_without_inputs_is_told_to_have_none():
+    bare = {name: v for name, v in FOREIGN.items() if v.causality == "output"}
+    with pytest.raises(InputRefused, match="has no variable 'n_cmd' for omega_ref; it has no input"):
+        bindings("acme.fmu", bare, Wiring(inputs={"omega_ref": "n_cmd"}))

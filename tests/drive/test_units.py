@@ -28,7 +28,8 @@ BY_DEFINITION = {
     "rad/s": (SPEED, 1.0),
     "deg/s": (SPEED, times_pi(1, 180)),
     # turns per second, and per 60 seconds
-    **dict.fromkeys(("rev/s", "r/s", "Hz"), (SPEED, times_pi(2))),
+    **dict.fromkeys(("rev/s", "r/s", "rps", "Hz"), (SPEED, times_pi(2))),
+    "kHz": (SPEED, times_pi(2000)),
     **dict.fromkeys(("rpm", "1/min", "rev/min", "r/min", "U/min"), (SPEED, times_pi(1, 30))),
     # a centimetre is a hundredth, milli a thousandth
     **dict.fromkeys(("N.m", "N m", "Nm", "N*m"), (TORQUE, 1.0)),
@@ -55,6 +56,11 @@ def test_a_well_known_name_means_what_the_si_says(unit: str):
 
 def test_hertz_counts_turns_though_it_is_defined_as_one_per_second():
     assert conversion("Hz", [defined("Hz", s=-1)]) == conversion("rev/s", [])
+
+
+def test_an_energy_is_no_torque_though_it_has_the_same_base_units():
+    assert conversion("N.m", [defined("N.m", kg=1, m=2, s=-2)]) == conversion("N.m", [])
+    assert conversion("J", [defined("J", kg=1, m=2, s=-2)]) is None
 
 
 def test_the_models_own_definition_decides():

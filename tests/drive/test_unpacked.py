@@ -75,6 +75,20 @@ def test_a_cache_that_cannot_be_written_is_a_sentence(tmp_path: Path, servo: Pat
         unpacked(servo, sha256(servo))
 
 
+def test_entries_with_the_separators_of_windows_are_unpacked_to_the_same_places(tmp_path: Path, servo: Path):
+    odd = tmp_path / "odd.fmu"
+    with zipfile.ZipFile(servo) as source, zipfile.ZipFile(odd, "w") as target:
+        for name in source.namelist():
+            info = zipfile.ZipInfo("x")
+            info.filename = name.replace("/", "\\")
+            target.writestr(info, source.read(name))
+    fmu = described(odd)
+    folder, plain = unpacked(odd, fmu.sha256), unpacked(servo, described(servo).sha256)
+    places, expected = ({str(f.relative_to(one)) for f in one.rglob("*.*")} for one in (folder, plain))
+    assert places == expected
+    Instance("drive_1", fmu, folder).close()
+
+
 def test_folders_of_the_archive_without_files_are_there(tmp_path: Path):
     fmu = archived(tmp_path / "servo.fmu")
     assert (unpacked(fmu, sha256(fmu)) / "documentation").is_dir()

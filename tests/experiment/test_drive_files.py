@@ -60,3 +60,52 @@ def test_a_mapping_with_a_mistake_is_told(shelf: Path, monkeypatch: pytest.Monke
     (shelf / "fmus/acme/mapping.toml").write_text('fmu = "acme.fmu"\nsigns = -1\n')
     with pytest.raises(InputRefused, match="unknown key 'signs'; did you mean 'sign'"):
         lone_drive("acme", shelf)
+
+
+@pytest.fixture
+def motor(shelf: Path) -> Path:
+    """A folder with a mapping of two parts."""
+    for name in ("machine", "inverter"):
+        (shelf / f"{name}.fmu").touch()
+    (shelf / "motor.toml").write_text(
+        '[parts.machine]\nfmu = "machine.fmu"\n[parts.machine.parameters]\n"motor.R" = 1.0\nL = 2.0\n'
+        '[parts.inverter]\nfmu = "inverter.fmu"\n[parameters]\ninverter.delay = 3.0\n'
+    )
+    return shelf
+
+
+def part_parameters(drive: dict[str, object], folder: Path) -> dict[str, dict[str, float]]:
+    (table, *_) = joint_tables(drive, folder)
+    assert "parameters" not in table
+    return {name: part.get("parameters", {}) for name, part in table["parts"].items()}
+
+
+@pytest.mark.parametrize(
+    "given", [{"parameters": {"machine.motor.R": 9.0}}, {"parts": {"machine": {"parameters": {"motor.R": 9.0}}}}]
+)
+def test_a_parameter_of_a_part_lies_over_the_mappings_own(motor: Path, given: dict[str, object]):
+    found = part_parameters({"fmu": "motor.toml", **given}, motor)
+    assert found == {"machine": {"motor.R": 9.0, "L": 2.0}, "inverter": {"delay": 3.0}}
+
+
+def test_a_joint_changes_a_parameter_of_a_part_of_the_common_drive(motor: Path):
+    drive = {"fmu": "motor.toml", "joint_2": {"parts": {"machine": {"parameters": {"L": 7.0}}}}}
+    assert [table["parts"]["machine"]["parameters"]["L"] for table in joint_tables(drive, motor)] == [2.0, 7.0, 2.0]
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"nonsense": 3.0}, r"nonsense: this drive is made of parts; write machine.nonsense or inverter.nonsense"),
+        ({"motr.R": 3.0}, r"motr.R: this drive is made of parts; write machine.R or inverter.R"),
+    ],
+)
+def test_a_parameter_of_no_part_is_refused(motor: Path, given: dict[str, float], said: str):
+    with pytest.raises(InputRefused, match=said):
+        joint_tables({"fmu": "motor.toml", "parameters": given}, motor)
+
+
+def test_a_parameter_is_not_given_twice(motor: Path):
+    drive = {"fmu": "motor.toml", "parameters": {"machine.L": 1.0}, "parts": {"machine": {"parameters": {"L": 2.0}}}}
+    with pytest.raises(InputRefused, match=r"machine.L and \[drive.parts.machine.parameters\] L: keep one"):
+        joint_tables(drive, motor)

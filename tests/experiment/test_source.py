@@ -198,3 +198,20 @@ def test_what_is_written_is_read_as_it_was_with_its_origins_and_order(tmp_path_f
     again = read_source(path)
     # repr tells 1 from 1.0 and True, and orders
     assert repr(again) == repr(source)
+
+
+@pytest.mark.parametrize("name", ["motor.R", '"motor.R"', "'motor.R'"])
+def test_a_parameter_whose_name_has_dots_is_set_with_quotes_and_without(tmp_path: Path, name: str):
+    source = read_source(write(tmp_path, "e.toml", '[drive.parameters]\n"motor.R" = 1.0\nmotor.L = 2.0\n'))
+    assert source.values["drive"]["parameters"] == {"motor.R": 1.0, "motor.L": 2.0}
+    override(source, [f"drive.parameters.{name}=3"])
+    assert source.values["drive"]["parameters"] == {"motor.R": 3, "motor.L": 2.0}
+    assert source.origins["drive.parameters.motor.R"] == "set on the command line"
+
+
+def test_a_file_that_changes_a_part_keeps_the_drive_of_the_one_it_extends(tmp_path: Path):
+    write(tmp_path, "base.toml", '[drive]\nfmu = "motor.toml"\n')
+    child = 'extends = "base.toml"\n[drive.parts.machine.parameters]\nmotor.R = { value = 2.0, source = "measured" }\n'
+    source = read_source(write(tmp_path, "child.toml", child))
+    assert source.values["drive"] == {"fmu": "motor.toml", "parts": {"machine": {"parameters": {"motor.R": 2.0}}}}
+    assert source.origins["drive.parts.machine.parameters.motor.R"] == "measured"

@@ -174,9 +174,11 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
             for part, fmu in plan.parts.items()
         ],
         "roles": {
-            b.port.name: {"variable": b.name, "causality": b.role.causality, "unit": b.variable.unit, "gain": b.gain}
+            b.port.name: {"variable": b.said, "causality": b.role.causality, "unit": b.variable.unit, "gain": b.gain}
             for b in plan.bindings
         },
+        "wires": {target: source for source, target in plan.wires},
+        "set": {part: {v.name: value for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
 
@@ -203,7 +205,10 @@ def _table(plan: "DrivePlan") -> str:
     for b in plan.bindings:
         arrow = "<-" if b.role.causality == "input" else "->"
         unit = f"[{b.variable.unit}]" if b.variable.unit else "[no unit]"
-        lines.append(f"  {b.port.name:10} {arrow} {b.name:20} {unit:9} {b.port.meaning}"[:WIDTH])
+        lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
+    lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
+    for part, settings in plan.settings.items():
+        lines += [f"  {part + '.' if part else ''}{v.name} = {value:g} {v.unit}  (set)" for v, value in settings]
     for part, fmu in plan.parts.items():
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]

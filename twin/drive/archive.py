@@ -45,14 +45,19 @@ def entries(file: Path) -> dict[str, int]:
             damaged = archive.testzip()
             if damaged:
                 raise InputRefused(f"{file}: entry '{damaged}' is damaged; get the FMU again")
-            return {info.filename: info.file_size for info in infos}
+            return {place(info): info.file_size for info in infos}
     except (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, RuntimeError) as problem:
         raise InputRefused(f"{file}: not a complete FMU, {str(problem).lower()}; an FMU is a zip archive") from None
 
 
+def place(info: zipfile.ZipInfo) -> str:
+    """Where an entry belongs, below the folder it is unpacked to: some tools write Windows' separators."""
+    return info.filename.replace("\\", "/")
+
+
 def _refuse_escape(file: Path, info: zipfile.ZipInfo) -> None:
-    name = info.filename
-    if name.startswith("/") or ".." in PurePosixPath(name).parts or ":" in name or "\\" in name:
+    name = place(info)
+    if name.startswith("/") or ".." in PurePosixPath(name).parts or ":" in name:
         raise InputRefused(f"{file}: entry '{name}' points outside the archive; do not trust this file")
     if stat.S_ISLNK(info.external_attr >> 16):
         raise InputRefused(f"{file}: entry '{name}' is a link; do not trust this file")

@@ -13,7 +13,7 @@ from twin.drive import adapter, fmu_state, plain_adapter, reuse
 from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.fmu_state import RESTORE, SAVE
-from twin.drive.instance import Setting
+from twin.drive.instance import Setting, Setup
 from twin.errors import InputRefused
 
 STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
@@ -45,6 +45,7 @@ class FmuComponent(Component):
         inputs_at_start: port -> value (SI) in initialisation mode; 0 where nothing is said.
         outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
             and the shaft is coupled where it stands.
+        setup: of the run.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then.
@@ -60,10 +61,11 @@ class FmuComponent(Component):
         settings: Sequence[Setting] = (),
         inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
         outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
+        setup: Setup = Setup(),  # noqa: B008, it is frozen
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        self.instance = reuse.instance(name, description, folder, settings, started)
+        self.instance = reuse.instance(name, description, folder, settings, started, setup)
         raw = self.instance.read([p.variable for p in outputs])
         sizes = [p.port.size for p in outputs]
         initial = np.repeat([p.gain for p in outputs], sizes) * raw + np.repeat([p.offset for p in outputs], sizes)
@@ -104,7 +106,8 @@ class FmuComponent(Component):
         functions[RESTORE] = f"Set{self._state_name}"
         called = functions[status // 16 * 16]
         code = STATUSES.get(status % 16, f" status {status % 16}")
-        return f"{prefix}{called} returned {prefix}{code}{said}"
+        shorter = "; it may do with shorter steps: raise [drive] substeps" if code == "Discard" else ""
+        return f"{prefix}{called} returned {prefix}{code}{said}{shorter}"
 
     def rewind(self) -> Rewind | None:
         if not self.instance.description.model.coSimulation.canGetAndSetFMUstate:

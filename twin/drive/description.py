@@ -106,6 +106,16 @@ class FmuDescription:
             checked.append((variable, float(value)))
         return checked
 
+    @property
+    def tolerance(self) -> float | None:
+        """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
+        stated = getattr(self.model.defaultExperiment, "tolerance", None)
+        try:
+            value = float(stated or 0.0)
+        except ValueError:
+            return None
+        return value if 0.0 < value < math.inf else None
+
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
         from fmpy.validation import validate_fmu
@@ -154,6 +164,12 @@ def _read(file: Path) -> FmuDescription:
     binary = f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
     platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
     if binary not in names:
+        others = [PurePosixPath(n).name for n in names if n.startswith(f"binaries/{folder}/") and not n.endswith("/")]
+        if others:
+            raise InputRefused(
+                f"{file}: its binary for this platform is {', '.join(others)}; by its modelIdentifier it has to be "
+                f"called {PurePosixPath(binary).name}. Export it again"
+            )
         raise InputRefused(
             f"{file}: no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. "
             f"Export it for {folder}, or build it from its sources"

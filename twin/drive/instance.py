@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from ctypes import byref, c_void_p
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from fmpy import fmi2
@@ -17,6 +17,19 @@ from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.slave import FMU2Drive, FMU3Drive
 from twin.errors import ComponentFailed, InputRefused
+
+
+class Setup(NamedTuple):
+    """What an FMU is told of the run before it is initialised.
+
+    Attributes:
+        tolerance: relative, of its solver; None: nothing is said.
+        stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
+    """
+
+    tolerance: float | None = None
+    stop: float | None = None
+
 
 Setting = tuple[Variable, float | np.ndarray]
 """A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
@@ -49,6 +62,7 @@ class Instance:
         folder: where it is unpacked.
         settings: values set before initialisation, in the FMU's own units.
         inputs: values set in initialisation mode.
+        setup: of the run.
 
     Attributes:
         handle: address of the instance.
@@ -67,13 +81,14 @@ class Instance:
         folder: Path,
         settings: Sequence[Setting] = (),
         inputs: Sequence[Setting] = (),
+        setup: Setup = Setup(),  # noqa: B008, it is frozen
     ):
         self.description = description
         self.name = name
         self.messages: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
-        self.folder, self.settings, self._inputs = folder, settings, inputs
+        self.folder, self.settings, self._inputs, self._setup = folder, settings, inputs, setup
         self._fmu = self._loaded()
         self._instantiate()
         self._initialise()
@@ -115,13 +130,13 @@ class Instance:
         self._called("Reset", self._fmu.reset)
         self._initialise()
 
-    def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting]) -> None:
+    def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting], setup: Setup) -> None:
         """FMI's reset, then initialised with other values, with nothing to say of the time before.
 
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self.settings, self._inputs = settings, inputs
+        self.settings, self._inputs, self._setup = settings, inputs, setup
         self.clock = np.zeros(1, dtype=np.int64)
         self.messages.clear()
         self._unheard.clear()
@@ -205,13 +220,19 @@ class Instance:
         except Exception:
             self._fmu.component = None
         if not self._fmu.component:
+            clocks = [v.name for v in self.description.variables.values() if v.type == "Clock"]
+            why = (
+                f"it may want its clocks ({', '.join(clocks[:3])}) served in event mode, which twin does not do"
+                if clocks
+                else f"the GUID {self.description.model.guid} in modelDescription.xml may not be the binary's own: "
+                "export it again"
+            )
             raise InputRefused(
-                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; the GUID "
-                f"{self.description.model.guid} in modelDescription.xml may not be the binary's own: export it again"
+                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; {why}"
             )
 
     def _initialise(self) -> None:
-        start = {"startTime": 0.0}
+        start = {"tolerance": self._setup.tolerance, "startTime": 0.0, "stopTime": self._setup.stop}
         try:
             self.write(self.settings)
             if self.description.version == 2:

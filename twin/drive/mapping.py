@@ -40,23 +40,38 @@ class Wiring:
 
 @dataclass(frozen=True)
 class Binding:
-    """One role filled: contract value = gain * FMU value + offset."""
+    """One role filled: contract value = gain * FMU value + offset.
+
+    Attributes:
+        role: of the contract.
+        variable: that fills it.
+        name: by which the user knows it, with its part if the drive has parts.
+        gain: of the contract's value.
+        offset: of the contract's value.
+        turned: whether this one alone counts the other way.
+    """
 
     role: Role
     variable: Variable
     name: str
     gain: float
     offset: float
+    turned: bool = False
 
     @property
     def port(self) -> Port:
         """The contract's port, as wide as the variable: 3 for a drive with three axes in one FMU."""
         return replace(self.role.port, size=self.variable.size)
 
+    @property
+    def said(self) -> str:
+        """The variable as a mapping names it."""
+        return f"-{self.name}" if self.turned else self.name
+
     def __str__(self) -> str:
         arrow = "<-" if self.role.causality == "input" else "->"
         unit = f" [{self.variable.unit}]" if self.variable.unit else " [unit not stated]"
-        return f"{self.port.name} {arrow} {self.name}{unit}"
+        return f"{self.port.name} {arrow} {self.said}{unit}"
 
 
 def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
@@ -83,6 +98,7 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
             chosen[role.port.name] = _checked(file, variables, role, said)
         elif role.port.name in variables and _plays(variables[role.port.name], role):
             chosen[role.port.name] = role.port.name
+    _refuse_two_roles(file, chosen)
     unsure: list[Role] = []
     for role in roles:
         if role.port.name not in chosen:
@@ -102,11 +118,18 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     return found
 
 
+def _refuse_two_roles(file: str, chosen: Mapping[str, str]) -> None:
+    for name in set(chosen.values()):
+        roles = [role for role, variable in chosen.items() if variable == name]
+        if len(roles) > 1:
+            raise InputRefused(f"{file}: '{name}' is given to {' and '.join(roles)}; one variable plays one role")
+
+
 def _bound(role: Role, variable: Variable, name: str, wiring: Wiring, turned: bool) -> Binding:
     _, factor, offset = variable.conversion or Conversion(role.dimension)
     ratio = wiring.sign * wiring.gear_ratio
     mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical] * (-1.0 if turned else 1.0)
-    return Binding(role, variable, name, factor * mechanical, offset * mechanical)
+    return Binding(role, variable, name, factor * mechanical, offset * mechanical, turned)
 
 
 def _refuse_odd_widths(file: str, found: tuple[Binding, ...]) -> None:
@@ -131,9 +154,8 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
     """`name`, if the variable the user gave to `role` can play it."""
     if name not in variables:
         offered = [n for n, v in variables.items() if v.causality == role.causality]
-        raise InputRefused(
-            f"{file}: has no variable '{name}' for {role.port.name}; its {role.causality}s are {', '.join(offered)}"
-        )
+        there = f"its {role.causality}s are {', '.join(offered)}" if offered else f"it has no {role.causality}"
+        raise InputRefused(f"{file}: has no variable '{name}' for {role.port.name}; {there}")
     variable = variables[name]
     # some tools leave their outputs marked as local; nobody can write to them, but they can be read
     allowed = ("input",) if role.causality == "input" else ("output", "local")
@@ -143,7 +165,7 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
         )
     if variable.kind < 0:
         raise InputRefused(f"{file}: '{name}' has type {variable.type}; {role.port.name} needs a number")
-    if not _measures(variable, role):
+    if not measures(variable, role):
         raise InputRefused(
             f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; "
             f"{role.port.name} needs one like {role.port.unit}"
@@ -151,7 +173,7 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
     return name
 
 
-def _measures(variable: Variable, role: Role) -> bool:
+def measures(variable: Variable, role: Role) -> bool:
     """Whether the variable's unit allows the role; no stated unit does."""
     if not variable.unit:
         return True
@@ -163,7 +185,7 @@ def _measures(variable: Variable, role: Role) -> bool:
 
 
 def _plays(variable: Variable, role: Role) -> bool:
-    return variable.causality == role.causality and variable.kind >= 0 and _measures(variable, role)
+    return variable.causality == role.causality and variable.kind >= 0 and measures(variable, role)
 
 
 def _proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
@@ -222,7 +244,7 @@ def _to_paste(
         for role in roles:
             if role.causality != causality or not (role.required or role.port.name in chosen):
                 continue
-            offered = [n for n, v in variables.items() if v.causality == causality and _measures(v, role)]
+            offered = [n for n, v in variables.items() if v.causality == causality and measures(v, role)]
             offered = offered or [n for n, v in variables.items() if v.causality == causality]
             name = chosen.get(role.port.name, offered[0] if offered else "?")
             doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from twin.drive.description import FmuDescription
-from twin.drive.instance import Instance, Setting
+from twin.drive.instance import Instance, Setting, Setup
 from twin.errors import TwinError
 
 _Kind = tuple[str, Path, frozenset[str]]
@@ -41,7 +41,12 @@ def free_kept() -> None:
 
 
 def instance(
-    name: str, description: FmuDescription, folder: Path, settings: Sequence[Setting], inputs: Sequence[Setting]
+    name: str,
+    description: FmuDescription,
+    folder: Path,
+    settings: Sequence[Setting],
+    inputs: Sequence[Setting],
+    setup: Setup = Setup(),  # noqa: B008, it is frozen
 ) -> Instance:
     """One in step mode: a kept one that has been reset, or a new one; arguments as those of `Instance`.
 
@@ -51,10 +56,10 @@ def instance(
     """
     kept = _shelf.instances[_kind(name, folder, settings)]
     if not kept:
-        return Instance(name, description, folder, settings, inputs)
+        return Instance(name, description, folder, settings, inputs, setup)
     found = kept.pop()
     try:
-        found.begin_again(settings, inputs)
+        found.begin_again(settings, inputs, setup)
     except TwinError:
         found.close()
         raise

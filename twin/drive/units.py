@@ -24,7 +24,9 @@ SPELLED = (
 """As `twin.units` does."""
 OTHERWISE = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
 # SI Brochure, 2.3.4: hertz is for frequencies, what turns has rad/s; in hertz it counts turns, as per minute
-OTHERWISE |= {"Hz": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
+OTHERWISE |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
+ENERGY = ("J", "kJ", "mJ", "Wh", "kWh")
+"""In kg m2/s2 as torques are, and no torque."""
 
 
 def _without_radian(unit: Unit | None) -> Conversion:
@@ -42,6 +44,8 @@ def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
 
     A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
     """
+    if unit.strip() in ENERGY:
+        return None
     known = KNOWN.get(unit.strip())
     for definition in definitions:
         if definition.name == unit and definition.baseUnit is not None:

@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
+from twin.drive.archive import place
 from twin.errors import InputRefused, disk_refusals
 
 HOME = "unpacked"
@@ -108,7 +109,7 @@ def _mend(file: Path, folder: Path) -> list[str]:
     wrong = []
     with zipfile.ZipFile(file) as archive:
         # the last of two entries with one name is the one that counts
-        entries = {info.filename: info for info in archive.infolist()}
+        entries = {place(info): info for info in archive.infolist()}
         content.mkdir(exist_ok=True)
         for name in entries:
             if name.endswith("/"):
@@ -163,7 +164,7 @@ def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bo
 
 def _put(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, content: Path) -> None:
     """Take the `entry` of `archive` to its place in `content`; whoever has loaded the old file keeps that."""
-    target = content / entry.filename
+    target = content / place(entry)
     if target.is_dir() and not target.is_symlink():
         shutil.rmtree(target)
     target.parent.mkdir(parents=True, exist_ok=True)

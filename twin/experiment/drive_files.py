@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from twin.errors import InputRefused, nearest
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
-from twin.experiment.source import laid_over, located, read_source
+from twin.experiment.source import laid_over, located, names_drive, read_source
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -36,8 +36,7 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
         own = drive.get(joint, {})
         if not isinstance(own, dict):
             raise InputRefused(f"[drive.{joint}] = {own!r}: expected a table")
-        other_drive = "fmu" in own or "parts" in own
-        tables.append(_complete(own if other_drive else laid_over(common, own), folder))
+        tables.append(_complete(own if names_drive(own) else laid_over(common, own), folder))
     return tables
 
 
@@ -78,15 +77,39 @@ def _complete(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS
                 raise InputRefused(f"{mapping}: more than {MOST_MAPPINGS} mappings name one another; expected an .fmu")
             del table["fmu"]
             named = _complete(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
-            table = laid_over(named, table)
+            table = laid_over(named, _by_part(table, named.get("parts")))
         else:
             table["fmu"] = str(_archive(path, folder))
     parts = table.get("parts")
     if isinstance(parts, dict):
-        for part in parts.values():
+        table = _by_part(table, parts)
+        for part in table["parts"].values():
             if isinstance(part, dict) and isinstance(part.get("fmu"), str):
                 part["fmu"] = str(_archive(located(part["fmu"], folder), folder))
     return table
+
+
+def _by_part(table: dict[str, Any], parts: Any) -> dict[str, Any]:
+    """`table` with the parameters "part.name" of a drive made of `parts` where those of the part stand.
+
+    Raises:
+        InputRefused: one is of no part, or is given in both places.
+    """
+    given = table.get("parameters")
+    if not parts or not isinstance(given, dict):
+        return table
+    moved: dict[str, Any] = {}
+    for name, value in given.items():
+        part, _, inner = name.partition(".")
+        if part not in parts or not inner:
+            known = [f"{part}.{name.rpartition('.')[2]}" for part in parts]
+            raise InputRefused(f"[drive.parameters] {name}: this drive is made of parts; write {' or '.join(known)}")
+        own = table.get("parts", {}).get(part, {})
+        if isinstance(own, dict) and inner in own.get("parameters", {}):
+            raise InputRefused(f"[drive.parameters] {name} and [drive.parts.{part}.parameters] {inner}: keep one")
+        moved.setdefault(part, {"parameters": {}})["parameters"][inner] = value
+    rest = {key: value for key, value in table.items() if key != "parameters"}
+    return laid_over(rest, {"parts": moved}) if moved else rest
 
 
 def _archive(path: Path, folder: Path) -> Path:

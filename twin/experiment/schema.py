@@ -85,12 +85,16 @@ class VelocityLoop(Section):
     period: float = quantity("period_ms", "time between two commands", gt=0, examples=[0.25])
 
 
+TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
+
+
 class Part(Section):
     """[drive.parts.NAME]: one FMU of a drive that is made of several."""
 
     fmu: str = Field(description="an .fmu file")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
     parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
 
 
 class Drive(Section):
@@ -110,6 +114,7 @@ class Drive(Section):
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
     velocity_loop: VelocityLoop | None = None
     parts: dict[str, Part] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")

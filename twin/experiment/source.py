@@ -21,13 +21,18 @@ SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
 
 REPLACED: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
-    ("drive", ("fmu", "parts"), None),
+    ("drive", ("fmu",), None),
     ("contact", ("body",), None),
     ("reference", SHAPES, ()),
     ("reference", ("t_s", "p_mm"), ("t_s", "p_mm")),
 )
 """Table, keys that name another one altogether, keys that stay all the same: of way points one file may give the times
 and another the places."""
+
+
+NAMES_OF_FMUS = ("parameters.", "wires.")
+"""Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
+quotes."""
 
 
 @dataclass
@@ -56,6 +61,8 @@ class Source:
                     self._put_items(value, origin, dotted, items)
                 else:
                     target[key] = with_numbers(value, items, f"{origin}: {dotted}")
+            elif isinstance(value, dict) and prefix.endswith(NAMES_OF_FMUS):
+                self.put({f"{key}.{name}": item for name, item in value.items()}, origin, prefix, target)
             elif isinstance(value, dict):
                 inner = target.get(key)
                 target[key] = inner if isinstance(inner, dict) else {}
@@ -105,7 +112,7 @@ def read_source(path: Path) -> Source:
     for file, table in reversed(_chain(path)):
         for name, others, kept in REPLACED:
             said = table.get(name)
-            if isinstance(said, dict) and said.keys() & set(others):
+            if isinstance(said, dict) and (said.keys() & set(others) or (name == "drive" and names_drive(said))):
                 # another drive has other parameters: nothing of the one before can stay
                 forget(source, name, kept)
         source.put(table, f"set in {file.name}")
@@ -120,16 +127,37 @@ def override(source: Source, texts: Iterable[str]) -> None:
     """
     for text in texts:
         key, equals, value = text.partition("=")
-        parts = key.strip().split(".")
-        if not equals or not key.strip() or len(parts) > DEEPEST:
+        names = key_names(key.strip())
+        if not equals or not key.strip() or len(names) > DEEPEST:
             raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
         node: Any = value.strip()
         # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
         with contextlib.suppress(InputRefused):
             node = toml_of(f"value = {node}", "")["value"]
-        for part in reversed(parts):
-            node = {part: node}
+        for name in reversed(names):
+            node = {name: node}
         source.put(node, "set on the command line")
+
+
+def names_drive(table: Mapping[str, Any]) -> bool:
+    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
+    parts = table.get("parts")
+    named = parts.values() if isinstance(parts, Mapping) else ()
+    return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
+
+
+def key_names(key: str) -> list[str]:
+    """The names of a dotted key as TOML has it, where one with dots of its own stands in quotes: `a."b.c"`."""
+    names: list[str] = []
+    with contextlib.suppress(InputRefused):
+        node: Any = toml_of(f"{key} = 0", "")
+        while isinstance(node, dict) and len(node) == 1:
+            ((name, node),) = node.items()
+            names.append(name)
+        if node == 0:
+            return names
+    # no key of TOML: whoever checks the names refuses them
+    return key.split(".")
 
 
 def replace_drive(source: Source, fmu: str) -> None:

@@ -24,6 +24,8 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
                 "model": fmu.model.modelName,
                 "fmi": fmu.model.fmiVersion,
                 "generation_tool": fmu.model.generationTool,
+                "tolerance": plan.tolerance(part),
+                "stop_time": experiment.duration_ticks * experiment.cosim.tick,
                 "set": {variable.name: value for variable, value in plan.settings[part]},
                 "mapped": [str(binding) for binding in plan.bindings],
             }

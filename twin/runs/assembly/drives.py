@@ -15,7 +15,7 @@ from twin.cosim.subsystem import INLET, Subsystem
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.instance import Setting
+from twin.drive.instance import Setting, Setup
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.units import Conversion
 from twin.drive.unpacked import unpacked
@@ -43,6 +43,7 @@ class DrivePlan:
         bindings: the roles it fills.
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
+        ticks: how many it will be stepped; None: nobody knows.
     """
 
     label: str
@@ -52,11 +53,22 @@ class DrivePlan:
     bindings: tuple[Binding, ...]
     wires: tuple[tuple[str, str], ...]
     switched: bool = False
+    ticks: int | None = None
 
     def switchable(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
         fixed = {_qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
+
+    def until(self, ticks: int) -> "DrivePlan":
+        """The same drive for a run of so many `ticks`."""
+        return replace(self, ticks=ticks)
+
+    def tolerance(self, part: str) -> float | None:
+        """Of the solver of a part, as the experiment says, or else the FMU itself."""
+        own = self.table.parts[part].tolerance if part else None
+        said = self.table.tolerance if own is None else own
+        return self.parts[part].tolerance if said is None else said
 
     @property
     def axes(self) -> int:
@@ -141,7 +153,8 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
     with ExitStack() as made:
         parts = []
         for part, description in plan.parts.items():
-            parts.append(_part(part or name, part, plan, description, theta_m, tau_load))
+            setup = Setup(plan.tolerance(part), _stop(plan, tick, substeps))
+            parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
             made.callback(parts[-1].close)
         if plan.table.velocity_loop is None and len(parts) == 1 and substeps == 1:
             component: Component = parts[0]
@@ -200,8 +213,22 @@ def _rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
     return substeps, period
 
 
+def _stop(plan: DrivePlan, tick: float, substeps: int) -> float | None:
+    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
+    if plan.ticks is None:
+        return None
+    step = tick / substeps
+    return max(plan.ticks * tick, (plan.ticks * substeps - 1) * step + step)
+
+
 def _part(
-    name: str, part: str, plan: DrivePlan, description: FmuDescription, theta_m: Start, tau_load: Start
+    name: str,
+    part: str,
+    plan: DrivePlan,
+    description: FmuDescription,
+    theta_m: Start,
+    tau_load: Start,
+    setup: Setup,
 ) -> FmuComponent:
     """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
     mine = [b for b in plan.bindings if _belongs(part, b.name)]
@@ -224,6 +251,7 @@ def _part(
         plan.settings[part],
         inputs_at_start={"tau_load": tau_load, ENABLE: 1.0},
         outputs_at_start={"theta_m": theta_m},
+        setup=setup,
     )
 
 

@@ -3,6 +3,7 @@
 import base64
 import os
 import pickle
+from dataclasses import replace
 
 import numpy as np
 
@@ -24,8 +25,8 @@ def hosted_drive(reporter: PipeReporter, packed: str) -> None:
     Raises:
         InputRefused: the drive cannot be made.
     """
-    name, table, switched, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
-    plan = planned(table)
+    name, table, switched, ticks, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
+    plan = replace(planned(table), ticks=ticks)
     component = drive(name, plan.switchable() if switched else plan, tick, theta_m, tau_load)
     page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     # no question: compiles, or loads from the cache, before the first one comes

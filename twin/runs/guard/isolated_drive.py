@@ -163,5 +163,5 @@ class IsolatedDrive(Elsewhere):
 
 def packed(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start, processor: int) -> str:
     """Everything a host needs to make the drive, as text; the processor is the one to serve on."""
-    facts = (name, plan.table, plan.switched, tick, theta_m, tau_load, processor)
+    facts = (name, plan.table, plan.switched, plan.ticks, tick, theta_m, tau_load, processor)
     return base64.b64encode(pickle.dumps(facts)).decode()

@@ -39,7 +39,7 @@ def direction_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
             "direction",
             forth > 0.0 > back_speed,
             f"{forth:+.3f} and {back_speed:+.3f} rad/s at {SPEED_IN_USE:+g} and {-SPEED_IN_USE:+g} commanded"
-            + _remedy(forth, back_speed),
+            + _remedy(plan, forth, back_speed),
         ),
         judged(
             "scale",
@@ -78,7 +78,9 @@ def load_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
     ]
 
 
-def _remedy(forth: float, back: float) -> str:
+def _remedy(plan: DrivePlan, forth: float, back: float) -> str:
     if forth < 0.0 < back:
-        return "; its command and its angle disagree, and sign in the mapping turns over both: correct the FMU"
+        shaft = [b for b in plan.bindings if b.port.name in ("theta_m", "omega_m")]
+        other = ", ".join(f'{b.port.name} = "{b.name if b.turned else f"-{b.name}"}"' for b in shaft)
+        return f"; its command and its angle disagree, and sign turns over both: map {other}, or the command so"
     return "; it does not turn: does it need an enable, a supply or other inputs?" if forth == back else ""

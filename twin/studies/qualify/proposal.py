@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from twin.drive.contract import COMMANDS, LOAD, OUTPUTS, Command, Role
 from twin.drive.description import FmuDescription, Variable
-from twin.drive.mapping import Binding, Wiring, bindings
+from twin.drive.mapping import Binding, Wiring, bindings, measures
 from twin.errors import InputRefused
 
 LOOP = """
@@ -79,15 +79,10 @@ def _line(role: Role, variable: Variable) -> str:
 def _candidates(description: FmuDescription, role: Role) -> list[Variable]:
     """Variables whose causality and unit allow `role`, most similar names first; locals if no output does."""
     causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
-    offered = [[v for v in description.offered(causality) if _measures(v, role)] for causality in causalities]
+    offered = [[v for v in description.offered(causality) if measures(v, role)] for causality in causalities]
     fitting = next((found for found in offered if found), [])
     fitting = [v for v in fitting if v.unit] or fitting
     names = (role.port.name, *role.synonyms)
     return sorted(
         fitting, key=lambda v: -max(difflib.SequenceMatcher(None, v.name.lower(), name).ratio() for name in names)
     )
-
-
-def _measures(variable: Variable, role: Role) -> bool:
-    """Whether its unit allows `role`; no stated unit does."""
-    return not variable.unit or (variable.conversion is not None and variable.conversion.dimension == role.dimension)
