@@ -73,9 +73,9 @@ def test_the_tolerance_of_the_experiment_reaches_the_solver_and_the_recording(ex
 
 def test_without_one_the_tolerance_is_what_the_fmu_states(exact_drive: Path, tmp_path: Path):
     with pytest.raises(InputRefused, match="cannot be initialised"):
-        drive("drive_1", planned(Drive(fmu=str(exact_drive))), 1e-3, 0.0, 0.0)
+        drive("drive_1", planned(Drive.model_validate({"fmu": str(exact_drive)})), 1e-3, 0.0, 0.0)
     stated = redescribed(exact_drive, tmp_path / "stated.fmu", *stating("1e-9"))
-    plan = planned(Drive(fmu=str(stated)))
+    plan = planned(Drive.model_validate({"fmu": str(stated)}))
     assert plan.tolerance("") == 1e-9
     drive("drive_1", plan, 1e-3, 0.0, 0.0).close()
 
@@ -84,4 +84,4 @@ def test_without_one_the_tolerance_is_what_the_fmu_states(exact_drive: Path, tmp
 def test_a_stated_tolerance_that_is_none_is_left_alone(root: Path, tmp_path: Path, text: str):
     good = root / "fmus/velocity_servo/velocity_servo.fmu"
     odd = redescribed(good, tmp_path / "odd.fmu", *stating(text))
-    assert planned(Drive(fmu=str(odd))).tolerance("") is None
+    assert planned(Drive.model_validate({"fmu": str(odd)})).tolerance("") is None
