@@ -31,6 +31,9 @@ class RecordedFmu(BaseModel):
     generation_tool: str | None
     set: dict[str, Any]
     mapped: list[str]
+    # older recordings do not say
+    tolerance: float | None = None
+    stop_time: float | None = None
 
 
 def recorded_name(metadata: Metadata, where: Path) -> str:

@@ -60,7 +60,8 @@ def drives(run: ReportRun) -> Markup:
     rows = []
     for text, names in joints.items():
         fmu = json.loads(text)
-        settings = ", ".join(f"{key} = {told(value)}" for key, value in fmu["set"].items())
+        given = fmu["set"] | ({"tolerance of its solver": fmu["tolerance"]} if fmu["tolerance"] else {})
+        settings = ", ".join(f"{key} = {told(value)}" for key, value in given.items())
         rows.append(
             (
                 ", ".join(names),
