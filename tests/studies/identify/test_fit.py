@@ -35,6 +35,7 @@ def test_whatever_friction_pulls_sideways_leaves_the_springs_as_they_are():
         assert fitted(seen, height=-0.1012).x[KAPPA] == pytest.approx(0.828, rel=1e-6)
 
 
+@pytest.mark.endurance
 def test_intervals_hold_the_truth_nineteen_times_in_twenty():
     x, rng = true_parameters(), np.random.default_rng(3)
     told = [KAPPA, OFFSET, OFFSET + 1, BACKLASH, COMPLIANCE]
@@ -49,6 +50,7 @@ def test_intervals_hold_the_truth_nineteen_times_in_twenty():
     assert inside[-1] == repetitions
 
 
+@pytest.mark.endurance
 def test_few_stretches_have_intervals_that_hold_as_well():
     x, rng = true_parameters(), np.random.default_rng(4)
     inside, repetitions = 0, 100

@@ -63,6 +63,7 @@ vary = [{{ key = "plant.eta", values = [0.8, 0.9] }}, {{ key = "duration_s", val
         assert (there / recording).read_bytes() == (here / recording).read_bytes()
 
 
+@pytest.mark.endurance
 def test_drives_that_crash_exit_or_hang_cost_only_their_run_and_no_worker(root: Path, tmp_path: Path, cluster: Running):
     drive = hostile_drive(root, tmp_path)
     attacks = (NONE, SEGFAULT, EXIT, HANG)
@@ -118,6 +119,7 @@ def test_a_worker_killed_at_work_loses_no_run_and_none_is_counted_twice(root: Pa
     assert {row["status"] for row in found} == {"done"}
 
 
+@pytest.mark.endurance
 def test_a_run_whose_worker_dies_twice_is_a_row_and_the_others_are_done(
     root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
