@@ -22,13 +22,14 @@ GUARDED = (
     "twin.cli.run.guarded",
     "twin.cli.ask.guarded",
     "twin.studies.check.processes.guarded",
+    "twin.studies.qualify.lifecycle.guarded",
 )
 """Where the commands find the function that runs a job in a process of its own."""
 
-_ONE_JOB = threading.Lock()
+_ONE_JOB = threading.RLock()
 
 # before anything takes the place of that function: they keep what they find under its name
-for name in ("twin.cli.run", "twin.cli.ask", "twin.studies.check.processes", "twin.studies.sweep.reset"):
+for name in {place.rpartition(".")[0] for place in GUARDED} | {"twin.studies.sweep.reset"}:
     importlib.import_module(name)
 
 

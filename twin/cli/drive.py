@@ -11,7 +11,7 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate
+from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused
 from twin.writing import json_text, made_folder, write_text
 
@@ -119,7 +119,7 @@ def check(
     made_folder(out)
     answers = []
     for fmu in fmus:
-        asked = {"fmu": fmu, "here": Path.cwd(), "out": out}
+        asked = {"fmu": fmu, "here": Path.cwd(), "out": out, "apart": isolate == JobIsolation.RUN}
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
         answers.append(answer)
         if as_json or not as_table:

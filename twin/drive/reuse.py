@@ -4,7 +4,8 @@ Only for drives of which it is known that a run after a reset is that of a new i
 """
 
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from twin.drive.description import FmuDescription
@@ -19,7 +20,8 @@ class _Shelf:
     """What is kept, if anything is."""
 
     def __init__(self) -> None:
-        self.open = False
+        self.open = self.left = False
+        self.never_freed: list[Instance] = []
         self.instances: dict[_Kind, list[Instance]] = defaultdict(list)
 
 
@@ -30,6 +32,16 @@ def keep_instances(keep: bool) -> None:
     """From now on keep instances, or no longer."""
     _shelf.open = keep
     free_kept()
+
+
+@contextmanager
+def instances_left() -> Iterator[None]:
+    """Within the block none is freed, unless its FMU can live only once in a process: some crash then."""
+    _shelf.left = True
+    try:
+        yield
+    finally:
+        _shelf.left = False
 
 
 def free_kept() -> None:
@@ -69,7 +81,9 @@ def instance(
 def let_go(instance: Instance) -> None:
     """Its run is over: keep it, or free it."""
     kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings)]
-    if not _shelf.open:
+    if _shelf.left and not instance.description.model.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+        _shelf.never_freed.append(instance)
+    elif not _shelf.open:
         instance.close()
     elif instance not in kept:
         kept.append(instance)

@@ -1,6 +1,7 @@
 """Whether each FMU of a drive can be reset, and its state saved and restored: FMI functions no experiment needs."""
 
 from collections.abc import Callable
+from dataclasses import asdict
 
 import numpy as np
 
@@ -8,23 +9,43 @@ from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Instance, Setting
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
-from twin.runs.assembly.drives import DrivePlan
+from twin.experiment.schema import Drive
+from twin.runs.assembly.drives import DrivePlan, planned
+from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
+from twin.runs.guard.reporter import Reporter
 from twin.studies.qualify.definitions import Check, Finding, judged
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
 
+JOB = "twin.studies.qualify.lifecycle:examined"
 TICKS = 50
 """Long enough for every sampled loop inside to have come round."""
 SHARE_OF_LIMIT = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
 
 
-def lifecycle_findings(plan: DrivePlan) -> list[Finding]:
+def lifecycle_findings(plan: DrivePlan, apart: bool) -> list[Finding]:
     """Checks `reset` and `state` of every FMU by itself, its inputs held.
+
+    Args:
+        plan: the drive.
+        apart: each in a process of its own: an FMU that crashes there costs that check, and nothing else.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
     """
-    return [reset_finding(plan), _told("state", plan, _state)]
+    return [_apart(plan, name) if apart else _told(name, plan) for name in TRIED]
+
+
+def examined(reporter: Reporter, table: Drive, name: str) -> dict[str, str]:
+    """Fields of a check of the drive of `table`; a job of the guard."""
+    return asdict(_told(name, planned(table)))
+
+
+def _apart(plan: DrivePlan, name: str) -> Check:
+    try:
+        return Check(**guarded(JOB, {"table": plan.table, "name": name}))
+    except (JobEnded, JobEndedLoading) as failure:
+        return judged(name, False, str(failure), otherwise="note")
 
 
 def reset_finding(plan: DrivePlan) -> Check:
@@ -33,17 +54,17 @@ def reset_finding(plan: DrivePlan) -> Check:
     Raises:
         InputRefused: an FMU cannot be loaded or initialised.
     """
-    return _told("reset", plan, _reset)
+    return _told("reset", plan)
 
 
-def _told(name: str, plan: DrivePlan, try_out: Callable[[Instance, list[Setting], list[Variable]], str]) -> Check:
+def _told(name: str, plan: DrivePlan) -> Check:
     problems = []
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
         folder = unpacked(description.path, description.sha256)
         instance = Instance(part or "drive", description, folder, plan.settings[part], inputs)
         try:
-            problem = try_out(instance, inputs, outputs)
+            problem = TRIED[name](instance, inputs, outputs)
         except TwinError as refusal:
             problem = str(refusal)
         finally:
@@ -70,6 +91,9 @@ def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -
     instance.restore(state)
     again = _exercised(instance, inputs, outputs, TICKS)
     return "" if np.array_equal(onward, again) else "it goes on differently from a restored state"
+
+
+TRIED: dict[str, Callable[[Instance, list[Setting], list[Variable]], str]] = {"reset": _reset, "state": _state}
 
 
 def _exercised(instance: Instance, inputs: list[Setting], outputs: list[Variable], first: int = 0) -> np.ndarray:

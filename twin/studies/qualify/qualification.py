@@ -1,11 +1,13 @@
 """The qualification run: every check and measure of one drive."""
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
 
+from twin.drive.reuse import instances_left
 from twin.errors import ComponentFailed
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, planned
@@ -87,13 +89,23 @@ class Qualification:
         }
 
 
-def qualified(table: Drive) -> Qualification:
+def qualified(table: Drive, apart: bool = False) -> Qualification:
     """Run a drive through the whole qualification, in this process: an FMU that crashes takes the process with it.
+
+    Args:
+        table: the drive.
+        apart: checks of what no experiment needs have processes of their own, and no instance is freed in this one,
+            which will not need its memory any more: some FMUs crash then.
 
     Raises:
         InputRefused: the drive is refused before anything runs: FMU, mapping, parameters, or it does not load.
     """
     plan = planned(table)
+    with instances_left() if apart else nullcontext():
+        return _qualification(plan, apart)
+
+
+def _qualification(plan: DrivePlan, apart: bool) -> Qualification:
     attempts = Attempts()
     cycle = attempts.made(lambda: response(plan, *work_cycle()))
     if cycle is None:
@@ -103,7 +115,7 @@ def qualified(table: Drive) -> Qualification:
     attempts.found(lambda: direction_findings(plan, cycle))
     attempts.found(lambda: load_findings(plan, cycle))
     attempts.found(lambda: repetition_findings(plan, cycle))
-    attempts.found(lambda: lifecycle_findings(plan))
+    attempts.found(lambda: lifecycle_findings(plan, apart))
     attempts.found(lambda: [*step_findings(cycle), step_error(plan, cycle)])
     if swept:
         steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE

@@ -14,7 +14,7 @@ from twin.studies.qualify.text import check_text, compare_text
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, here: Path, out: Path, say: Callable[[str], None]) -> Answer:
+def qualify(fmu: str, here: Path, out: Path, apart: bool, say: Callable[[str], None]) -> Answer:
     """What a drive does on the bench, and its picture in `out`.
 
     Exit code 1: it does not qualify.
@@ -23,13 +23,14 @@ def qualify(fmu: str, here: Path, out: Path, say: Callable[[str], None]) -> Answ
         fmu: see `lone_drive`.
         here: folder it is looked for from.
         out: folder.
+        apart: see `qualified`.
         say: told what is being done.
 
     Raises:
         InputRefused, ComponentFailed: see `qualified`.
         NotWritten: the disk refuses.
     """
-    done = qualified(lone_drive(fmu, here))
+    done = qualified(lone_drive(fmu, here), apart)
     picture = out / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, picture)
     facts = done.facts() | {"picture": str(picture)}
