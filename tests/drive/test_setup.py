@@ -1,6 +1,7 @@
 """What a drive is told of the run: until when, and how exactly its solver is to work."""
 
 import json
+import re
 from pathlib import Path
 
 import pytest
@@ -24,6 +25,17 @@ def ends(text: str) -> str:
     )
     text = text.replace("fmi2Status fmi2SetupExperiment(", "static double last;\nfmi2Status fmi2SetupExperiment(")
     return text.replace("if (!(h > 0.0", "if (t + h > last) return fmi2Error;\n    if (!(h > 0.0")
+
+
+def drifts(text: str) -> str:
+    """A drive whose angle drifts by its tolerance (rad) in each second, 1e-4 if it is told none."""
+    text = text.replace(
+        IGNORED, "share = tolerance_defined ? tolerance : 1e-4; (void)stop_time_defined, (void)stop_time;"
+    )
+    text = text.replace("fmi2Status fmi2SetupExperiment(", "static double share;\nfmi2Status fmi2SetupExperiment(")
+    return text.replace(
+        "    slave->state.time = t + h;", "    slave->state.v.theta_m += share * h;\n    slave->state.time = t + h;"
+    )
 
 
 def exact(text: str) -> str:
@@ -60,6 +72,15 @@ def test_the_bench_tells_a_drive_too(root: Path, tmp_path: Path):
     fmu = compiled_drive(root, tmp_path, "ends", {"lifecycle.c": ends})
     done = twin("drive", "check", fmu, cwd=tmp_path)
     assert done.returncode == 0, done.stdout
+
+
+def test_the_bench_tells_when_tolerance_and_not_step_is_the_error(root: Path, tmp_path: Path):
+    fmu = compiled_drive(root, tmp_path, "drifts", {"lifecycle.c": drifts})
+    done = twin("drive", "check", fmu, "--json", cwd=tmp_path)
+    step = json.loads(done.stdout)["measures"]["step_error"]
+    # 1e-4 rad/s over the seconds of the work cycle, less a hundredth
+    found = re.fullmatch(r"with tolerance = 1e-06 it moves by (\S+) rad: set that", step["remark"])
+    assert found and 1e-4 < float(found[1]) < 1e-3
 
 
 def test_the_tolerance_of_the_experiment_reaches_the_solver_and_the_recording(exact_drive: Path, root: Path, tmp_path):
