@@ -1,9 +1,11 @@
 from pathlib import Path
 
 import pytest
+from pydantic import ValidationError
 
 from twin.errors import InputRefused
 from twin.experiment.drive_files import joint_tables, lone_drive
+from twin.experiment.schema import Drive
 
 
 @pytest.fixture
@@ -109,3 +111,12 @@ def test_a_parameter_is_not_given_twice(motor: Path):
     drive = {"fmu": "motor.toml", "parameters": {"machine.L": 1.0}, "parts": {"machine": {"parameters": {"L": 2.0}}}}
     with pytest.raises(InputRefused, match=r"machine.L and \[drive.parts.machine.parameters\] L: keep one"):
         joint_tables(drive, motor)
+
+
+@pytest.mark.parametrize(
+    "wrong", [{"parts": 3}, {"parts": {"machine": 3}}, {"parts": {"machine": {"parameters": 3}}}, {"parameters": 3}]
+)
+def test_what_is_no_table_is_left_for_the_schema_to_refuse(motor: Path, wrong: dict[str, object]):
+    (table, *_) = joint_tables({"fmu": "motor.toml", "parameters": {"machine.L": 1.0}, **wrong}, motor)
+    with pytest.raises(ValidationError):
+        Drive.model_validate(table)

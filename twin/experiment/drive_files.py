@@ -95,8 +95,9 @@ def _by_part(table: dict[str, Any], parts: Any) -> dict[str, Any]:
     Raises:
         InputRefused: one is of no part, or is given in both places.
     """
-    given = table.get("parameters")
-    if not parts or not isinstance(given, dict):
+    given, own = table.get("parameters"), table.get("parts", {})
+    # what is no table is refused with all other mistakes
+    if not (isinstance(parts, dict) and isinstance(given, dict) and _are_tables(own)):
         return table
     moved: dict[str, Any] = {}
     for name, value in given.items():
@@ -104,12 +105,16 @@ def _by_part(table: dict[str, Any], parts: Any) -> dict[str, Any]:
         if part not in parts or not inner:
             known = [f"{part}.{name.rpartition('.')[2]}" for part in parts]
             raise InputRefused(f"[drive.parameters] {name}: this drive is made of parts; write {' or '.join(known)}")
-        own = table.get("parts", {}).get(part, {})
-        if isinstance(own, dict) and inner in own.get("parameters", {}):
+        if inner in own.get(part, {}).get("parameters", {}):
             raise InputRefused(f"[drive.parameters] {name} and [drive.parts.{part}.parameters] {inner}: keep one")
         moved.setdefault(part, {"parameters": {}})["parameters"][inner] = value
     rest = {key: value for key, value in table.items() if key != "parameters"}
     return laid_over(rest, {"parts": moved}) if moved else rest
+
+
+def _are_tables(parts: Any) -> bool:
+    tables = [parts, *parts.values()] if isinstance(parts, dict) else [parts]
+    return all(isinstance(table, dict) and isinstance(table.get("parameters", {}), dict) for table in tables)
 
 
 def _archive(path: Path, folder: Path) -> Path:
