@@ -48,7 +48,7 @@ def answer_of(study: str, asked: dict[str, Any], isolate: JobIsolation = JobIsol
             return Answer(**guarded(JOB, arguments, listen=hear))
         from twin.runs.guard.reporter import DirectReporter
 
-        return Answer(**answered(DirectReporter(hear, lambda done, total: None), **arguments))
+        return Answer(**answered(DirectReporter(hear), **arguments))
     except (JobEnded, JobEndedLoading) as failure:
         raise ComponentFailed(str(failure)) from None
     finally:

@@ -13,7 +13,7 @@ from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused
-from twin.writing import json_text, made_folder, write_text
+from twin.writing import json_text, write_text
 
 if TYPE_CHECKING:
     from twin.drive.description import Variable
@@ -116,10 +116,9 @@ def check(
 
     Example: twin drive check velocity_servo
     """
-    made_folder(out)
     answers = []
     for fmu in fmus:
-        asked = {"fmu": fmu, "here": Path.cwd(), "out": out, "apart": isolate == JobIsolation.RUN}
+        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
         answers.append(answer)
         if as_json or not as_table:
@@ -190,6 +189,8 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def _table(plan: "DrivePlan") -> str:
+    from twin.runs.assembly.drives import qualified
+
     lines: list[str] = []
     for part, fmu in plan.parts.items():
         lines += [
@@ -208,7 +209,7 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        lines += [f"  {part + '.' if part else ''}{v.name} = {value:g} {v.unit}  (set)" for v, value in settings]
+        lines += [f"  {qualified(part, v.name)} = {value:g} {v.unit}  (set)" for v, value in settings]
     for part, fmu in plan.parts.items():
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]

@@ -109,12 +109,8 @@ class FmuDescription:
     @property
     def tolerance(self) -> float | None:
         """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
-        stated = getattr(self.model.defaultExperiment, "tolerance", None)
-        try:
-            value = float(stated or 0.0)
-        except ValueError:
-            return None
-        return value if 0.0 < value < math.inf else None
+        stated = _number(getattr(self.model.defaultExperiment, "tolerance", None))
+        return stated if 0.0 < stated < math.inf else None
 
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""

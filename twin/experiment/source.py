@@ -5,7 +5,7 @@ import copy
 import functools
 import json
 import os
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -20,14 +20,26 @@ LONGEST_CHAIN = 32
 SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
 
-REPLACED: tuple[tuple[str, tuple[str, ...], tuple[str, ...] | None], ...] = (
-    ("drive", ("fmu",), None),
-    ("contact", ("body",), None),
-    ("reference", SHAPES, ()),
-    ("reference", ("t_s", "p_mm"), ("t_s", "p_mm")),
+
+def names_drive(table: Mapping[str, Any]) -> bool:
+    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
+    parts = table.get("parts")
+    named = parts.values() if isinstance(parts, Mapping) else ()
+    return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
+
+
+def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+    return lambda table: any(key in table for key in keys)
+
+
+REPLACED: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], tuple[str, ...] | None], ...] = (
+    ("drive", names_drive, None),
+    ("contact", _has("body"), None),
+    ("reference", _has(*SHAPES), ()),
+    ("reference", _has("t_s", "p_mm"), ("t_s", "p_mm")),
 )
-"""Table, keys that name another one altogether, keys that stay all the same: of way points one file may give the times
-and another the places."""
+"""Table, whether it names another one altogether, keys that stay all the same: of way points one file may give the
+times and another the places."""
 
 
 NAMES_OF_FMUS = ("parameters.", "wires.")
@@ -110,9 +122,9 @@ def read_source(path: Path) -> Source:
     """
     source = Source()
     for file, table in reversed(_chain(path)):
-        for name, others, kept in REPLACED:
+        for name, is_another, kept in REPLACED:
             said = table.get(name)
-            if isinstance(said, dict) and (said.keys() & set(others) or (name == "drive" and names_drive(said))):
+            if isinstance(said, dict) and is_another(said):
                 # another drive has other parameters: nothing of the one before can stay
                 forget(source, name, kept)
         source.put(table, f"set in {file.name}")
@@ -137,13 +149,6 @@ def override(source: Source, texts: Iterable[str]) -> None:
         for name in reversed(names):
             node = {name: node}
         source.put(node, "set on the command line")
-
-
-def names_drive(table: Mapping[str, Any]) -> bool:
-    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
-    parts = table.get("parts")
-    named = parts.values() if isinstance(parts, Mapping) else ()
-    return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
 
 
 def key_names(key: str) -> list[str]:

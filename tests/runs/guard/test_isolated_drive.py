@@ -19,7 +19,7 @@ from twin.runs.guard.isolated_drive import IsolatedDrives
 from twin.runs.guard.reporter import DirectReporter
 from twin.runs.guard.runs import recorded_runs
 
-VOICE = DirectReporter(lambda note: None, lambda done, total: None)
+REPORTER = DirectReporter(lambda note: None)
 
 
 def test_a_run_with_isolated_drives_gives_the_same_bytes(command: Command, drive: Path):
@@ -48,7 +48,7 @@ def test_a_run_in_which_power_is_taken_away_gives_the_same_bytes_however_isolate
         if isolation == "run":
             guarded("twin.runs.guard.runs:recorded_runs", arguments)
         else:
-            recorded_runs(VOICE, **arguments)
+            recorded_runs(REPORTER, **arguments)
         recordings.append((out / "run.mcap").read_bytes())
     assert recordings[0] == recordings[1] == recordings[2]
     power = read(tmp_path / "drive" / "run.mcap")["monitor.power"]
@@ -79,7 +79,7 @@ def test_a_run_with_interpolated_inputs_and_isolated_drives_gives_the_same_bytes
 def test_an_isolated_drive_looks_like_the_drive_itself(root: Path):
     plan = planned(load_experiment(root / "experiments/fig4_position.toml").drives[0])
     here = drive_here("drive_1", plan, 1e-3, 0.3, 0.05)
-    with IsolatedDrives(VOICE, step=10.0, count=1) as drives:
+    with IsolatedDrives(REPORTER, step=10.0, count=1) as drives:
         there = drives.drive("drive_1", plan, 1e-3, 0.3, 0.05)
         assert (there.inputs, there.outputs, there.label) == (here.inputs, here.outputs, here.label)
         assert np.array_equal(there.initial_outputs, here.initial_outputs)
@@ -136,7 +136,7 @@ def test_what_an_isolated_drive_says_of_its_bad_status_is_told(root: Path, tmp_p
     fmu = faulty_drive(root, tmp_path)
     overrides = [f"drive.fmu='{fmu}'", "drive.parameters.droop=1"]
     plan = planned(load_experiment(root / "experiments/fig4_position.toml", overrides).drives[0])
-    with IsolatedDrives(VOICE, step=10.0, count=1) as drives:
+    with IsolatedDrives(REPORTER, step=10.0, count=1) as drives:
         there = drives.drive("drive_1", plan, 1e-3, 0.0, 0.0)
         simulation = Simulation(
             System([there], [("drive_1.omega_m", f"drive_1.{name}") for name in ("omega_ref", "tau_load")], 1e-3), 2000

@@ -15,7 +15,7 @@ from twin.runs.live.runs import served_runs
 from twin.runs.live.server import LiveServer
 from twin.runs.run import execute
 
-SILENT = DirectReporter(lambda note: None, lambda done, total: None)
+SILENT = DirectReporter(lambda note: None)
 
 
 def test_a_port_that_is_taken_is_refused_in_one_sentence_before_anything_runs():

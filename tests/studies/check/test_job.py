@@ -20,7 +20,7 @@ def outcomes(folder: Path, *files: Path, reason: str = "") -> list[CheckOutcome]
     """Of `files` with one drive; what an update would write is written."""
     notes: list[dict[str, Any]] = []
     work = [Pair(str(file), DRIVE) for file in files]
-    checked(DirectReporter(notes.append, lambda done, total: None), work, folder, "2026-01-02", reason)
+    checked(DirectReporter(notes.append), work, folder, "2026-01-02", reason)
     found = [CheckOutcome.of(note) for note in notes]
     for outcome in found:
         if outcome.text:

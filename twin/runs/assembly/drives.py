@@ -57,11 +57,11 @@ class DrivePlan:
 
     def switchable(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
-        fixed = {_qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
+        fixed = {qualified(part, v.name) for part, settings in self.settings.items() for v, _ in settings}
         return replace(self, switched=any(b.port.name == ENABLE and b.name not in fixed for b in self.bindings))
 
-    def until(self, ticks: int) -> "DrivePlan":
-        """The same drive for a run of so many `ticks`."""
+    def until(self, ticks: int | None) -> "DrivePlan":
+        """The same drive for a run of so many `ticks`; None: nobody knows."""
         return replace(self, ticks=ticks)
 
     def tolerance(self, part: str) -> float | None:
@@ -104,8 +104,8 @@ class DrivePlan:
             motion[name]
             for part, description in self.parts.items()
             for unknown in description.model.outputs
-            if (name := _qualified(part, unknown.variable.name)) in motion
-            and any(_qualified(part, known.name) == load for known in unknown.dependencies or ())
+            if (name := qualified(part, unknown.variable.name)) in motion
+            and any(qualified(part, known.name) == load for known in unknown.dependencies or ())
         ]
 
 
@@ -120,7 +120,7 @@ def planned(table: Drive) -> DrivePlan:
     parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
     variables = {
-        _qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
+        qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
     }
     label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
     wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs)
@@ -173,12 +173,14 @@ def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:
     return description
 
 
-def _qualified(part: str, variable: str) -> str:
+def qualified(part: str, variable: str) -> str:
+    """What the user calls a variable of a part: `machine.R`."""
     return f"{part}.{variable}" if part else variable
 
 
-def _belongs(part: str, qualified: str) -> bool:
-    return part == ALONE or qualified.startswith(f"{part}.")
+def belongs(part: str, name: str) -> bool:
+    """Whether `name`, as the user calls it, is that of a variable of `part`."""
+    return part == ALONE or name.startswith(f"{part}.")
 
 
 def _checked_wire(label: str, variables: dict[str, Variable], source: str, target: str) -> tuple[str, str]:
@@ -231,7 +233,7 @@ def _part(
     setup: Setup,
 ) -> FmuComponent:
     """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
-    mine = [b for b in plan.bindings if _belongs(part, b.name)]
+    mine = [b for b in plan.bindings if belongs(part, b.name)]
     # an optional input keeps the value it was given before initialisation
     inputs = [
         FmuPort(b.port, b.variable, b.gain, b.offset)
@@ -239,8 +241,8 @@ def _part(
         if b.role.causality == "input" and (b.role.required or (plan.switched and b.port.name == ENABLE))
     ]
     outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
-    inputs += [_wire_port(part, description, target) for _, target in plan.wires if _belongs(part, target)]
-    sources = dict.fromkeys(source for source, _ in plan.wires if _belongs(part, source))
+    inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
+    sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
     outputs += [_wire_port(part, description, source) for source in sources]
     return FmuComponent(
         name,

@@ -9,11 +9,12 @@ from twin.errors import NotWritten, TwinError, system_sentence
 
 def failure_report(problem: Exception) -> list[Any]:
     """What `error_of` makes an error of again: module and class, text, exit code."""
-    if isinstance(problem, TwinError):
-        kind = type(problem)
-        return [kind.__module__, kind.__qualname__, str(problem), problem.exit_code]
-    text = system_sentence(problem) if isinstance(problem, OSError) else traceback.format_exc()
-    return failure_report(NotWritten(text) if isinstance(problem, OSError) else TwinError(text))
+    if isinstance(problem, OSError):
+        return failure_report(NotWritten(system_sentence(problem)))
+    if not isinstance(problem, TwinError):
+        return failure_report(TwinError(traceback.format_exc()))
+    kind = type(problem)
+    return [kind.__module__, kind.__qualname__, str(problem), problem.exit_code]
 
 
 def error_of(report: list[Any]) -> TwinError:

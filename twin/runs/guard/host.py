@@ -3,30 +3,46 @@
 import base64
 import os
 import pickle
-from dataclasses import replace
 
 import numpy as np
 
 from twin.cosim.component import Component
-from twin.runs.assembly.drives import drive, planned
+from twin.experiment.schema import Drive
+from twin.runs.assembly.drives import Start, drive, planned
 from twin.runs.guard.called import called_function
 from twin.runs.guard.page import IDLE, STOPPED, Page, serve
 from twin.runs.guard.reporter import PipeReporter
 
 
-def hosted_drive(reporter: PipeReporter, packed: str) -> None:
-    """Serve the drive that `packed` describes.
+def hosted_drive(
+    reporter: PipeReporter,
+    name: str,
+    table: Drive,
+    switched: bool,
+    ticks: int | None,
+    tick: float,
+    theta_m: Start,
+    tau_load: Start,
+    processor: int,
+) -> None:
+    """Make a drive and serve it.
 
     Notes: {"ports"} when the drive can be asked, {"explained"} after a bad status.
 
     Args:
-        packed: see `isolated_drive.packed`.
+        name: see `drive`.
+        table: of its `DrivePlan`.
+        switched: see `DrivePlan`.
+        ticks: see `DrivePlan`.
+        tick: see `drive`.
+        theta_m: see `drive`.
+        tau_load: see `drive`.
+        processor: to serve on.
 
     Raises:
         InputRefused: the drive cannot be made.
     """
-    name, table, switched, ticks, tick, theta_m, tau_load, processor = pickle.loads(base64.b64decode(packed))
-    plan = replace(planned(table), ticks=ticks)
+    plan = planned(table).until(ticks)
     component = drive(name, plan.switchable() if switched else plan, tick, theta_m, tau_load)
     page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     # no question: compiles, or loads from the cache, before the first one comes

@@ -72,7 +72,8 @@ class IsolatedDrives:
         os.sched_setaffinity(0, {processor})
         process = self._idle.pop(0)
         self._reporter.helper(name, process.pid)
-        process.start({"packed": packed(name, plan, tick, theta_m, tau_load, processor)})
+        told = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
+        process.start({**told, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
         watch = Watch(process, self._limits)
         try:
             while True:
@@ -159,9 +160,3 @@ class IsolatedDrive(Elsewhere):
                 self._watch.raise_if_over()
             except TwinError as failure:
                 raise JobEnded(str(failure)) from None
-
-
-def packed(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start, processor: int) -> str:
-    """Everything a host needs to make the drive, as text; the processor is the one to serve on."""
-    facts = (name, plan.table, plan.switched, plan.ticks, tick, theta_m, tau_load, processor)
-    return base64.b64encode(pickle.dumps(facts)).decode()

@@ -39,7 +39,7 @@ class Reporter(Protocol):
 class DirectReporter:
     """For a job in the same process: nobody watches, so only notes and progress have a hearer."""
 
-    def __init__(self, listen: Listen, show: Show):
+    def __init__(self, listen: Listen, show: Show = lambda done, total: None):
         self._listen, self.progress = listen, show
 
     def note(self, **facts: Any) -> None:

@@ -40,7 +40,7 @@ def outcomes(
         say(f"{len(found)} of {len(pairs)} checks")
 
     if processes == 0:
-        checked(DirectReporter(hear, lambda done, total: None), pairs, **arguments)
+        checked(DirectReporter(hear), pairs, **arguments)
     else:
         stop = threading.Event()
         with ThreadPoolExecutor(processes) as pool:

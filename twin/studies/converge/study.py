@@ -2,17 +2,14 @@
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict
-from math import isfinite
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
 from twin.studies.converge.convergence import CouplingSeries, Study, convergence
-from twin.studies.converge.order import Order
 from twin.studies.converge.picture import draw_convergence
-from twin.studies.converge.signals import SIGNALS
 from twin.studies.converge.text import convergence_text
-from twin.writing import made_folder, write_json
+from twin.writing import finite, made_folder, write_json
 
 HOME = Path("results") / "converge"
 PICTURE, FACTS = "convergence.png", "convergence.json"
@@ -71,7 +68,7 @@ def convergence_facts(study: Study) -> dict[str, object]:
         "tolerance_N": study.tolerance,
         "recommended": choice
         and {"coupling": asdict(choice.coupling), "tick_s": choice.point.tick, "error_N": choice.point.errors["F_z"]},
-        "series": [_series_facts(one) for one in study.series],
+        "series": [finite(_series_facts(one)) for one in study.series],
         "left_out": dict(study.left_out),
     }
 
@@ -82,12 +79,12 @@ def _series_facts(one: CouplingSeries) -> dict[str, object]:
         "points": [
             {
                 "tick_s": point.tick,
-                "cost_s_per_s": _finite(point.cost),
-                "largest_error": {name: _finite(error) for name, error in point.errors.items()},
+                "cost_s_per_s": point.cost,
+                "largest_error": point.errors,
             }
             for point in one.points
         ],
-        "order": {signal.name: _order_facts(one.orders[signal.name]) for signal in SIGNALS},
+        "order": {name: {"slope": order.slope, "finding": order.finding.value} for name, order in one.orders.items()},
         "power": [
             {
                 "mean_W": joint.mean, "peak_W": joint.peak, "created_J": joint.energy,
@@ -96,11 +93,3 @@ def _series_facts(one: CouplingSeries) -> dict[str, object]:
             for joint in one.residuals
         ],
     }  # fmt: skip
-
-
-def _order_facts(order: Order) -> dict[str, object]:
-    return {"slope": order.slope, "finding": order.finding.value}
-
-
-def _finite(value: float) -> float | None:
-    return value if isfinite(value) else None

@@ -10,7 +10,7 @@ from twin.drive.instance import Instance, Setting
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import DrivePlan, planned
+from twin.runs.assembly.drives import DrivePlan, belongs, planned
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.reporter import Reporter
 from twin.studies.qualify.definitions import Check, Finding, judged
@@ -117,15 +117,11 @@ def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
     return [
         (b.variable, (wanted[b.port.name] - b.offset) / b.gain)
         for b in plan.bindings
-        if b.port.name in wanted and b.name.startswith(f"{part}." if part else "")
+        if b.port.name in wanted and belongs(part, b.name)
     ]
 
 
 def _watched(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
     """The outputs of `part`, and whatever else of it plays a role."""
-    roles = [
-        b.variable
-        for b in plan.bindings
-        if b.role.causality == "output" and b.name.startswith(f"{part}." if part else "")
-    ]
+    roles = [b.variable for b in plan.bindings if b.role.causality == "output" and belongs(part, b.name)]
     return list({v.name: v for v in (*roles, *description.offered("output"))}.values())

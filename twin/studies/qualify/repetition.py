@@ -50,7 +50,7 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
     # an FMU may insist on a step size of its own
     except (ComponentFailed, InputRefused) as refusal:
         return Measure("step_error", None, f"refuses a step of {0.5e3 * TICK / steps:g} ms: {refusal}")
-    change = float(np.max(np.abs(finer.theta_m - cycle.theta_m)))
+    change = _apart(finer, cycle)
     by_solver, tolerance = _tolerance_error(plan, cycle)
     if by_solver > change:
         return Measure(
@@ -70,7 +70,12 @@ def _tolerance_error(plan: DrivePlan, cycle: Response) -> tuple[float, float]:
     # an FMU need not take what nobody has to say
     except (ComponentFailed, InputRefused):
         return 0.0, tolerance
-    return float(np.max(np.abs(exact.theta_m - cycle.theta_m))), tolerance
+    return _apart(exact, cycle), tolerance
+
+
+def _apart(one: Response, other: Response) -> float:
+    """Largest difference of theta_m (rad)."""
+    return float(np.max(np.abs(one.theta_m - other.theta_m)))
 
 
 def _repeats(one: Response, other: Response) -> Check:
@@ -78,5 +83,4 @@ def _repeats(one: Response, other: Response) -> Check:
     if same:
         return judged("repeats", True, f"bit for bit over {len(one.t)} steps")
     k = int(np.flatnonzero((one.theta_m != other.theta_m) | (one.omega_m != other.omega_m))[0])
-    apart = float(np.max(np.abs(one.theta_m - other.theta_m)))
-    return judged("repeats", False, f"differs from t = {one.t[k]:g} s on, by up to {apart:.3g} rad")
+    return judged("repeats", False, f"differs from t = {one.t[k]:g} s on, by up to {_apart(one, other):.3g} rad")

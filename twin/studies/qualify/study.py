@@ -14,14 +14,13 @@ from twin.studies.qualify.text import check_text, compare_text
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, here: Path, out: Path, apart: bool, say: Callable[[str], None]) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Answer:
     """What a drive does on the bench, and its picture in `out`.
 
     Exit code 1: it does not qualify.
 
     Args:
-        fmu: see `lone_drive`.
-        here: folder it is looked for from.
+        fmu: see `lone_drive`, from here.
         out: folder.
         apart: see `qualified`.
         say: told what is being done.
@@ -30,8 +29,9 @@ def qualify(fmu: str, here: Path, out: Path, apart: bool, say: Callable[[str], N
         InputRefused, ComponentFailed: see `qualified`.
         NotWritten: the disk refuses.
     """
-    done = qualified(lone_drive(fmu, here), apart)
-    picture = out / f"{Path(done.plan.label).stem}.png"
+    folder = made_folder(out)
+    done = qualified(lone_drive(fmu, Path.cwd()), apart)
+    picture = folder / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, picture)
     facts = done.facts() | {"picture": str(picture)}
     return Answer(f"{check_text(facts)}\n  picture  {picture}", facts, 0 if facts["qualified"] else 1)
