@@ -8,6 +8,7 @@ import scipy.io
 from tests.recording import samples
 from tests.recording.export.readers import csv_columns
 from twin.errors import InputRefused, NotWritten
+from twin.recording.export import formats
 from twin.recording.export.export import export_recording
 from twin.recording.export.formats import write_csv
 from twin.recording.export.table import NANOSECONDS, Column, Table, row_times
@@ -142,6 +143,23 @@ def test_a_rate_that_only_repeats_samples_is_refused():
     times[-1] = 500_000 * NANOSECONDS
     with pytest.raises(InputRefused, match=r"^--rate 10: makes 5000001 rows out of 101 samples, over 500000 s; choose"):
         row_times([times], 10.0)
+
+
+def test_a_rate_that_fills_the_memory_is_refused():
+    # 20 s at 1 kHz, all of it at 1 MHz
+    times = 1_000_000 * np.arange(20_001)
+    said = r"^--rate 1e\+06: makes 20000001 rows of 150 numbers, 24 GB; choose a lower one, or fewer signals"
+    with pytest.raises(InputRefused, match=said):
+        row_times([times], 1e6, 150)
+    assert len(row_times([times], 1e6, 3)) == 20_000_001
+
+
+def test_rows_are_written_in_blocks_as_in_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    table = Table(np.arange(7.0), (Column("a", "1", "", np.arange(7) > 3), Column("b", "m", "", np.arange(7) / 3)))
+    write_csv(tmp_path / "whole.csv", table)
+    monkeypatch.setattr(formats, "ROWS_AT_ONCE", 3)
+    write_csv(tmp_path / "blocks.csv", table)
+    assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 
 
 def test_a_place_that_refuses_is_one_sentence(run: Path):

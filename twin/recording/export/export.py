@@ -60,12 +60,11 @@ def export_recording(
     path = out or recording.path.with_name(f"{recording.path.name.split('.')[0]}.{form}")
     if os.path.lexists(path) and not force:
         raise InputRefused(f"{path}: already there; replace it with --force or name another with --out")
+    if form == "mat":
+        return Exported(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
     rows = table(recording, signals, rate)
-    match form:
-        case "csv":
-            write_csv(path, rows)
-        case "parquet":
-            write_parquet(path, rows, recording.metadata)
-        case "mat":
-            write_matlab(path, recording, signals, rate)
+    if form == "csv":
+        write_csv(path, rows)
+    else:
+        write_parquet(path, rows, recording.metadata)
     return Exported(path, len(signals), len(rows.t), recording.note)

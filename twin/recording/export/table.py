@@ -14,6 +14,8 @@ LARGEST_RATE = 1e6
 """Hz; times are whole nanoseconds, and a faster sampling than a microsecond's is a slip of the pen."""
 MOST_ROWS = 50_000_000
 """Nothing has been recorded for so long that more were needed; a wrong time in a file may ask for any number."""
+MOST_NUMBERS = 200_000_000
+"""In a table at a rate, unless as many have been recorded: 1.6 GB in memory."""
 FEW_ROWS, MOST_REPEATED = 100_000, 1000
 """More rows than `FEW_ROWS` have to come from samples: with each of them repeated more than `MOST_REPEATED` times, a
 time in the file is wrong or the rate is. Nobody reads such a table, and it fills the memory."""
@@ -65,7 +67,7 @@ def table(recording: Recording, signals: Sequence[str], rate: float | None = Non
     """
     fields = recording.fields()
     times = {topic: message_times(recording, topic) for topic in topics_of(signals)}
-    rows = row_times(list(times.values()), rate)
+    rows = row_times(list(times.values()), rate, numbers_of(recording, signals))
     columns: list[Column] = []
     for name in signals:
         topic = name.rpartition(".")[0]
@@ -81,13 +83,24 @@ def topics_of(signals: Sequence[str]) -> tuple[str, ...]:
     return tuple(dict.fromkeys(name.rpartition(".")[0] for name in signals))
 
 
+def numbers_of(recording: Recording, signals: Sequence[str]) -> int:
+    """How many `signals` are at a time, elements counted."""
+    fields = recording.fields()
+    return sum(fields[name].size for name in signals)
+
+
 def message_times(recording: Recording, topic: str) -> np.ndarray:
     """Times of the messages of `topic`, ns, (n,) int64."""
     return recording.streams[topic].head["log_time"].astype(np.int64)
 
 
-def row_times(times: Sequence[np.ndarray], rate: float | None) -> np.ndarray:
-    """Times of the rows, ns, (n,) int64, for topics with messages at `times` (ns, ascending, not empty).
+def row_times(times: Sequence[np.ndarray], rate: float | None, numbers: int = 1) -> np.ndarray:
+    """Times of the rows, ns, (n,) int64.
+
+    Args:
+        times: of the messages of each topic, ns, ascending, not empty.
+        rate: see `table`.
+        numbers: in a row.
 
     Raises:
         InputRefused: see `table`.
@@ -108,5 +121,10 @@ def row_times(times: Sequence[np.ndarray], rate: float | None) -> np.ndarray:
         raise InputRefused(
             f"--rate {rate:g}: makes {count} rows out of {samples} samples, over {(last - first) / NANOSECONDS:g} s; "
             "choose a lower one"
+        )
+    if count * numbers > max(MOST_NUMBERS, samples * numbers):
+        raise InputRefused(
+            f"--rate {rate:g}: makes {count} rows of {numbers} numbers, {8e-9 * count * numbers:.3g} GB; choose a "
+            "lower one, or fewer signals with --signals"
         )
     return first + np.rint(np.arange(count) * (NANOSECONDS / rate)).astype(np.int64)
