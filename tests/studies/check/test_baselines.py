@@ -5,8 +5,9 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from twin.runs.assembly.load import load_experiment
 from twin.studies.check import check
-from twin.studies.check.baseline import read_baseline, stored_drives
+from twin.studies.check.baseline import baseline_file, fingerprint, read_baseline, stored_drives
 
 FOLDER = ROOT / "tests" / "baselines"
 EXPERIMENTS = sorted(folder.name for folder in FOLDER.iterdir() if folder.is_dir())
@@ -16,6 +17,13 @@ DRIVES = sorted(fmu.stem for fmu in ROOT.glob("fmus/*/*.fmu"))
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_an_experiment_comes_to_what_its_baselines_say(experiment: str):
     assert [str(deviation) for deviation in check(ROOT / f"experiments/{experiment}.toml", baselines=FOLDER)] == []
+
+
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_a_baseline_is_of_the_experiment_as_it_is_written_now(experiment: str):
+    for drive in DRIVES:
+        loaded = load_experiment(ROOT / f"experiments/{experiment}.toml", drive=drive)
+        assert read_baseline(baseline_file(FOLDER, experiment, drive)).fingerprint == fingerprint(loaded), drive
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)

@@ -25,6 +25,8 @@ FOLDER = Path("tests/baselines")
 """Where baselines are written to and looked for, one folder per experiment."""
 _UNTOLD = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are told of one by one."""
+_LATER = ("tolerance",)
+"""Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
 _ANEW = "remove it and write it anew with --update"
 
 
@@ -97,7 +99,7 @@ def fingerprint(experiment: Experiment) -> str:
     Files of FMUs are left out: they have hashes of their own.
     """
     values = {key: value for key, value in experiment.values.items() if key not in _UNTOLD}
-    drives = [_without_files(drive.model_dump()) for drive in experiment.drives]
+    drives = [_told(drive.model_dump()) for drive in experiment.drives]
     text = json.dumps([values, drives], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]
 
@@ -246,7 +248,7 @@ def _rounded(value: float, digits: int = 6) -> float:
     return float(f"{value:.{digits}g}")
 
 
-def _without_files(drive: dict[str, Any]) -> dict[str, Any]:
-    """[drive] without the places of its FMUs."""
-    parts = {name: {k: v for k, v in part.items() if k != "fmu"} for name, part in drive["parts"].items()}
-    return {k: v for k, v in drive.items() if k != "fmu"} | {"parts": parts}
+def _told(drive: dict[str, Any]) -> dict[str, Any]:
+    """What a table [drive], or one of its parts, says: without places of FMUs, and later keys that say nothing."""
+    told = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER and v is None)}
+    return told | ({"parts": {name: _told(part) for name, part in drive["parts"].items()}} if "parts" in drive else {})
