@@ -213,8 +213,12 @@ def _table(plan: "DrivePlan") -> str:
     for part, fmu in plan.parts.items():
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
+        name, start, unit = (
+            max((len(text) for text in column), default=0)
+            for column in zip(*((v.name, f"{v.start:g}", v.unit or "1") for v in offered), strict=True)
+        ) if offered else (0, 0, 0)
         for v in offered:
-            head = f"  {v.name:14} {v.start:>9g} {v.unit or '1':13} "
+            head = f"  {v.name:{name}} {v.start:>{start}g} {v.unit or '1':{unit}} "
             indent = " " * len(head)
             lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
