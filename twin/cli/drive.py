@@ -111,8 +111,11 @@ def check(
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
 
-    Exit code: 0 qualified, 1 not, 2 refused before it ran, 3 an FMU crashed, hung
-    or ended its process.
+    Reference experiments that came with an FMU (FMI-LS-REF, or NAME_ref.csv
+    beside it) are run first and held to its own results.
+
+    Exit code: 0 qualified, 1 not or other results, 2 refused before it ran, 3 an
+    FMU crashed, hung or ended its process.
 
     Example: twin drive check velocity_servo
     """
@@ -121,14 +124,15 @@ def check(
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
         answers.append(answer)
-        if as_json or not as_table:
+        if as_json or not as_table or "refused" in answer.facts:
             show(answer, as_json)
-    if as_table and not as_json:
+    measured = [answer.facts for answer in answers if "measures" in answer.facts]
+    if as_table and not as_json and measured:
         from twin.studies.qualify.text import measures_table
 
-        print(measures_table([answer.facts for answer in answers]))
-    if any(answer.exit_code for answer in answers):
-        raise SystemExit(1)
+        print(measures_table(measured))
+    if worst := max(answer.exit_code for answer in answers):
+        raise SystemExit(worst)
 
 
 @app.command()

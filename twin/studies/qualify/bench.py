@@ -6,11 +6,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import carray
 
-from twin.cosim.component import Component
-from twin.cosim.native import doubles_at, step_function
-from twin.cosim.port import Port, width
+from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.contract import LOAD
@@ -20,7 +17,6 @@ from twin.studies.metrics.response import Curve
 from twin.studies.qualify.operating_range import TICK
 
 SLICE_TICKS = 500
-MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
 
 
 @dataclass(frozen=True)
@@ -118,34 +114,4 @@ def response(
         theta_m=rows[:, theta_m],
         omega_m=rows[:, system.columns("drive.omega_m").start],
         cost=float(of_drive * elapsed / len(rows)),
-    )
-
-
-@step_function(MEMORY)
-def step(m, t, h, u, y):
-    rows, y_ = carray(doubles_at(m.rows), m.count * m.size), carray(y, m.size)
-    row = min(m.next, m.count - 1)
-    for j in range(m.size):
-        y_[j] = rows[row * m.size + j]
-    m.next += 1
-    return 0
-
-
-def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
-    """Sampled component without inputs: at tick k its outputs are row k of `values`, after the last row that one.
-
-    Args:
-        values: (ticks, width of `ports`).
-    """
-    rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
-    memory = np.array([(rows.ctypes.data, len(rows), rows.shape[1], 0)], dtype=MEMORY)
-    return Component(
-        name="signals",
-        inputs=(),
-        outputs=ports,
-        sampled=True,
-        step_address=step.address,
-        self_address=memory.ctypes.data,
-        initial_outputs=rows[0].copy(),
-        keep=(memory, rows),
     )

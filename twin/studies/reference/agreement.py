@@ -28,7 +28,7 @@ class Deviation(NamedTuple):
 
 def deviations(run: BareRun, results: Series) -> list[Deviation]:
     """Every signal of a run that the results have, in their order."""
-    within = results.t <= run.t[-1] * (1.0 + 1e-9)
+    within = results.t <= (1.0 + 1e-9) * run.t[-1]
     t = results.t[within]
     if not len(t):
         return []
@@ -36,6 +36,8 @@ def deviations(run: BareRun, results: Series) -> list[Deviation]:
     near = np.clip(place[:, None] + np.array([-1, 0, 1, 2]), 0, len(run.t) - 1)
     found = []
     for name, ours in run.signals.items():
+        if name not in results.signals:
+            continue
         theirs = results.signals[name][within]
         band = max(OF_RANGE * np.ptp(theirs), OF_SIZE * np.abs(theirs).max(), LEAST)
         low, high = ours[near].min(axis=1), ours[near].max(axis=1)

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.cosim.port import Port
+from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Setup
 from twin.drive.unpacked import unpacked
-from twin.errors import InputRefused
+from twin.errors import ComponentFailed, InputRefused
 from twin.studies.metrics.response import Curve
-from twin.studies.qualify.bench import playback
 from twin.studies.reference.carried import Prepared
 from twin.studies.reference.experiment_file import Described
 from twin.studies.reference.series import Series
@@ -35,47 +35,52 @@ class BareRun:
     t: s, (rows,).
     signals: by name, in the FMU's own units, (rows,).
     unknown: names that were asked for and are no single number of this FMU.
+    failure: what ended it before its time; "" if nothing did.
     """
 
     step: float
     t: Curve
     signals: dict[str, Curve]
     unknown: tuple[str, ...]
+    failure: str = ""
 
 
 def bare_run(description: FmuDescription, described: Described, files: Prepared) -> BareRun:
     """Run the FMU as an experiment describes it; what it does not say is the FMU's default experiment.
 
     Raises:
-        InputRefused: a step, duration or input that cannot be; or the FMU cannot be loaded or initialised.
-        ComponentFailed: it returned an error, NaN or infinity.
+        InputRefused: a step, duration or input that cannot be.
+        ComponentFailed: the FMU cannot be loaded or initialised.
     """
     step, last = _steps(description, described)
     outputs, unknown = _watched(description, files.results)
     if (last + 1) * len(outputs) > MOST_VALUES:
         raise InputRefused(f"{description.path.name}: {last} steps of {len(outputs)} signals; expected fewer")
     inputs = _inputs(description, files.stimuli)
-    t = step * np.arange(last + 1)
-    stimuli = _sampled(inputs, files.stimuli, t)
-    component = FmuComponent(
-        "fmu",
-        description,
-        unpacked(description.path, description.sha256),
-        inputs,
-        outputs,
-        description.settings(files.parameters),
-        dict(zip((p.port.name for p in inputs), stimuli[0], strict=True)),
-        setup=Setup(described.tolerance or description.tolerance, t[-1]),
-    )
+    stimuli = _sampled(inputs, files.stimuli, step * np.arange(last + 1))
+    start = dict(zip((p.port.name for p in inputs), stimuli[0], strict=True))
+    setup = Setup(described.tolerance or description.tolerance, step * last)
+    set_ = description.settings(files.parameters)
+    folder = unpacked(description.path, description.sha256)
+    try:
+        component = FmuComponent("fmu", description, folder, inputs, outputs, set_, start, setup=setup)
+    except InputRefused as refusal:
+        raise ComponentFailed(str(refusal)) from None
     try:
         wires = [(f"signals.{p.port.name}", f"fmu.{p.port.name}") for p in inputs]
         signals = [playback(tuple(p.port for p in inputs), stimuli)] if inputs else []
         system = System([*signals, component], wires, step)
-        rows = Simulation(system, last).run()
+        simulation = Simulation(system, last)
+        slices = []
+        while not simulation.finished:
+            slices.append(simulation.advance().copy())
+        rows = np.concatenate(slices)
         columns = {p.variable.name: system.columns(f"fmu.{p.port.name}").start for p in outputs}
     finally:
         component.close()
-    return BareRun(step, t, {name: rows[:, column] for name, column in columns.items()}, unknown)
+    failure = str(simulation.failure) if simulation.failure else ""
+    names = {name: rows[:, column] for name, column in columns.items()}
+    return BareRun(step, step * np.arange(len(rows)), names, unknown, failure)
 
 
 def _steps(description: FmuDescription, described: Described) -> tuple[float, int]:
@@ -106,19 +111,16 @@ def _first(*stated: object) -> float | None:
 
 
 def _watched(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
-    """Ports of what results are given of, else of all outputs, else of all local variables; and what is none."""
+    """Ports of what results are given of, or else of all outputs, of a local variable, of any; and what is none."""
     single = {v.name: v for v in description.variables.values() if v.kind >= 0 and v.size == 1}
-    if results is not None:
-        unknown = tuple(name for name in (*results.signals, *results.others) if name not in single)
-        chosen = [single[name] for name in results.signals if name in single]
-        if not chosen:
-            raise InputRefused(f"{results.where}: no column is a single number of {description.path.name}")
-        return _ports("y", chosen), unknown
-    offered = [v for v in single.values() if v.causality == "output"]
-    offered = offered or [v for v in single.values() if v.causality == "local"][:1]
-    if not offered:
-        raise InputRefused(f"{description.path.name}: has no output that is a single number")
-    return _ports("y", offered), ()
+    asked = () if results is None else (*results.signals, *results.others)
+    unknown = tuple(name for name in asked if name not in single)
+    chosen = [single[name] for name in results.signals if name in single] if results else []
+    chosen = chosen or [v for v in single.values() if v.causality == "output"]
+    chosen = chosen or [v for v in single.values() if v.causality == "local"][:1] or list(single.values())[:1]
+    if not chosen:
+        raise InputRefused(f"{description.path.name}: has no variable that is a single number")
+    return _ports("y", chosen), unknown
 
 
 def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort]:

@@ -4,16 +4,17 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from twin.drive.description import described
+from twin.drive.description import FmuDescription, described
 from twin.errors import InputRefused, TwinError
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.reporter import Reporter
 from twin.studies.lines import counted
 from twin.studies.reference.agreement import TOLERANCE, deviations
-from twin.studies.reference.bare_run import bare_run
-from twin.studies.reference.carried import DEFAULT, Carried, Trial, carried, prepared
+from twin.studies.reference.bare_run import BareRun, bare_run
+from twin.studies.reference.carried import DEFAULT, Carried, Prepared, Trial, carried, prepared
 from twin.studies.reference.experiment_file import Described
+from twin.studies.reference.series import Series
 
 JOB = "twin.studies.reference.outcome:tried"
 WORDS = {
@@ -99,43 +100,51 @@ def tried(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
 def _apart(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
     try:
         # what can be refused without a process is
-        prepared(file, trial, described(file))
+        _files(file, trial)
         return Outcome(**guarded(JOB, {"file": str(file), "number": number}, limits))
     except (JobEnded, JobEndedLoading) as failure:
         return Outcome(trial.described.name, "lost", str(failure))
     except InputRefused as refusal:
-        return Outcome(trial.described.name, "refused", trial.problem or str(refusal))
+        return Outcome(trial.described.name, "refused", str(refusal))
 
 
 def _here(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
-    name = trial.described.name
     try:
-        if trial.problem:
-            raise InputRefused(trial.problem)
-        description = described(file)
-        files = prepared(file, trial, description)
-    except InputRefused as refusal:
-        return Outcome(name, "refused", str(refusal))
-    try:
+        description, files = _files(file, trial)
         run = bare_run(description, trial.described, files)
-    except TwinError as failure:
-        return Outcome(name, "failed", str(failure))
+    except TwinError as trouble:
+        word = "refused" if isinstance(trouble, InputRefused) else "failed"
+        return Outcome(trial.described.name, word, str(trouble))
+    return _judged(trial.described.name, run, files.results)
+
+
+def _files(file: Path, trial: Trial) -> tuple[FmuDescription, Prepared]:
+    if trial.problem:
+        raise InputRefused(trial.problem)
+    description = described(file)
+    return description, prepared(file, trial, description)
+
+
+def _judged(name: str, run: BareRun, results: Series | None) -> Outcome:
+    if not len(run.t):
+        return Outcome(name, "failed", run.failure)
     how = f"{counted(len(run.t) - 1, 'step')} of {run.step:g} s"
-    apart = [*(files.results.others if files.results else ()), *run.unknown]
-    left_out = f"; not compared: {', '.join(dict.fromkeys(apart))}" if apart else ""
-    if files.results is None:
+    found = deviations(run, results) if results else []
+    others = dict.fromkeys((*(results.others if results else ()), *run.unknown))
+    if others:
+        how += f"; not compared: {', '.join(others)}"
+    if run.failure:
+        # some end themselves, and so do their results then
+        if results is None or not found or results.t[-1] > run.t[-1] + (1.0 + 1e-9) * run.step:
+            return Outcome(name, "failed", run.failure)
+        how += f"; then, as its results end: {run.failure}"
+    if not found:
         return Outcome(name, "ran", how)
-    found = deviations(run, files.results)
     shares = {one.signal: one.share for one in found}
-    worst = max(found, key=lambda one: one.share, default=None)
-    if worst is None:
-        return Outcome(name, "ran", f"{how}; the results begin after its end")
-    if worst.share > 1.0:
-        many = sum(share > 1.0 for share in shares.values())
-        return Outcome(
-            name, "differs",
-            f"{many} of {counted(len(shares), 'signal')} differ: {worst.signal} is {worst.share:.3g} times the tolerance "
-            f"off at {worst.t:g} s; {how}{left_out}", shares,
-        )  # fmt: skip
-    detail = f"{counted(len(shares), 'signal')}, at most {worst.share:.2g} of the tolerance off; {how}{left_out}"
-    return Outcome(name, "agrees", detail, shares)
+    worst = max(found, key=lambda one: one.share)
+    if worst.share <= 1.0:
+        detail = f"{counted(len(shares), 'signal')}, at most {worst.share:.2g} of the tolerance off; {how}"
+        return Outcome(name, "agrees", detail, shares)
+    many = sum(share > 1.0 for share in shares.values())
+    off = f"{worst.signal} by {worst.share:.3g} times the tolerance at {worst.t:g} s"
+    return Outcome(name, "differs", f"{many} of {counted(len(shares), 'signal')} differ, {off}; {how}", shares)

@@ -1,6 +1,7 @@
 """Signals over time in CSV, as FMUs carry them for inputs and results: the first column is the time in s."""
 
 import io
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,6 +10,9 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.recording.logs.csv_table import CsvTable, table_of
 from twin.studies.metrics.response import Curve
+
+TRUTH = re.compile(rb"(?<=[,;\t])(?:true|false)(?=[,;\t\r\n]|$)", re.IGNORECASE)
+"""Fields of the time series of Boolean variables, as some tools write them."""
 
 
 @dataclass(frozen=True)
@@ -52,7 +56,8 @@ def series_of(content: bytes, where: str) -> Series:
         InputRefused: no table of numbers, a time that is missing, no number or descends, a field that is no number
             among numbers.
     """
-    table = table_of(Path(where), io.BytesIO(content))
+    numbers = TRUTH.sub(lambda field: b"1" if field[0].lower() == b"true" else b"0", content)
+    table = table_of(Path(where), io.BytesIO(numbers))
     time = table.head[0]
     if wrong := table.mistakes(time):
         raise InputRefused(f"{where} line {wrong.line}: time '{wrong.text}'; expected seconds in the first column")
