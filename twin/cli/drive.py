@@ -11,6 +11,7 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
+from twin.cli.drive_survey import survey
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused
 from twin.writing import json_text, write_text
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 WIDTH = 80
 
 app = typer.Typer(help="Look at drive FMUs, qualify, compare and bring them in.", no_args_is_help=True)
+app.command("survey")(survey)
 
 Fmu = Annotated[
     str,
@@ -218,9 +220,13 @@ def _table(plan: "DrivePlan") -> str:
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
         name, start, unit = (
-            max((len(text) for text in column), default=0)
-            for column in zip(*((v.name, f"{v.start:g}", v.unit or "1") for v in offered), strict=True)
-        ) if offered else (0, 0, 0)
+            (
+                max((len(text) for text in column), default=0)
+                for column in zip(*((v.name, f"{v.start:g}", v.unit or "1") for v in offered), strict=True)
+            )
+            if offered
+            else (0, 0, 0)
+        )
         for v in offered:
             head = f"  {v.name:{name}} {v.start:>{start}g} {v.unit or '1':{unit}} "
             indent = " " * len(head)

@@ -94,7 +94,9 @@ def _steps(description: FmuDescription, described: Described) -> tuple[float, in
     own = getattr(description.model.coSimulation, "fixedInternalStepSize", None)
     step = _first(described.step, own, getattr(stated, "stepSize", None)) or stop / STEPS
     if not (0.0 < step <= stop and stop / step <= MOST_STEPS):
-        raise InputRefused(f"{described.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MOST_STEPS} of them")
+        raise InputRefused(
+            f"{described.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MOST_STEPS} of them"
+        )
     return step, math.floor(stop / step + 1e-9)
 
 

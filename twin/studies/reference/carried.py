@@ -116,7 +116,8 @@ def prepared(file: Path, trial: Trial, description: FmuDescription) -> Prepared:
         content, where = _content(file, trial, named.parameters, (MIME,), ".ssv")
         parameters = settings(parameter_set(content, where), description, where)
     stimuli, results = (
-        series_of(*_content(file, trial, one, (CSV,), ".csv")) if one else None for one in (named.stimuli, named.results)
+        series_of(*_content(file, trial, one, (CSV,), ".csv")) if one else None
+        for one in (named.stimuli, named.results)
     )
     return Prepared(parameters, stimuli, results)
 
@@ -141,7 +142,9 @@ def _beside(file: Path) -> Sequence[Trial]:
     return (Trial(found),)
 
 
-def _content(file: Path, trial: Trial, named: tuple[str, str], types: tuple[str, ...], suffix: str) -> tuple[bytes, str]:
+def _content(
+    file: Path, trial: Trial, named: tuple[str, str], types: tuple[str, ...], suffix: str
+) -> tuple[bytes, str]:
     uri, type_ = named
     if type_ not in types and not uri.endswith(suffix):
         raise InputRefused(f"{file.name}: {uri} is of type {type_}; read is {types[0]}")

@@ -66,7 +66,7 @@ def settings(values: dict[str, Value], description: FmuDescription, where: str) 
             own = variable.conversion
             if stated is None or own is None or stated.dimension != own.dimension:
                 raise InputRefused(
-                    f"{where}: {name} in '{unit}'; expected '{variable.unit or '1'}', the FMU's unit, or one of its kind"
+                    f"{where}: {name} in '{unit}'; expected '{variable.unit or '1'}', as in the FMU, or a unit like it"
                 )
             value = (stated.factor * value + stated.offset - own.offset) / own.factor
         set_[name] = value

@@ -64,7 +64,9 @@ def series_of(content: bytes, where: str) -> Series:
     t = table.column(time)
     if len(back := np.flatnonzero(np.diff(t) < 0.0)):
         k = back[0] + 1
-        raise InputRefused(f"{where} line {table.lines[k]}: time falls from {t[k - 1]:g} to {t[k]:g} s; expected rising")
+        raise InputRefused(
+            f"{where} line {table.lines[k]}: time falls from {t[k - 1]:g} to {t[k]:g} s; expected rising"
+        )
     return Series(where, t, *_signals(table, where))
 
 

@@ -19,7 +19,9 @@ def references_text(found: Sequence[References]) -> str:
             lines += wrapped(f"{name}: {why}", "  --    not read   ", whole=True)
         for outcome in one.outcomes:
             verdict = "FAIL" if outcome.word in BAD else "ok"
-            lines += wrapped(f"{outcome.experiment}: {outcome.detail}", f"  {verdict:4}  {outcome.word:10} ", whole=True)
+            lines += wrapped(
+                f"{outcome.experiment}: {outcome.detail}", f"  {verdict:4}  {outcome.word:10} ", whole=True
+            )
     if any(outcome.deviations for one in found for outcome in one.outcomes):
         lines += labelled("note", f"tolerance: {TOLERANCE}")
     return "\n".join(lines)
