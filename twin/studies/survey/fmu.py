@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 from twin.cache_folder import cache_folder
-from twin.drive.archive import sha256
 from twin.drive.stated import stated
 from twin.drive.unpacked import CONTENT, HOME
 from twin.errors import InputRefused, TwinError, visible
@@ -24,7 +23,7 @@ LONGEST = 400
 """Characters of a sentence: what an FMU says in its own words may be long."""
 
 
-def row(file: Path, limits: Limits) -> dict[str, Any]:
+def row(file: Path, digest: str, limits: Limits) -> dict[str, Any]:
     """What the FMU `file` is and what came of trying it, in a process that may crash or hang.
 
     Keys: file, sha256; model, tool, fmi, kinds, platforms as of `Stated`, where it can be read; drive, whether it fits
@@ -33,7 +32,7 @@ def row(file: Path, limits: Limits) -> dict[str, Any]:
     Raises:
         InputRefused: the disk refuses to read it.
     """
-    known: dict[str, Any] = {"file": file.name, "sha256": sha256(file), "drive": False, "tried": "nothing"}
+    known: dict[str, Any] = {"file": file.name, "sha256": digest, "drive": False, "tried": "nothing"}
     with file.open("rb") as stream:
         if stream.read(len(POINTER)) == POINTER:
             return known | {"word": "refused", "detail": "a Git LFS pointer stands in its place"}
@@ -44,7 +43,7 @@ def row(file: Path, limits: Limits) -> dict[str, Any]:
     except TwinError as refusal:
         found = {"word": "refused", "detail": str(refusal)}
     known |= found
-    return known | {"detail": _without_paths(known["detail"], file, known["sha256"])}
+    return known | {"detail": _without_paths(known["detail"], file, digest)}
 
 
 def tried(reporter: Reporter, file: str) -> dict[str, Any]:

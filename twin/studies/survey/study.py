@@ -5,6 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from twin.drive.archive import sha256
 from twin.errors import InputRefused
 from twin.files import read_json, read_toml
 from twin.runs.guard.limits import Limits
@@ -60,10 +61,10 @@ def _surveyed(place: Path, sources: Path | None, wall: float, say: Callable[[str
         raise InputRefused(f"{sources}: nothing of {', '.join(silent)}; expected a table for each folder in {place}")
     rows: dict[str, dict[str, Any]] = {}
     for number, file in enumerate(files, 1):
-        say(f"{number} of {len(files)}: {file.name}")
-        found = row(file, Limits(wall=wall, memory=MEMORY))
         # the same file in several places is one FMU
-        rows.setdefault(found["sha256"], {"source": groups[file], **found})
+        if (digest := sha256(file)) not in rows:
+            say(f"{number} of {len(files)}: {file.name}")
+            rows[digest] = {"source": groups[file], **row(file, digest, Limits(wall=wall, memory=MEMORY))}
     origins = {name: told.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
     where = f"{platform.machine()} {platform.system()}"
     return {"platform": where, "sources": origins, "fmus": list(rows.values())}
