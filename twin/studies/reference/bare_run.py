@@ -21,7 +21,7 @@ from twin.studies.reference.series import Series
 
 STEPS = 500
 """Of an experiment for which nobody states a step: what FMPy and others take."""
-MOST_STEPS = 1_000_000
+MOST_STEPS = 2_000_000
 MOST_VALUES = 20_000_000
 """Of all outputs over all steps: 160 MB."""
 EXACT = 2.0**53
@@ -87,12 +87,12 @@ def _steps(description: FmuDescription, described: Described) -> tuple[float, in
     """Step (s) and how many of them."""
     stated = description.model.defaultExperiment
     start = _first(described.start, getattr(stated, "startTime", None)) or 0.0
-    # nobody states an end either: as FMPy
-    stop = _first(described.stop, getattr(stated, "stopTime", None)) or 1.0
+    # where nobody states an end: as FMPy
+    stop = described.stop if described.stop is not None else _first(getattr(stated, "stopTime", None)) or 1.0
     if start != 0.0:
         raise InputRefused(f"{described.name}: starts at {start:g} s; expected 0 s, where runs begin here")
     own = getattr(description.model.coSimulation, "fixedInternalStepSize", None)
-    step = _first(described.step, own, getattr(stated, "stepSize", None)) or stop / STEPS
+    step = _first(own, getattr(stated, "stepSize", None)) or stop / STEPS if described.step is None else described.step
     if not (0.0 < step <= stop and stop / step <= MOST_STEPS):
         raise InputRefused(
             f"{described.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MOST_STEPS} of them"
