@@ -145,7 +145,10 @@ def test_an_fmu_that_is_no_drive_is_run_and_one_that_is_not_the_pinned_one_is_no
 def test_an_fmu_that_goes_wrong_fails_where_its_results_go_on(root: Path, tmp_path: Path):
     listed = LISTED.replace("p.ssv", "none.ssv")
     bad = faulty_drive(root, tmp_path)
-    longer = {"e_exp": FILES["e.exp"].replace('stopTime="1"', 'stopTime="2"'), "p_ssv": ssv(real("droop", "2")).decode()}
+    longer = {
+        "e_exp": FILES["e.exp"].replace('stopTime="1"', 'stopTime="2"'),
+        "p_ssv": ssv(real("droop", "2")).decode(),
+    }
     longer["ref_csv"] = "time,omega_m\n0,0\n2,0\n"
     one = found(bad, tmp_path, listed, **longer).outcomes[0]
     assert one.word == "failed" and "omega_m" not in one.experiment

@@ -33,7 +33,11 @@ def test_values_are_in_the_units_of_the_fmu(servo: FmuDescription):
 
 
 def test_whole_numbers_and_truth_values_are_numbers():
-    given = ['name="a"><ssv:Integer value="-3"/>', 'name="b"><ssv:Boolean value="true"/>', 'name="c"><ssv:UInt8 value="7"/>']
+    given = [
+        'name="a"><ssv:Integer value="-3"/>',
+        'name="b"><ssv:Boolean value="true"/>',
+        'name="c"><ssv:UInt8 value="7"/>',
+    ]
     assert [one.value for one in parameter_set(ssv(*given), "x").values()] == [-3.0, 1.0, 7.0]
 
 
@@ -66,6 +70,6 @@ def test_names_and_values_that_the_fmu_does_not_know_are_refused(servo: FmuDescr
         (real("J_m", "-1"), "J_m = -1: expected 1e-09"),
         (real("J_m", "1", "N.m"), "J_m in 'N.m'; expected 'kg.m2'"),
     ):
-        with pytest.raises(InputRefused, match="a.ssv: ") as refused:
+        with pytest.raises(InputRefused, match=r"a\.ssv: ") as refused:
             settings(parameter_set(ssv(parameter), "a.ssv"), servo, "a.ssv")
         assert told in str(refused.value)

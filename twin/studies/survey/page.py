@@ -1,5 +1,6 @@
 """A survey as a page of the documentation and as a few lines, from its data."""
 
+import re
 from collections import Counter
 from collections.abc import Mapping
 from typing import Any
@@ -22,11 +23,10 @@ project. An FMU runs with the rights of who starts it: a survey is for FMUs that
 
 def page_text(facts: Mapping[str, Any]) -> str:
     """The page, Markdown."""
-    lines = [
-        HEAD,
-        f"Tried on {facts['platform']}: {counted(len(facts['fmus']), 'FMU')}. Held to results within {TOLERANCE}.",
-        "",
-    ]
+    tried = (
+        f"Tried on {facts['platform']}: {counted(len(facts['fmus']), 'FMU')}, named with the beginning of its SHA-256."
+    )
+    lines = [HEAD, f"{tried} Held to results within {TOLERANCE}.", ""]
     words = Counter(row["word"] for row in facts["fmus"])
     lines += [markdown(["word", "FMUs", "meaning"], ([word, str(words[word]), WORDS[word]] for word in WORDS)), ""]
     for source, origin in facts["sources"].items():
@@ -52,21 +52,13 @@ def survey_text(facts: Mapping[str, Any]) -> str:
 
 def _cells(row: Mapping[str, Any]) -> list[str]:
     kinds = ", ".join(row.get("kinds", ()))
-    name = f"`{row['file']}` ({row['sha256'][:8]}){', drive' if row['drive'] else ''}"
+    name = f"{row['file']} ({row['sha256'][:8]}){', drive' if row['drive'] else ''}"
     detail = row["detail"].removeprefix(f"{row['file']}: ")
-    cells = [
-        name,
-        row.get("tool") or "not stated",
-        f"{row.get('fmi', '')} {kinds}".strip(),
-        row["tried"],
-        row["word"],
-        detail,
-    ]
-    return [_plain(cell) for cell in cells]
+    made = (row.get("tool") or "not stated", f"{row.get('fmi', '')} {kinds}".strip())
+    return [_plain(text) for text in (name, *made, row["tried"], row["word"], detail)]
 
 
 def _plain(text: str) -> str:
-    """Text of strangers in a cell: what Markdown or HTML would read as its own is not."""
-    for sign, instead in (("\\", "\\\\"), ("|", "\\|"), ("<", "&lt;"), ("[", "\\["), ("*", "\\*"), ("_", "\\_")):
-        text = text.replace(sign, instead) if "`" not in text else text.replace("|", "\\|").replace("<", "&lt;")
-    return text
+    """Words of strangers in a cell, in which nothing is Markdown or HTML."""
+    text = text.replace("&", "&amp;").replace("<", "&lt;")
+    return re.sub(r"([\\`*_\[\]|!])", r"\\\1", text)
