@@ -40,7 +40,8 @@ def test_a_source_is_a_file_of_the_fmu_or_none(servo: Path, tmp_path: Path):
     inside = ["../../modelDescription.xml", "./fmi-ls-manifest.xml", "../../sources/../modelDescription.xml#part"]
     outside = [
         "nothing.csv", "../../../etc/passwd", "../../../../modelDescription.xml", "/etc/passwd",
-        "/modelDescription.xml", "file:///etc/passwd", "http://example.org/modelDescription.xml", "..%2F..%2F..%2Fetc%2Fpasswd", "C:/x", "..",
+        "/modelDescription.xml", "file:///etc/passwd", "http://example.org/modelDescription.xml",
+        "..%2F..%2F..%2Fetc%2Fpasswd", "C:/x", "..",
     ]  # fmt: skip
     listed = related(carrying(servo, tmp_path / "a.fmu", {MANIFEST: manifest(*inside, *outside)}))
     assert [bool(one.entry) for one in listed] == [True] * len(inside) + [False] * len(outside)
