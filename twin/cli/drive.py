@@ -126,15 +126,16 @@ def check(
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
         answers.append(answer)
-        if as_json or not as_table or "refused" in answer.facts:
+        if as_json or not as_table:
             show(answer, as_json)
-    measured = [answer.facts for answer in answers if "measures" in answer.facts]
-    if as_table and not as_json and measured:
+        if "refused" in answer.facts:
+            raise InputRefused(answer.facts["refused"])
+    if as_table and not as_json:
         from twin.studies.qualify.text import measures_table
 
-        print(measures_table(measured))
-    if worst := max(answer.exit_code for answer in answers):
-        raise SystemExit(worst)
+        print(measures_table([answer.facts for answer in answers]))
+    if any(answer.exit_code for answer in answers):
+        raise SystemExit(1)
 
 
 @app.command()

@@ -38,7 +38,7 @@ def servo(root: Path) -> Path:
     return root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
 
 
-def found(servo: Path, folder: Path, listed: str = LISTED, **changed: str | None) -> References:
+def found(servo: Path, folder: Path, listed: str = LISTED, /, **changed: str | None) -> References:
     """What comes of `FILES`, some of them changed or left out (None), keys with _ for the dot."""
     files = FILES | {name.replace("_", "."): content for name, content in changed.items()}
     entries: dict[str, str | bytes] = {f"{HOME}/{name}": text for name, text in files.items() if text is not None}

@@ -33,7 +33,7 @@ class BareRun:
     """Attributes:
     step: between two rows (s).
     t: s, (rows,).
-    signals: by name, in the FMU's own units, (rows,).
+    signals: by name, in the FMU's own units, of an array the first value, (rows,).
     unknown: names that were asked for and are no single number of this FMU.
     failure: what ended it before its time; "" if nothing did.
     """
@@ -54,10 +54,10 @@ def bare_run(description: FmuDescription, described: Described, files: Prepared)
     """
     step, last = _steps(description, described)
     outputs, unknown = _watched(description, files.results)
-    if (last + 1) * len(outputs) > MOST_VALUES:
-        raise InputRefused(f"{description.path.name}: {last} steps of {len(outputs)} signals; expected fewer")
+    if (last + 1) * (values := sum(p.port.size for p in outputs)) > MOST_VALUES:
+        raise InputRefused(f"{description.path.name}: {last} steps of {values} signals; expected fewer")
     inputs = _inputs(description, files.stimuli)
-    stimuli = _sampled(inputs, files.stimuli, step * np.arange(last + 1))
+    stimuli = _sampled(inputs, files.stimuli, step * np.arange(last + 1, dtype=float))
     start = dict(zip((p.port.name for p in inputs), stimuli[0], strict=True))
     setup = Setup(described.tolerance or description.tolerance, step * last)
     set_ = description.settings(files.parameters)
@@ -80,7 +80,7 @@ def bare_run(description: FmuDescription, described: Described, files: Prepared)
         component.close()
     failure = str(simulation.failure) if simulation.failure else ""
     names = {name: rows[:, column] for name, column in columns.items()}
-    return BareRun(step, step * np.arange(len(rows)), names, unknown, failure)
+    return BareRun(step, step * np.arange(len(rows), dtype=float), names, unknown, failure)
 
 
 def _steps(description: FmuDescription, described: Described) -> tuple[float, int]:
@@ -114,14 +114,14 @@ def _first(*stated: object) -> float | None:
 
 def _watched(description: FmuDescription, results: Series | None) -> tuple[list[FmuPort], tuple[str, ...]]:
     """Ports of what results are given of, or else of all outputs, of a local variable, of any; and what is none."""
-    single = {v.name: v for v in description.variables.values() if v.kind >= 0 and v.size == 1}
+    numbers = {v.name: v for v in description.variables.values() if v.kind >= 0}
     asked = () if results is None else (*results.signals, *results.others)
-    unknown = tuple(name for name in asked if name not in single)
-    chosen = [single[name] for name in results.signals if name in single] if results else []
-    chosen = chosen or [v for v in single.values() if v.causality == "output"]
-    chosen = chosen or [v for v in single.values() if v.causality == "local"][:1] or list(single.values())[:1]
+    unknown = tuple(name for name in asked if name not in numbers or numbers[name].size > 1)
+    chosen = [numbers[name] for name in results.signals if name not in unknown] if results else []
+    chosen = chosen or [v for v in numbers.values() if v.causality == "output"]
+    chosen = chosen or [v for v in numbers.values() if v.causality == "local"][:1] or list(numbers.values())[:1]
     if not chosen:
-        raise InputRefused(f"{description.path.name}: has no variable that is a single number")
+        raise InputRefused(f"{description.path.name}: has no variable that is a number")
     return _ports("y", chosen), unknown
 
 
@@ -139,7 +139,7 @@ def _inputs(description: FmuDescription, stimuli: Series | None) -> list[FmuPort
 
 def _ports(letter: str, variables: list[Variable]) -> list[FmuPort]:
     """Names of FMU variables may hold any character, those of ports stand in wires."""
-    return [FmuPort(Port(f"{letter}{n}", unit=v.unit or "1"), v) for n, v in enumerate(variables)]
+    return [FmuPort(Port(f"{letter}{n}", v.size, v.unit or "1"), v) for n, v in enumerate(variables)]
 
 
 def _sampled(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndarray:

@@ -138,7 +138,11 @@ def _beside(file: Path) -> Sequence[Trial]:
     if stimuli.is_file():
         found = replace(found, stimuli=(stimuli.name, CSV))
     if options.is_file():
-        found = replace(found, **options_of(read_text(options), str(options)))
+        given = options_of(read_text(options), options.name)
+        found = replace(
+            found, start=given.get("start"), stop=given.get("stop"), step=given.get("step"),
+            tolerance=given.get("tolerance"),
+        )  # fmt: skip
     return (Trial(found),)
 
 

@@ -19,16 +19,14 @@ def came_with(table: Drive, apart: bool) -> list[References]:
     Raises:
         InputRefused: no sound archive, a manifest that is none; an FMU that is not the one its mapping pins.
     """
-    fmus = [table, *table.parts.values()]
-    if any(one.sha256 for one in fmus):
+    if table.sha256 or any(part.sha256 for part in table.parts.values()):
         # nothing of it is run before that
         planned(table)
-    files = [Path(one.fmu) for one in fmus if one.fmu]
+    files = [Path(fmu) for fmu in (table.fmu, *(part.fmu for part in table.parts.values())) if fmu]
     return [found for file in files if (found := references(file, apart))]
 
 
 def no_drive(came: Sequence[References], refusal: str) -> Answer:
-    """The answer where the FMU is refused as a drive, after what came with it has been tried."""
-    text = f"{references_text(came)}\n\nNO DRIVE of the contract: {refusal}"
+    """The answer where the FMU is refused as a drive, after what came with it has been tried; `refused` says why."""
     facts = {"qualified": False, "refused": refusal, "references": [one.facts() for one in came]}
-    return Answer(text, facts, 2)
+    return Answer(references_text(came), facts, 2)
