@@ -24,7 +24,7 @@ project. An FMU runs with the rights of who starts it: a survey is for FMUs that
 def page_text(facts: Mapping[str, Any]) -> str:
     """The page, Markdown."""
     tried = (
-        f"Tried on {facts['platform']}: {counted(len(facts['fmus']), 'FMU')}, named with the beginning of its SHA-256."
+        f"Tried on {facts['platform']}: {counted(len(facts['fmus']), 'FMU')}, each with the beginning of its SHA-256."
     )
     lines = [HEAD, f"{tried} Held to results within {TOLERANCE}.", ""]
     words = Counter(row["word"] for row in facts["fmus"])
