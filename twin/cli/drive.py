@@ -214,9 +214,13 @@ def _table(plan: "DrivePlan") -> str:
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
         name, start, unit = (
-            max((len(text) for text in column), default=0)
-            for column in zip(*((v.name, f"{v.start:g}", v.unit or "1") for v in offered), strict=True)
-        ) if offered else (0, 0, 0)
+            (
+                max((len(text) for text in column), default=0)
+                for column in zip(*((v.name, f"{v.start:g}", v.unit or "1") for v in offered), strict=True)
+            )
+            if offered
+            else (0, 0, 0)
+        )
         for v in offered:
             head = f"  {v.name:{name}} {v.start:>{start}g} {v.unit or '1':{unit}} "
             indent = " " * len(head)

@@ -63,7 +63,7 @@ class DrivePlan:
     @property
     def is_bare(self) -> bool:
         """Whether nothing of ours stands between its FMU and the robot."""
-        return self.table.command == "velocity" and self.table.rotor is None
+        return self.table.velocity_loop is self.table.rotor is None and self.table.command != "position"
 
     @property
     def axes(self) -> int:
