@@ -172,10 +172,10 @@ class FmuComponent(Component):
         """Table of `adapter.GROUP`, one row per FMI type, and the arrays it points to."""
         starts = np.concatenate([[0], np.cumsum([p.port.size for p in ports])]).astype(int)
         extra = np.zeros(starts[-1]) if shift is None else shift
-        types = list(dict.fromkeys(self.instance.type_name(p.variable) for p in ports))
+        types = list(dict.fromkeys(self.instance.standard.type_name(p.variable) for p in ports))
         table, kept = np.zeros(len(types), dtype=GROUP), []
         for row, name in zip(table, types, strict=True):
-            members = [i for i, p in enumerate(ports) if self.instance.type_name(p.variable) == name]
+            members = [i for i, p in enumerate(ports) if self.instance.standard.type_name(p.variable) == name]
             slots = np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members])
             arrays = {
                 "references": np.array([ports[i].variable.reference for i in members], dtype=np.uint32),

@@ -11,50 +11,16 @@ from typing import Any
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
-from twin.drive.adapter import KINDS
 from twin.drive.archive import entries, sha256
-from twin.drive.units import Conversion, conversion
+from twin.drive.variable import Variable, number, variable_of
 from twin.errors import InputRefused, nearest
 
 DESCRIPTION = "modelDescription.xml"
 MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
 
-FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
-FMI3_KINDS = {"Enumeration": "Int64"}
-"""How types travel that have no functions of their own, in words of FMI 3.0."""
-
 SETTLED = 2_000_000_000
 """Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A variable of an FMU.
-
-    Attributes:
-        name, causality, description: as the FMU has them.
-        type: as the FMU has it, "Real" or "Float64".
-        kind: index into `adapter.KINDS`; -1: text or binary.
-        reference: FMI value reference.
-        size: number of values, > 1 for an array.
-        unit: as the FMU has it, "" where it states none.
-        conversion: to SI; None: unit unknown or not stated.
-        start, low, high: as the FMU has them, in its own unit; NaN: not stated.
-    """
-
-    name: str
-    causality: str
-    description: str
-    type: str
-    kind: int
-    reference: int
-    size: int
-    unit: str
-    conversion: Conversion | None
-    start: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -109,7 +75,7 @@ class FmuDescription:
     @property
     def tolerance(self) -> float | None:
         """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
-        stated = _number(getattr(self.model.defaultExperiment, "tolerance", None))
+        stated = number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
 
     def warnings(self) -> list[str]:
@@ -176,7 +142,7 @@ def _read(file: Path) -> FmuDescription:
         version=major,
         identifier=identifier,
         platforms=tuple(platforms),
-        variables={v.name: _variable(v, model) for v in model.modelVariables},
+        variables={v.name: variable_of(v, model) for v in model.modelVariables},
         model=model,
     )
 
@@ -198,36 +164,3 @@ def _model(file: Path) -> Any:
     # FMPy raises bare Exception and lxml its own family: whatever it says of this file is the reason
     except Exception as problem:
         raise InputRefused(f"{file}: modelDescription.xml cannot be read: {problem}") from None
-
-
-def _variable(v: Any, model: Any) -> Variable:
-    declared = v.declaredType
-    unit = v.unit or (declared.unit if declared is not None else None) or ""
-    # Boolean is a type of both standards, four bytes wide in the one and one in the other
-    kind = (FMI2_KINDS if model.fmiVersion == "2.0" else FMI3_KINDS).get(v.type, v.type)
-    size = 1
-    for dimension in v.dimensions or ():
-        size *= int(dimension.start) if dimension.start is not None else int(dimension.variable.start)
-    return Variable(
-        name=v.name,
-        causality=v.causality or "local",
-        description=v.description or "",
-        type=v.type,
-        kind=KINDS.index(kind) if kind in KINDS else -1,
-        reference=v.valueReference,
-        size=size,
-        unit=unit,
-        conversion=conversion(unit, model.unitDefinitions) if unit else None,
-        start=_number(v.start),
-        low=_number(v.min),
-        high=_number(v.max),
-    )
-
-
-def _number(text: Any) -> float:
-    if text in ("true", "false"):
-        return float(text == "true")
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return math.nan

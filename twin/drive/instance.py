@@ -2,20 +2,17 @@
 
 import ctypes
 import os
-import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from ctypes import byref, c_void_p
+from ctypes import c_void_p
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from fmpy import fmi2
 
-from twin.drive.adapter import KINDS
 from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription, Variable
-from twin.drive.slave import FMU2Drive, FMU3Drive
+from twin.drive.standards import fmi2, fmi3
 from twin.errors import ComponentFailed, InputRefused
 
 
@@ -37,20 +34,7 @@ Setting = tuple[Variable, float | np.ndarray]
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""
 
-_SPEAKERS: weakref.WeakValueDictionary[int, "Instance"] = weakref.WeakValueDictionary()
-"""Instances by the environment that their FMU hands back when it logs."""
-
-
-@fmi2.fmi2CallbackLoggerTYPE
-def _logged(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """What an FMI 2 FMU says goes to its own instance.
-
-    FMPy's proxy calls the logger that it was given last, whichever FMU speaks: it has to be one that serves them all
-    and that outlives each of them.
-    """
-    speaker = _SPEAKERS.get(environment or 0)
-    if speaker is not None:
-        speaker.hear(status, message)
+STANDARDS: Mapping[int, Any] = {2: fmi2, 3: fmi3}
 
 
 class Instance:
@@ -68,7 +52,9 @@ class Instance:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
         clock: its first element is the tick at which it is stepped.
-        folder, settings: the arguments.
+        folder, settings, inputs, setup: the arguments.
+        standard: how its version of the FMI is spoken.
+        fmu: what FMPy made of it; None once it is freed.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -88,28 +74,29 @@ class Instance:
         self.messages: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
-        self.folder, self.settings, self._inputs, self._setup = folder, settings, inputs, setup
-        self._fmu = self._loaded()
+        self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
+        self.standard = STANDARDS[description.version]
+        self.fmu = self._loaded()
         self._instantiate()
         self._initialise()
 
     @property
     def handle(self) -> int:
-        return int(self._fmu.component)
+        return int(self.fmu.component)
 
     def address(self, function: str) -> int:
         """Of one of its FMI functions, without prefix: `DoStep`."""
         function = f"fmi{self.description.version}{function}"
-        return ctypes.cast(getattr(self._fmu.dll, function), c_void_p).value or 0
+        return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units."""
-        with self._calling("Get"):
-            return np.array([value for v in variables for value in self._get(v)], dtype=float)
+        with self.calling("Get"):
+            return np.array([value for v in variables for value in self.standard.values(self.fmu, v)], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
         """Set variables; the FMU decides whether it may be done now."""
-        with self._calling("Set"):
+        with self.calling("Set"):
             for variable, value in settings:
                 self._set(variable, value)
 
@@ -119,7 +106,7 @@ class Instance:
         Raises:
             ComponentFailed: it returned more than a warning.
         """
-        self._called("DoStep", lambda: self._fmu.doStep(t, h, False))
+        self._called("DoStep", lambda: self.fmu.doStep(t, h, False))
 
     def reset(self) -> None:
         """FMI's reset, then initialised as the first time.
@@ -127,7 +114,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self._called("Reset", self._fmu.reset)
+        self._called("Reset", self.fmu.reset)
         self._initialise()
 
     def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting], setup: Setup) -> None:
@@ -136,7 +123,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self.settings, self._inputs, self._setup = settings, inputs, setup
+        self.settings, self.inputs, self.setup = settings, inputs, setup
         self.clock = np.zeros(1, dtype=np.int64)
         self.messages.clear()
         self._unheard.clear()
@@ -148,7 +135,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses.
         """
-        return self._called("GetFMUstate", self._fmu.getFMUState)
+        return self._called("GetFMUstate", self.fmu.getFMUState)
 
     def restore(self, state: Any) -> None:
         """Go back to `state` and free that.
@@ -156,8 +143,8 @@ class Instance:
         Raises:
             ComponentFailed: it refuses.
         """
-        self._called("SetFMUstate", lambda: self._fmu.setFMUState(state))
-        self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(state))
+        self._called("SetFMUstate", lambda: self.fmu.setFMUState(state))
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(state))
 
     def forget(self, state: int) -> None:
         """Free the state at address `state`.
@@ -165,7 +152,7 @@ class Instance:
         Raises:
             ComponentFailed: the FMU does not.
         """
-        self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(c_void_p(state)))
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
     def unheard(self) -> list[tuple[int, str]]:
         """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
@@ -174,20 +161,18 @@ class Instance:
 
     def close(self) -> None:
         """Free it; safe to call twice."""
-        if self._fmu is not None and self._fmu.component:
-            with self._calling("FreeInstance"):
-                self._fmu.freeInstance()
-        self._fmu = None
+        if self.fmu is not None and self.fmu.component:
+            self.standard.free(self)
+        self.fmu = None
 
-    def _calling(self, function: str) -> AbstractContextManager[None]:
+    def calling(self, function: str) -> AbstractContextManager[None]:
         return announced(self.description.path.name, self.name, f"fmi{self.description.version}{function}")
 
     def _loaded(self) -> Any:
         description, here = self.description, os.getcwd()
-        kind = FMU2Drive if description.version == 2 else FMU3Drive
         try:
             with announced(description.path.name, self.name, "the loading of its binary"):
-                return kind(
+                return self.standard.SLAVE(
                     guid=description.model.guid,
                     unzipDirectory=str(self.folder),
                     modelIdentifier=description.identifier,
@@ -201,49 +186,20 @@ class Instance:
             os.chdir(here)
 
     def _instantiate(self) -> None:
-        heard: dict[str, Any] = {"logMessage": lambda environment, status, category, said: self.hear(status, said)}
         try:
-            if self.description.version == 2:
-                from fmpy.logging import addLoggerProxy
-
-                callbacks = fmi2.fmi2CallbackFunctions()
-                callbacks.logger = _logged
-                callbacks.componentEnvironment = id(self)
-                _SPEAKERS[id(self)] = self
-                callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-                callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-                addLoggerProxy(byref(callbacks))
-                heard = {"callbacks": callbacks}
-            with self._calling("Instantiate"):
-                self._fmu.instantiate(**heard, loggingOn=False)
+            self.standard.instantiate(self)
         # FMPy turns a NULL instance into a bare Exception
         except Exception:
-            self._fmu.component = None
-        if not self._fmu.component:
-            clocks = [v.name for v in self.description.variables.values() if v.type == "Clock"]
-            why = (
-                f"it may want its clocks ({', '.join(clocks[:3])}) served in event mode, which twin does not do"
-                if clocks
-                else f"the GUID {self.description.model.guid} in modelDescription.xml may not be the binary's own: "
-                "export it again"
-            )
+            self.fmu.component = None
+        if not self.fmu.component:
             raise InputRefused(
-                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; {why}"
+                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; "
+                f"{self.standard.why_refused(self)}"
             )
 
     def _initialise(self) -> None:
-        start = {"tolerance": self._setup.tolerance, "startTime": 0.0, "stopTime": self._setup.stop}
         try:
-            self.write(self.settings)
-            if self.description.version == 2:
-                with self._calling("SetupExperiment"):
-                    self._fmu.setupExperiment(**start)
-                start = {}
-            with self._calling("EnterInitializationMode"):
-                self._fmu.enterInitializationMode(**start)
-            self.write(self._inputs)
-            with self._calling("ExitInitializationMode"):
-                self._fmu.exitInitializationMode()
+            self.standard.initialise(self)
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
         except Exception as problem:
             self.close()
@@ -255,23 +211,11 @@ class Instance:
             values = [v > 0.5 for v in values]
         elif variable.type not in ("Real", "Float64", "Float32"):
             values = [round(v) for v in values]
-        getattr(self._fmu, f"set{self.type_name(variable)}")([variable.reference], values)
-
-    def _get(self, variable: Variable) -> Sequence[float]:
-        read = getattr(self._fmu, f"get{self.type_name(variable)}")
-        if self.description.version == 2:
-            return read([variable.reference])
-        return read([variable.reference], nValues=variable.size)
-
-    def type_name(self, variable: Variable) -> str:
-        """What the FMI's set and get functions of this variable are called after."""
-        if self.description.version == 2:
-            return "Integer" if variable.type == "Enumeration" else variable.type
-        return KINDS[variable.kind]
+        getattr(self.fmu, f"set{self.standard.type_name(variable)}")([variable.reference], values)
 
     def _called(self, function: str, call: Callable[[], Any]) -> Any:
         try:
-            with self._calling(function):
+            with self.calling(function):
                 return call()
         # FMPy's FMICallException, or ctypes where the binary lacks the function
         except Exception as problem:
