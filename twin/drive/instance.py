@@ -6,14 +6,25 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from ctypes import c_void_p
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from twin.drive.announcement import announced
-from twin.drive.description import FmuDescription, Variable
-from twin.drive.standards import fmi2, fmi3
+from twin.drive.clocks import clocks
+from twin.drive.description import FmuDescription
+from twin.drive.events import CLOCK
+from twin.drive.ramp import RAMP
+from twin.drive.setting import Setting
+from twin.drive.standards import fmi1, fmi2, fmi3
+from twin.drive.variable import TEXTS, Variable
 from twin.errors import ComponentFailed, InputRefused
+
+if TYPE_CHECKING:
+    from twin.drive.stepping import Stepping
+
+STEP = ctypes.CFUNCTYPE(ctypes.c_int32, c_void_p, ctypes.c_double, ctypes.c_double, c_void_p, c_void_p)
+"""A component's step."""
 
 
 class Setup(NamedTuple):
@@ -22,19 +33,20 @@ class Setup(NamedTuple):
     Attributes:
         tolerance: relative, of its solver; None: nothing is said.
         stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
+        step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
+        ramped: whether those of its inputs that can be are given as lines over a step.
     """
 
     tolerance: float | None = None
     stop: float | None = None
+    step: float | None = None
+    ramped: bool = False
 
-
-Setting = tuple[Variable, float | np.ndarray]
-"""A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
 
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""
 
-STANDARDS: Mapping[int, Any] = {2: fmi2, 3: fmi3}
+STANDARDS: Mapping[int, Any] = {1: fmi1, 2: fmi2, 3: fmi3}
 
 
 class Instance:
@@ -55,6 +67,9 @@ class Instance:
         folder, settings, inputs, setup: the arguments.
         standard: how its version of the FMI is spoken.
         fmu: what FMPy made of it; None once it is freed.
+        ramp: `ramp.RAMP` of its inputs that are lines over a step.
+        clocks, planned, returned, events: `events.CLOCK` of each, time of the next event, and what `events.EVENTS`
+            else points to, or None.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -76,6 +91,11 @@ class Instance:
         self._unheard: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = STANDARDS[description.version]
+        self.ramp = np.zeros(1, dtype=RAMP)
+        self.clocks = np.zeros(0, dtype=CLOCK)
+        self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
+        self.events: np.ndarray | None = None
+        self._alone: Stepping | None = None
         self.fmu = self._loaded()
         self._instantiate()
         self._initialise()
@@ -86,8 +106,30 @@ class Instance:
 
     def address(self, function: str) -> int:
         """Of one of its FMI functions, without prefix: `DoStep`."""
-        function = f"fmi{self.description.version}{function}"
+        function = self.description.exported(function)
         return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
+
+    def ramps(self, variable: Variable) -> bool:
+        """Whether it takes an input as a line over a step, and is given such."""
+        abilities = self.description.model.coSimulation
+        if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
+            return False
+        if self.description.version < 3:
+            return abilities.canInterpolateInputs and variable.type == "Real"
+        return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
+
+    def clock_bits(self, variable: Variable) -> int:
+        """The clocks with which alone `variable` changes, a bit for each."""
+        return sum(1 << int(i) for i in np.flatnonzero(np.isin(self.clocks["reference"], variable.clocks)))
+
+    def clock_name(self, index: int) -> str:
+        """Of a clock of `clocks`."""
+        return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
+
+    @property
+    def schedule(self) -> list[np.ndarray]:
+        """When its events and the ticks of its clocks are due: what steps change beside its own state."""
+        return [self.clocks, self.planned]
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units."""
@@ -106,7 +148,16 @@ class Instance:
         Raises:
             ComponentFailed: it returned more than a warning.
         """
-        self._called("DoStep", lambda: self.fmu.doStep(t, h, False))
+        from twin.drive.stepping import Stepping
+
+        if self._alone is None:
+            self._alone = Stepping(self)
+            self._alone.memory["final"] = 0
+        stepping = self._alone
+        with self.calling("DoStep"):
+            status = STEP(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)
+        if status not in (0, 1):
+            raise ComponentFailed(f"{self.description.path.name}: {stepping.explain(status)}")
 
     def reset(self) -> None:
         """FMI's reset, then initialised as the first time.
@@ -135,7 +186,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses.
         """
-        return self._called("GetFMUstate", self.fmu.getFMUState)
+        return self._called("GetFMUstate", self.fmu.getFMUState), [array.copy() for array in self.schedule]
 
     def restore(self, state: Any) -> None:
         """Go back to `state` and free that.
@@ -143,8 +194,11 @@ class Instance:
         Raises:
             ComponentFailed: it refuses.
         """
-        self._called("SetFMUstate", lambda: self.fmu.setFMUState(state))
-        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(state))
+        its, schedule = state
+        self._called("SetFMUstate", lambda: self.fmu.setFMUState(its))
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(its))
+        for array, copy in zip(self.schedule, schedule, strict=True):
+            array[:] = copy
 
     def forget(self, state: int) -> None:
         """Free the state at address `state`.
@@ -166,7 +220,7 @@ class Instance:
         self.fmu = None
 
     def calling(self, function: str) -> AbstractContextManager[None]:
-        return announced(self.description.path.name, self.name, f"fmi{self.description.version}{function}")
+        return announced(self.description.path.name, self.name, f"{self.description.prefix}{function}")
 
     def _loaded(self) -> Any:
         description, here = self.description, os.getcwd()
@@ -193,11 +247,12 @@ class Instance:
             self.fmu.component = None
         if not self.fmu.component:
             raise InputRefused(
-                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; "
+                f"{self.description.path}: {self.description.prefix}Instantiate refused{self._said()}; "
                 f"{self.standard.why_refused(self)}"
             )
 
     def _initialise(self) -> None:
+        self._alone = None
         try:
             self.standard.initialise(self)
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
@@ -205,11 +260,11 @@ class Instance:
             self.close()
             raise InputRefused(f"{self.description.path}: cannot be initialised: {problem}{self._said()}") from None
 
-    def _set(self, variable: Variable, value: float | np.ndarray) -> None:
-        values = np.broadcast_to(value, variable.size).tolist()
+    def _set(self, variable: Variable, value: Any) -> None:
+        values = value if variable.is_text else np.broadcast_to(value, variable.size).tolist()
         if variable.type == "Boolean":
             values = [v > 0.5 for v in values]
-        elif variable.type not in ("Real", "Float64", "Float32"):
+        elif variable.type not in ("Real", "Float64", "Float32", *TEXTS):
             values = [round(v) for v in values]
         getattr(self.fmu, f"set{self.standard.type_name(variable)}")([variable.reference], values)
 
@@ -219,7 +274,7 @@ class Instance:
                 return call()
         # FMPy's FMICallException, or ctypes where the binary lacks the function
         except Exception as problem:
-            name = f"fmi{self.description.version}{function}"
+            name = f"{self.description.prefix}{function}"
             raise ComponentFailed(f"{self.description.path.name}: {name} failed: {problem}{self._said()}") from None
 
     def _said(self) -> str:

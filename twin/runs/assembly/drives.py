@@ -15,12 +15,15 @@ from twin.cosim.subsystem import INLET, Subsystem
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.instance import Setting, Setup
+from twin.drive.instance import Setup
 from twin.drive.mapping import Binding, Wiring, bindings
+from twin.drive.setting import Setting
+from twin.drive.steps import refuse_step
 from twin.drive.units import Conversion
 from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
+from twin.runs.assembly.rates import rates, stop_time
 from twin.units import NUMBER
 
 OMEGA_REF = COMMANDS["velocity"].port
@@ -44,6 +47,7 @@ class DrivePlan:
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
         ticks: how many it will be stepped; None: nobody knows.
+        ramped: whether it is offered its inputs as lines over a step.
     """
 
     label: str
@@ -54,6 +58,7 @@ class DrivePlan:
     wires: tuple[tuple[str, str], ...]
     switched: bool = False
     ticks: int | None = None
+    ramped: bool = False
 
     def switchable(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
@@ -63,6 +68,10 @@ class DrivePlan:
     def until(self, ticks: int | None) -> "DrivePlan":
         """The same drive for a run of so many `ticks`; None: nobody knows."""
         return replace(self, ticks=ticks)
+
+    def with_lines(self) -> "DrivePlan":
+        """The same drive, offered its inputs as lines over a step."""
+        return replace(self, ramped=True)
 
     def tolerance(self, part: str) -> float | None:
         """Of the solver of a part, as the experiment says, or else the FMU itself."""
@@ -119,6 +128,7 @@ def planned(table: Drive) -> DrivePlan:
     files = files or {ALONE: (table.fmu or "", table.sha256)}
     parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
+    parts = {name: description.resized(given[name]) for name, description in parts.items()}
     variables = {
         qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
     }
@@ -149,14 +159,17 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
     """
-    substeps, period = _rates(name, plan.table, tick)
+    substeps, period = rates(name, plan.table, tick)
+    alone = plan.table.velocity_loop is None and len(plan.parts) == 1 and substeps == 1
     with ExitStack() as made:
         parts = []
         for part, description in plan.parts.items():
-            setup = Setup(plan.tolerance(part), _stop(plan, tick, substeps))
+            refuse_step(description, tick, substeps)
+            stop = stop_time(plan.ticks, tick, substeps)
+            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
             parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
             made.callback(parts[-1].close)
-        if plan.table.velocity_loop is None and len(parts) == 1 and substeps == 1:
+        if alone:
             component: Component = parts[0]
         else:
             component = _inner_system(name, plan, parts, tick, substeps, period)
@@ -198,29 +211,6 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
             f"'{variables[source].unit}' do not measure the same"
         )
     return source, target
-
-
-def _rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """(inner ticks per tick, inner ticks per period of the velocity loop)."""
-    loop = table.velocity_loop
-    if loop is None:
-        return table.substeps, 1
-    substeps = max(table.substeps, round(tick / loop.period))
-    period = round(loop.period / (tick / substeps))
-    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
-        raise InputRefused(
-            f"{name}: [drive.velocity_loop] period_ms = {1e3 * loop.period:g} does not divide into the "
-            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
-        )
-    return substeps, period
-
-
-def _stop(plan: DrivePlan, tick: float, substeps: int) -> float | None:
-    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
-    if plan.ticks is None:
-        return None
-    step = tick / substeps
-    return max(plan.ticks * tick, (plan.ticks * substeps - 1) * step + step)
 
 
 def _part(
