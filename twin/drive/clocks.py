@@ -65,7 +65,7 @@ def clock_table(instance: "Instance") -> np.ndarray:
             row["next"] = _steps(instance, clock, interval, 1) if known else NEVER
         else:
             interval, shift = _stated(clock)
-            if math.isnan(interval) and clock.intervalDecimal is None:
+            if clock.intervalDecimal is None and clock.intervalCounter is None:
                 interval, shift = _asked(instance, clock)[0], _asked_shift(instance, clock)
             elif clock.intervalVariability != "constant":
                 instance.fmu.setIntervalDecimal((c_uint * 1)(clock.valueReference), (c_double * 1)(interval))

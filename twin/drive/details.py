@@ -1,4 +1,7 @@
-"""What FMPy leaves out of a model description: capabilities of FMI 1.0, clocks and intermediate inputs of FMI 3.0."""
+"""What FMPy leaves out of a model description.
+
+Capabilities of FMI 1.0; clocks, intermediate inputs and the range of unsigned numbers of FMI 3.0.
+"""
 
 import zipfile
 from pathlib import Path
@@ -23,8 +26,10 @@ def complete(model: Any, file: Path) -> None:
     else:
         by_name = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
         for variable in model.modelVariables:
-            element = by_name[variable.name]
+            # FMPy makes a variable of each alias
+            element = by_name[variable.alias.name if variable.alias else variable.name]
             variable.intermediateUpdate = _true(element.get("intermediateUpdate"))
+            variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
             for name in NUMBERS if variable.type == "Clock" else ():
                 setattr(variable, name, element.get(name))
 

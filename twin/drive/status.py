@@ -45,7 +45,7 @@ def told(status: int, prefix: str, functions: dict[int, str], value: float, cloc
         TERMINATE: f"{step} asked to terminate the simulation{said}",
         EARLY: f"{step} returned early although its description does not say that it might{said}; export it again",
         OUTSIDE: f"{step} says that it went on until t = {value:.9g} s, which lies outside of this step{said}",
-        STALLED: f"{step} stays at t = {value:.9g} s{said}: it returned there {MOST_STALLS} times for an event or early",
+        STALLED: f"{step} stays at t = {value:.9g} s{said}: more than {MOST_STALLS} events or early returns there",
         STUCK: f"{step} returned {prefix}Discard{said} and stays at t = {value:.9g} s, however short its steps",
         TOO_MANY: f"{step} takes more than {MOST_STEPS} parts for this step, and is at t = {value:.9g} s{said}",
         ENDLESS: f"{update} wants to be called for ever: more than {MOST_UPDATES} times in one event{said}",

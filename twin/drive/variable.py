@@ -96,7 +96,7 @@ def variable_of(v: Any, model: Any) -> Variable:
         high=number(v.max),
         variability=v.variability or "continuous",
         dimensions=tuple(d.variable.name if d.start is None else int(d.start) for d in v.dimensions or ()),
-        clocks=tuple(int(reference) for reference in (v.clocks or "").split()),
+        clocks=tuple(clock.valueReference for clock in v.clocks or ()),
         intermediate=v.intermediateUpdate,
     )
 

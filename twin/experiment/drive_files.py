@@ -97,7 +97,7 @@ def _find_files(table: Any, folder: Path) -> None:
     """Make the paths of files among the parameters of `table` absolute."""
     given = table.get("parameters") if isinstance(table, dict) else None
     for name, value in given.items() if isinstance(given, dict) else ():
-        if isinstance(value, list):
+        if isinstance(value, (list, tuple)):
             given[name] = [_found(text, folder) for text in value]
         else:
             given[name] = _found(value, folder)

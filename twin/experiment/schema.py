@@ -1,8 +1,10 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-from typing import Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
 
@@ -85,7 +87,19 @@ class VelocityLoop(Section):
     period: float = quantity("period_ms", "time between two commands", gt=0, examples=[0.25])
 
 
-Parameter = float | str | list[float] | list[str]
+def _of_one_kind(value: Any) -> Any:
+    """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
+    values = value if isinstance(value, (list, tuple)) else [value]
+    if values and all(isinstance(v, (int, float)) for v in values):
+        if not all(math.isfinite(v) for v in values):
+            raise PydanticCustomError("finite_number", "no finite number")
+        return value
+    if values and all(isinstance(v, str) for v in values):
+        return value
+    raise PydanticCustomError("parameter_type", "no parameter")
+
+
+Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
 PARAMETERS = 'the FMU\'s own names and units; text, arrays, and files as "file:NAME"'
 
 TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
