@@ -1,4 +1,4 @@
-"""FMI 3.0: events, early return, clocks and inputs within a step, each against its closed form; and FMUs that play tricks."""
+"""FMI 3.0: events, early return, clocks and inputs within a step against closed forms; and FMUs that play tricks."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path

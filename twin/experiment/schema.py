@@ -89,14 +89,14 @@ class VelocityLoop(Section):
 
 def _of_one_kind(value: Any) -> Any:
     """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
-    values = value if isinstance(value, (list, tuple)) else [value]
-    if values and all(isinstance(v, (int, float)) for v in values):
-        if not all(math.isfinite(v) for v in values):
-            raise PydanticCustomError("finite_number", "no finite number")
-        return value
-    if values and all(isinstance(v, str) for v in values):
-        return value
-    raise PydanticCustomError("parameter_type", "no parameter")
+    many = isinstance(value, (list, tuple))
+    values = tuple(value) if many else (value,)
+    kinds = {str if isinstance(v, str) else float if type(v) in (int, float) else None for v in values}
+    if len(kinds) != 1 or None in kinds:
+        raise PydanticCustomError("parameter_type", "no parameter")
+    if kinds == {float} and not all(math.isfinite(v) for v in values):
+        raise PydanticCustomError("finite_number", "no finite number")
+    return values if many else value
 
 
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
