@@ -21,7 +21,6 @@ MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
 
 STRUCTURAL = "structuralParameter"
-SETTABLE = ("parameter", STRUCTURAL, "input")
 
 SETTLED = 2_000_000_000
 """Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
@@ -53,6 +52,12 @@ class FmuDescription:
         """Numeric variables of a causality, in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
+    @property
+    def parameters(self) -> list[Variable]:
+        """What an experiment may set beside inputs, in the FMU's order."""
+        causes = ("parameter", STRUCTURAL)
+        return [v for v in self.variables.values() if v.causality in causes and (v.kind >= 0 or v.is_text)]
+
     def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
         """Values for parameters and inputs, before initialisation.
 
@@ -66,7 +71,7 @@ class FmuDescription:
         checked = []
         for name, value in values.items():
             if name not in settable:
-                known = ", ".join(v.name for v in settable.values() if v.causality != "input") or "none"
+                known = ", ".join(v.name for v in self.parameters) or "none"
                 hint = nearest(name, settable, f"its parameters are {known}")
                 raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
             checked.append((settable[name], set_to(self.path, settable[name], value)))

@@ -152,7 +152,7 @@ class Instance:
 
         if self._alone is None:
             self._alone = Stepping(self)
-            self._alone.memory["final"] = 0
+            self._alone.repeat_steps()
         stepping = self._alone
         with self.calling("DoStep"):
             status = STEP(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)

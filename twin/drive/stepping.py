@@ -85,7 +85,7 @@ class Stepping:
 
     def repeatable(self) -> tuple[int, int, np.ndarray]:
         """From now on a step may be repeated; (addresses of the functions that save and restore, their memory)."""
-        self.memory["final"] = 0
+        self.repeat_steps()
         memory = np.zeros(1, dtype=fmu_state.MEMORY)
         m = memory[0]
         m["instance"] = self.instance.handle
@@ -100,6 +100,11 @@ class Stepping:
         m["pieces"], m["piece_table"] = len(pieces), table.ctypes.data
         self._keep += [table, copies]
         return fmu_state.save.address, fmu_state.restore.address, memory
+
+    def repeat_steps(self) -> None:
+        """From now on its state may be set back to the start of a step; FMI 1.0 has another use for what says so."""
+        if self.instance.description.version > 1:
+            self.memory["final"] = 0
 
     @property
     def moving(self) -> list[np.ndarray]:

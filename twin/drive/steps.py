@@ -1,7 +1,8 @@
-"""Which steps an FMU takes, where it says so."""
+"""How an FMU is stepped: what it says of its steps, events and clocks, and which steps it takes."""
 
 import math
 
+from twin.drive.clocks import clocks, rhythm
 from twin.drive.description import FmuDescription
 from twin.drive.variable import number
 from twin.errors import InputRefused
@@ -10,13 +11,21 @@ CLOSE = 1e-6
 """Of a step, by which a multiple of another one may miss it."""
 
 
-def steps_said(description: FmuDescription) -> str:
-    """What its description says of steps, as a phrase; "" if it says nothing that matters."""
-    abilities = description.model.coSimulation
-    if abilities.canHandleVariableCommunicationStepSize:
-        return ""
-    stated = _stated(description)
-    return "steps of one size only" + (f", it prefers {1e3 * stated:g} ms" if stated > 0.0 else "")
+def abilities(description: FmuDescription) -> list[tuple[str, str]]:
+    """(what, how) of its stepping, for people; nothing of what every FMU does."""
+    said, its = [], description.model.coSimulation
+    if not its.canHandleVariableCommunicationStepSize:
+        stated = _stated(description)
+        wish = f"; it prefers {1e3 * stated:g} ms" if stated > 0.0 else ""
+        said.append(("steps", f"steps of one size only{wish}"))
+    if its.hasEventMode or description.returns_early:
+        modes = ["event mode"] * its.hasEventMode + ["may return early"] * description.returns_early
+        said.append(("events", ", ".join(modes)))
+    said += [("clock", f"{clock.name}, {rhythm(clock)}") for clock in clocks(description)]
+    within = its.providesIntermediateUpdate and any(v.intermediate for v in description.offered("input"))
+    if its.canInterpolateInputs or within:
+        said.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
+    return said
 
 
 def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None:

@@ -20,6 +20,7 @@ from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
 JOB = "twin.studies.qualify.lifecycle:examined"
 TICKS = 50
 """Long enough for every sampled loop inside to have come round."""
+SETUP = Setup(stop=2 * TICKS * TICK, step=TICK)
 SHARE_OF_LIMIT = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
 
@@ -63,7 +64,7 @@ def _told(name: str, plan: DrivePlan) -> Check:
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
         folder = unpacked(description.path, description.sha256)
-        instance = Instance(part or "drive", description, folder, plan.settings[part], inputs, Setup(step=TICK))
+        instance = Instance(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
         try:
             problem = TRIED[name](instance, inputs, outputs)
         except TwinError as refusal:
