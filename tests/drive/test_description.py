@@ -86,9 +86,9 @@ FMI_1 = b"""<?xml version="1.0" encoding="UTF-8"?>
   numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>"""
 
 
-def test_fmi_1_is_refused_with_what_to_export_instead(tmp_path: Path, servo: Path):
+def test_model_exchange_of_fmi_1_is_refused_with_what_to_export_instead(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, FMI_1 if n == DESCRIPTION else c))
-    assert "FMI 1.0; export it as FMI 2.0 or 3.0 for co-simulation" in refusal(bad)
+    assert "FMI 1.0 without co-simulation; export it for co-simulation" in refusal(bad)
 
 
 @pytest.mark.parametrize(

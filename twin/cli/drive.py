@@ -5,7 +5,7 @@ import os
 import shlex
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -154,6 +154,8 @@ def compare(
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:
+    from twin.drive.steps import abilities
+
     return {
         "command": plan.table.command,
         "fmus": [
@@ -167,7 +169,8 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
                 "generation_tool": fmu.model.generationTool,
                 "platforms": list(fmu.platforms),
                 "get_set_state": bool(fmu.model.coSimulation.canGetAndSetFMUstate),
-                "parameters": {v.name: _parameter(v) for v in fmu.offered("parameter")},
+                "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
+                "parameters": {v.name: _parameter(v) for v in fmu.parameters},
                 "validation": fmu.warnings(),
             }
             for part, fmu in plan.parts.items()
@@ -177,7 +180,7 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
             for b in plan.bindings
         },
         "wires": {target: source for source, target in plan.wires},
-        "set": {part: {v.name: value for v, value in settings} for part, settings in plan.settings.items()},
+        "set": {part: {v.name: _told(value) for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
 
@@ -188,7 +191,16 @@ def _parameter(v: "Variable") -> dict[str, object]:
     return {"unit": v.unit or None, **stated, "description": v.description}
 
 
+def _told(value: Any) -> Any:
+    """What a variable is set to, as JSON has it: of a Binary only how long it is."""
+    values = value.tolist() if hasattr(value, "tolist") else value
+    if isinstance(values, list):
+        return [f"{len(v)} bytes" if isinstance(v, bytes) else v for v in values]
+    return values
+
+
 def _table(plan: "DrivePlan") -> str:
+    from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
 
     lines: list[str] = []
@@ -200,6 +212,7 @@ def _table(plan: "DrivePlan") -> str:
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",
             f"  made with  {fmu.model.generationTool or 'not stated'}",
+            *(f"  {name:<9}  {text}" for name, text in abilities(fmu)),
             "",
         ]
     lines.append(f"Commanded with a {plan.table.command}; mapped by name, unit and causality:")
@@ -209,14 +222,15 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        lines += [f"  {qualified(part, v.name)} = {value:g} {v.unit}  (set)" for v, value in settings]
+        told = {v: f"{value:g}" if isinstance(value, float) else str(_told(value)) for v, value in settings}
+        lines += [f"  {qualified(part, v.name)} = {value} {v.unit}  (set)" for v, value in told.items()]
     for part, fmu in plan.parts.items():
-        offered = fmu.offered("parameter")
+        offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
-        columns = [[text(v) for v in offered] for text in (lambda v: v.name, lambda v: f"{v.start:g}", _unit)]
+        columns = [[text(v) for v in offered] for text in (lambda v: v.name, _start, _unit)]
         wide = [max(map(len, column), default=0) for column in columns]
         for v in offered:
-            head = f"  {v.name:{wide[0]}} {v.start:>{wide[1]}g} {_unit(v):{wide[2]}} "
+            head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
             lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
@@ -226,3 +240,7 @@ def _table(plan: "DrivePlan") -> str:
 
 def _unit(v: "Variable") -> str:
     return v.unit or "1"
+
+
+def _start(v: "Variable") -> str:
+    return v.type if v.is_text else f"{v.start:g}"

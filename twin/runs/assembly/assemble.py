@@ -1,12 +1,13 @@
 """From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from twin.cosim.component import Component
 from twin.cosim.system import System
-from twin.cosim.wiring import wires
+from twin.cosim.wiring import End, Feeds, wires
+from twin.drive.ramp import AT_END
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, planned_drives, refuse_second_instances
@@ -85,11 +86,18 @@ def assemble(
             experiment.controller.speed_limit,
         )
         cosim = experiment.cosim
-        joined = wires(feeds, components)
+        joined = wires(feeds | _at_end(feeds, components), components)
         system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         to_close.pop_all()
     return Assembly(system, plans, {name: _kind(component) for name, component in taken.items()})
+
+
+def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
+    """What feeds those inputs that are asked for at both ends of a step, at its end."""
+    asked = {(component.name, port.name) for component in components for port in component.inputs}
+    both = {End(t.component, t.port + AT_END, t.element): source for t, source in feeds.items()}
+    return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
 def _refuse_unplaced(substitutes: Mapping[str, Component], names: list[str]) -> None:

@@ -77,6 +77,8 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     if len({plan.axes for plan in plans}) > 1 or (turns_all(plans[0]) and plans[1:] != plans[:1] * 2):
         label = next(plan.label for plan in plans if turns_all(plan))
         raise InputRefused(f"{label}: drives all three joints; [drive.joint_1] .. cannot differ then, remove them")
+    if experiment.cosim.inputs == "linear":
+        plans = [plan.with_lines() for plan in plans]
     return tuple(plan.until(experiment.duration_ticks) for plan in plans)
 
 

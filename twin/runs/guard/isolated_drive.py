@@ -73,6 +73,7 @@ class IsolatedDrives:
         process = self._idle.pop(0)
         self._reporter.helper(name, process.pid)
         told = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
+        told["ramped"] = plan.ramped
         process.start({**told, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
         watch = Watch(process, self._limits)
         try:
