@@ -98,9 +98,11 @@ class FmuComponent(Component):
 
     def said(self) -> list[tuple[int, str]]:
         told = self.instance.unheard()
-        if self._stepping.discarded and not self._told_of_discard:
+        since = self._stepping.discarded_since
+        if since is not None and not self._told_of_discard:
             self._told_of_discard = True
-            told.append((int(self.instance.clock[0]), "it discards steps and makes them in parts"))
+            said = f"it discards steps, which are then made in parts, since t = {since:g} s"
+            told.append((int(self.instance.clock[0]), said))
         return told
 
     def close(self) -> None:

@@ -65,9 +65,7 @@ class FmuDescription:
             InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite,
                 too many or too few for an array, a file that is not there.
         """
-        settable = {
-            v.name: v for v in self.variables.values() if v.causality in SETTABLE and (v.kind >= 0 or v.is_text)
-        }
+        settable = {v.name: v for v in (*self.parameters, *self.offered("input"))}
         checked = []
         for name, value in values.items():
             if name not in settable:

@@ -32,11 +32,12 @@ SHORTER = np.dtype(
         ("flag_at", "i8"),
         ("varies", "i8"),
         ("discarded", "i8"),
+        ("since", "f8"),
     ],
     align=True,
 )
 """Addresses of fmiNGetRealStatus and fmiNGetBooleanStatus (0 in FMI 1.0), what they return and where; whether the FMU
-takes steps of varying size; how many steps it has discarded."""
+takes steps of varying size; how many steps it has discarded, and when the first."""
 
 LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
 """fmi2StatusKind, and fmiStatusKind for the first."""
@@ -69,6 +70,8 @@ def go_on(address, ramp, do_step, instance, t, h, final):
     close = 1e-9 * h
     here, end, part, halved = t, t + h, h, 0
     status = DISCARD
+    if s.discarded == 0:
+        s.since = t
     for _ in range(MOST_STEPS):
         if status == DISCARD:
             s.discarded += 1

@@ -79,9 +79,10 @@ class Stepping:
         return sentence
 
     @property
-    def discarded(self) -> int:
-        """How many steps the FMU has discarded and made in parts."""
-        return int(self._shorter[0]["discarded"])
+    def discarded_since(self) -> float | None:
+        """When the FMU discarded a step for the first time (s), which was then made in parts."""
+        s = self._shorter[0]
+        return float(s["since"]) if s["discarded"] else None
 
     def repeatable(self) -> tuple[int, int, np.ndarray]:
         """From now on a step may be repeated; (addresses of the functions that save and restore, their memory)."""
