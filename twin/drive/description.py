@@ -112,6 +112,11 @@ class FmuDescription:
         stated = _number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
 
+    @property
+    def lives_once(self) -> bool:
+        """Whether a process can hold only one instance of it."""
+        return bool(getattr(self.model.coSimulation, "canBeInstantiatedOnlyOncePerProcess", False))
+
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
         from fmpy.validation import validate_fmu

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
@@ -60,10 +61,12 @@ def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str
 
 def _trial(experiment: Experiment, name: str) -> DriveTrial:
     trace = Trace()
-    with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [trace], timed=True)
-    run = TrueRun(trace)
-    if done.failure:
+    try:
+        with assemble(experiment) as assembly:
+            done = simulate(assembly, experiment.duration_ticks, [trace], timed=True).completed()
+    # also one that crashes when it is freed, if it has a process of its own
+    except ComponentFailed as failure:
         lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
-        return DriveTrial(name, run, lost, str(done.failure))
+        return DriveTrial(name, TrueRun(trace), lost, str(failure))
+    run = TrueRun(trace)
     return DriveTrial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))
