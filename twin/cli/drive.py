@@ -11,8 +11,9 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
+from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation, LimitStep, LimitWall
 from twin.errors import InputRefused
+from twin.runs.guard.limits import Limits
 from twin.writing import json_text, write_text
 
 if TYPE_CHECKING:
@@ -107,6 +108,9 @@ def check(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
+    yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -118,8 +122,9 @@ def check(
     """
     answers = []
     for fmu in fmus:
-        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
-        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
+        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
+        limits = Limits(limit_step, limit_wall)
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
@@ -141,6 +146,8 @@ def compare(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
     as_json: AsJson = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
@@ -150,7 +157,7 @@ def compare(
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
     asked = {"fmus": fmus, "experiment": experiment, "out": out}
-    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate)
+    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate, Limits(limit_step, limit_wall))
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:

@@ -18,7 +18,9 @@ from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.operating_range import TICK
 
-SLICE_TICKS = 500
+SLICE_TICKS = 100
+LOOK = 500
+"""Ticks after which it is asked whether a run has seen enough."""
 MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
 
 
@@ -50,6 +52,20 @@ class Response:
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
+
+
+Hear = Callable[[int, float], None]
+_hear: list[Hear] = []
+
+
+@contextmanager
+def told(hear: Hear) -> Iterator[None]:
+    """Within the block `hear` is told how many ticks are over, and how long they took (s), as they come."""
+    _hear.append(hear)
+    try:
+        yield
+    finally:
+        _hear.remove(hear)
 
 
 @contextmanager
@@ -102,9 +118,12 @@ def response(
             first = simulation.next_tick
             began = time.perf_counter()
             slice_ = simulation.advance()
-            elapsed += time.perf_counter() - began
+            taken = time.perf_counter() - began
+            elapsed += taken
             rows[first : simulation.next_tick] = slice_
-            if enough(rows[: simulation.next_tick, theta_m]):
+            for hear in _hear:
+                hear(len(slice_), taken)
+            if simulation.next_tick % LOOK == 0 and enough(rows[: simulation.next_tick, theta_m]):
                 break
         if simulation.failure:
             raise simulation.failure

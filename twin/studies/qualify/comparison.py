@@ -1,5 +1,6 @@
 """The same experiment with one drive after the other, judged on what is true."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -31,8 +32,10 @@ class DriveTrial:
     failure: str = ""
 
 
-def trials(experiment: Path, drives: list[str]) -> tuple[DriveTrial, ...]:
-    """Run `experiment` with each of `drives` in all three joints, in this process.
+def trials(
+    experiment: Path, drives: list[str], say: Callable[[str], None] = lambda what: None
+) -> tuple[DriveTrial, ...]:
+    """Run `experiment` with each of `drives` in all three joints, in this process; `say` is told which one is on.
 
     Raises:
         InputRefused: the experiment or a drive has a mistake; no experiment has been run.
@@ -40,7 +43,11 @@ def trials(experiment: Path, drives: list[str]) -> tuple[DriveTrial, ...]:
     experiments = [load_experiment(experiment, (), drive) for drive in drives]
     for loaded in experiments:
         assemble(loaded).close()
-    return tuple(_trial(loaded, drive) for loaded, drive in zip(experiments, drives, strict=True))
+    done = []
+    for loaded, drive in zip(experiments, drives, strict=True):
+        say(f"{drive}, {len(done) + 1} of {len(drives)}")
+        done.append(_trial(loaded, drive))
+    return tuple(done)
 
 
 def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str, Any]:
