@@ -41,14 +41,24 @@ def drive() -> None:
 def info(fmu: Fmu, as_json: AsJson = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
+    Where it is unclear which variable plays which role, all that may be are listed.
+
     Exit code: 0 it fits the drive contract, 2 it does not.
 
     Example: twin drive info pmsm_foc
     """
+    from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
-    from twin.runs.assembly.drives import planned
+    from twin.runs.assembly.drives import fmus, planned
+    from twin.studies.qualify.variables import variables_facts, variables_text
 
-    plan = planned(lone_drive(str(fmu), Path.cwd()))
+    table = lone_drive(str(fmu), Path.cwd())
+    try:
+        plan = planned(table)
+    except RolesUnclear:
+        parts = fmus(table)
+        print(json_text({"variables": variables_facts(parts)}) if as_json else variables_text(parts))
+        raise
     print(json_text(_facts(plan)) if as_json else _table(plan))
 
 
@@ -192,7 +202,8 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
 def _parameter(v: "Variable") -> dict[str, object]:
     numbers = {"start": v.start, "min": v.low, "max": v.high}
     stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
-    return {"unit": v.unit or None, **stated, "description": v.description}
+    named = {"values": dict(v.items)} if v.items else {}
+    return {"unit": v.unit or None, **stated, **named, "description": v.description}
 
 
 def _table(plan: "DrivePlan") -> str:
@@ -216,14 +227,15 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        lines += [f"  {qualified(part, v.name)} = {value:g} {v.unit}  (set)" for v, value in settings]
+        lines += [f"  {qualified(part, v.name)} = {v.told(float(value))} {v.unit}  (set)" for v, value in settings]
     for part, fmu in plan.parts.items():
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
         for v in offered:
-            head = f"  {v.name:14} {v.start:>9g} {v.unit or '1':13} "
+            head = f"  {v.name:14} {v.told(v.start):>9} {v.unit or '1':13} "
             indent = " " * len(head)
-            lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+            about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
+            lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)

@@ -5,7 +5,7 @@ import platform as machine
 import sys
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 from typing import Any
 
@@ -13,6 +13,7 @@ from fmpy import platform, read_model_description, sharedLibraryExtension
 
 from twin.drive.adapter import KINDS
 from twin.drive.archive import entries, sha256
+from twin.drive.enumeration import named_values, valued
 from twin.drive.units import Conversion, conversion
 from twin.errors import InputRefused, nearest
 
@@ -41,6 +42,7 @@ class Variable:
         unit: as the FMU has it, "" where it states none.
         conversion: to SI; None: unit unknown or not stated.
         start, low, high: as the FMU has them, in its own unit; NaN: not stated.
+        items: values that have names, by these; none, but of an enumeration.
     """
 
     name: str
@@ -55,6 +57,11 @@ class Variable:
     start: float
     low: float
     high: float
+    items: Mapping[str, float] = field(default_factory=dict)
+
+    def told(self, value: float) -> str:
+        """`value` for people: by its name, if it has one."""
+        return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
 
 @dataclass(frozen=True)
@@ -83,20 +90,22 @@ class FmuDescription:
         """Numeric variables of a causality, in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
-    def settings(self, values: Mapping[str, float]) -> Sequence[tuple[Variable, float]]:
+    def settings(self, values: Mapping[str, float | str]) -> Sequence[tuple[Variable, float]]:
         """Values for parameters and inputs, before initialisation.
 
         Raises:
-            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite.
+            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite, or
+                none of an enumeration.
         """
         settable = {v.name: v for v in self.variables.values() if v.causality in ("parameter", "input") and v.kind >= 0}
         checked = []
-        for name, value in values.items():
+        for name, given in values.items():
             if name not in settable:
                 known = ", ".join(v.name for v in self.offered("parameter")) or "none"
                 hint = nearest(name, settable, f"its parameters are {known}")
                 raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
             variable = settable[name]
+            value = valued(f"{self.path}: parameter {name}", variable.items, given)
             low = variable.low if not math.isnan(variable.low) else -math.inf
             high = variable.high if not math.isnan(variable.high) else math.inf
             if not (low <= value <= high and math.isfinite(value)):
@@ -226,6 +235,7 @@ def _variable(v: Any, model: Any) -> Variable:
         start=_number(v.start),
         low=_number(v.min),
         high=_number(v.max),
+        items=named_values(v),
     )
 
 

@@ -85,6 +85,7 @@ class VelocityLoop(Section):
     period: float = quantity("period_ms", "time between two commands", gt=0, examples=[0.25])
 
 
+PARAMETERS = "the FMU's own names and units; a value of an enumeration by its name"
 TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
 
 
@@ -93,7 +94,7 @@ class Part(Section):
 
     fmu: str = Field(description="an .fmu file")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    parameters: dict[str, float | str] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
 
 
@@ -113,7 +114,7 @@ class Drive(Section):
     substeps: int = Field(1, ge=1, le=10_000, description="steps of the FMU per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    parameters: dict[str, float | str] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
     velocity_loop: VelocityLoop | None = None
     parts: dict[str, Part] = Field(default_factory=dict, description="FMUs of a drive that is made of several")

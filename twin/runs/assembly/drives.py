@@ -115,9 +115,7 @@ def planned(table: Drive) -> DrivePlan:
     Raises:
         InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
     """
-    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
-    files = files or {ALONE: (table.fmu or "", table.sha256)}
-    parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
+    parts = fmus(table)
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
     variables = {
         qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
@@ -136,6 +134,17 @@ def planned(table: Drive) -> DrivePlan:
     if plan.axes > 1 and table.velocity_loop is not None:
         raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our loop drives one axis")
     return plan
+
+
+def fmus(table: Drive) -> dict[str, FmuDescription]:
+    """The FMUs of a drive by part.
+
+    Raises:
+        InputRefused: one cannot be used, or is not the one that was meant.
+    """
+    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256)}
+    return {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
 
 
 def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
