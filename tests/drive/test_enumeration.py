@@ -10,9 +10,10 @@ from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned
 
+SIMPLE = '<TypeDefinitions><SimpleType name="Mode"><Enumeration>{}</Enumeration></SimpleType></TypeDefinitions>'
 ITEMS = '<Item name="speed" value="3"/><Item name="torque" value="5"/><Item name="broken" value="x"/>'
 TYPES = {
-    "velocity_servo": f'<TypeDefinitions><SimpleType name="Mode"><Enumeration>{ITEMS}</Enumeration></SimpleType></TypeDefinitions>',
+    "velocity_servo": SIMPLE.format(ITEMS),
     "torque_motor_fmi3": f'<TypeDefinitions><EnumerationType name="Mode">{ITEMS}</EnumerationType></TypeDefinitions>',
 }
 VARIABLE = {
@@ -56,7 +57,7 @@ def test_what_is_no_value_is_refused_with_those_there_are(moded: Path, said: str
 
 
 def test_a_name_is_no_number_of_another_parameter(root: Path):
-    with pytest.raises(InputRefused, match="parameter droop = 'much': expected a number; .* no values with names"):
+    with pytest.raises(InputRefused, match=r"parameter droop = 'much': expected a number; .* no values with names"):
         described(root / "fmus/velocity_servo/velocity_servo.fmu").settings({"droop": "much"})
 
 

@@ -218,15 +218,15 @@ def _plays(variable: Variable, role: Role) -> bool:
 
 
 def _can_be(variable: Variable, role: Role) -> bool:
-    """Whether type and unit allow the role: texts and clocks play none, what is no quantity only those that are none."""
+    """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
     counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
     return counted and measures(variable, role)
 
 
 def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
-    """Those not `taken` whose causality, type and unit allow `role`, most similar names first; locals if no output does.
+    """Those not `taken` whose causality, type and unit allow `role`, most similar names first.
 
-    If any states a unit, those alone.
+    Locals if no output does; those that state a unit if any does.
     """
     causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
     offered = [
@@ -240,7 +240,7 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
 
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """What a drive is commanded with whose inputs but those `taken` are free: what states its unit goes before others."""
+    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others."""
     free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
     return next(iter([*stated, *(command for command, names in free.items() if names)]), "velocity")
