@@ -68,4 +68,6 @@ def test_a_name_may_stand_in_a_mapping(moded: Path):
     command = 'command = "torque"\n' if torque else ""
     mapping.write_text(f'fmu = "moded.fmu"\n{command}[parameters]\nmode = "torque"\n{loop if torque else ""}')
     plan = planned(lone_drive(str(mapping), mapping.parent))
-    assert [(v.name, v.told(float(value))) for v, value in plan.settings[""]] == [("mode", "torque")]
+    ((variable, value),) = plan.settings[""]
+    assert isinstance(value, float)
+    assert (variable.name, variable.told(value)) == ("mode", "torque")

@@ -33,7 +33,7 @@ def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray |
             or too few, no such file.
     """
     where = f"{file}: parameter {variable.name}"
-    given = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    given: list[float | str] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
     if len(given) not in (1, variable.size):
         raise InputRefused(f"{where}: {len(given)} values; expected {variable.size}, or one for all of them")
     if variable.is_text:
