@@ -1,7 +1,6 @@
 """`twin drive`: look at drive FMUs, qualify and compare them, bring new ones in."""
 
 import math
-import os
 import shlex
 import textwrap
 from pathlib import Path
@@ -12,9 +11,8 @@ import typer
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation, LimitStep, LimitWall
-from twin.errors import InputRefused
 from twin.runs.guard.limits import Limits
-from twin.writing import json_text, write_text
+from twin.writing import json_text
 
 if TYPE_CHECKING:
     from twin.drive.description import Variable
@@ -80,29 +78,26 @@ def list_(as_json: AsJson = False) -> None:
 
 
 @app.command()
-def new(fmu: Fmu) -> None:
+def new(
+    fmus: Annotated[
+        list[str],
+        typer.Argument(metavar="FMU...", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
+    ],
+) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
 
-    What is in doubt stands in it as comments. An existing mapping.toml is never
-    touched.
+    Several FMUs, or those of a system in an SSP archive (which go into a folder
+    of its name), become one drive, with the wires that their names and units or
+    the archive leave no doubt about. What is in doubt stands in it as comments.
+    An existing mapping.toml is never touched.
 
     Exit code: 0 written, 2 refused.
 
     Example: twin drive new fmus/stepper/stepper.fmu
     """
-    from twin.drive.description import described
-    from twin.experiment.drive_files import MAPPING, lone_drive
-    from twin.studies.qualify.proposal import proposal
+    from twin.studies.qualify.beginning import begun
 
-    file = lone_drive(fmu, Path.cwd()).fmu
-    if file is None:
-        raise InputRefused(f"{fmu}: is made of several FMUs already; name one .fmu file")
-    description = described(Path(file))
-    mapping = Path(os.path.relpath(description.path.parent / MAPPING))
-    text, complete = proposal(description)
-    if os.path.lexists(mapping):
-        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
-    write_text(mapping, text)
+    mapping, complete = begun(fmus, Path.cwd())
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
     print(f"then: {shlex.join(['twin', 'drive', 'check', str(mapping)])}")
 
