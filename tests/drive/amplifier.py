@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from tests.drive.archives import DESCRIPTION, altered
+from tests.drive.archives import DESCRIPTION, altered, redescribed
 
 RENAMED = {
     'name="omega_ref"': 'name="u_cmd"',
@@ -27,3 +27,11 @@ def amplifier(root: Path, file: Path) -> Path:
         return name, text.replace('unit="rad/s"', 'unit="V"').replace("</UnitDefinitions>", VOLT).encode()
 
     return altered(root / "fmus" / "velocity_servo" / "velocity_servo.fmu", file, change)
+
+
+def parts_of_a_drive(root: Path, folder: Path) -> Path:
+    """`folder` with amplifier.fmu and motor.fmu: brushed_dc, whose voltage is called u."""
+    folder.mkdir(exist_ok=True)
+    amplifier(root, folder / "amplifier.fmu")
+    redescribed(root / "fmus/brushed_dc/brushed_dc.fmu", folder / "motor.fmu", 'name="u_cmd"', 'name="u"')
+    return folder

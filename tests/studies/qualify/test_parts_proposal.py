@@ -10,8 +10,7 @@ import pytest
 
 from tests.command_line import twin
 from tests.conftest import ROOT
-from tests.drive.amplifier import amplifier
-from tests.drive.archives import redescribed
+from tests.drive.amplifier import parts_of_a_drive
 from twin.drive.ssp import STRUCTURE, structure
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
@@ -32,10 +31,7 @@ OUTSIDE = 'startConnector="u" endElement="power stage" endConnector="u_cmd"'
 @pytest.fixture(scope="module")
 def shop(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with amplifier.fmu and motor.fmu."""
-    folder = tmp_path_factory.mktemp("shop")
-    amplifier(root, folder / "amplifier.fmu")
-    redescribed(root / "fmus/brushed_dc/brushed_dc.fmu", folder / "motor.fmu", 'name="u_cmd"', 'name="u"')
-    return folder
+    return parts_of_a_drive(root, tmp_path_factory.mktemp("shop"))
 
 
 @pytest.fixture
