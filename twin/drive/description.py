@@ -172,7 +172,9 @@ def _read(file: Path) -> FmuDescription:
     major = int(version[0])
     folder, identifier = _platform(major), model.coSimulation.modelIdentifier
     binary = f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
-    platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+    # an empty folder has an entry, too
+    inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
+    platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
     if binary not in names:
         others = [PurePosixPath(n).name for n in names if n.startswith(f"binaries/{folder}/") and not n.endswith("/")]
         if others:
