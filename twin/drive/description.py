@@ -165,7 +165,9 @@ def _read(file: Path) -> FmuDescription:
     major = int(version[0])
     identifier = model.coSimulation.modelIdentifier
     binary = _binary(major, identifier)
-    platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
+    # an empty folder has an entry, too
+    inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
+    platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
     digest = sha256(file)
     made = None if binary in names else compiled(digest, binary)
     if binary not in names and made is None:

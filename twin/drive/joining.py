@@ -31,7 +31,7 @@ def objection(variables: Mapping[str, Variable], source: str, target: str) -> st
         if end not in variables:
             return f"there is no {end}"
         if variables[end].causality not in causalities or variables[end].kind < 0:
-            return f"{end} is a {variables[end].causality} of type {variables[end].type}"
+            return f"{end} has causality {variables[end].causality} and type {variables[end].type}"
     a, b = variables[source].conversion, variables[target].conversion
     if a and b and a.dimension != b.dimension:
         return f"units {variables[source].unit} and {variables[target].unit} do not measure the same"
