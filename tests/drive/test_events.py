@@ -165,7 +165,12 @@ def test_structure_sizes_arrays_and_text_and_files_reach_the_fmu(shaft: Maker, t
     <Float64 name="status" valueReference="34" causality="output"/>"""
     (tmp_path / "curve.bin").write_bytes(b"\x07\x00\x00")
     fmu = shaft(ALL, more=more)
-    told = {"n": 4.0, "table": [1.0, 2.0, 3.0, 4.0], "text": "five5", "blob": f"file:{tmp_path / 'curve.bin'}"}
+    told: dict[str, Any] = {
+        "n": 4.0,
+        "table": [1.0, 2.0, 3.0, 4.0],
+        "text": "five5",
+        "blob": f"file:{tmp_path / 'curve.bin'}",
+    }
     assert turned(fmu, "follows", **told)["status"][-1] == 10.0 + 500.0 + 30_007.0
     assert turned(fmu, "follows", n=3.0, table=2.0)["status"][-1] == 6.0
 
