@@ -15,7 +15,8 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import planned
 
 EVENTS = 'hasEventMode="true"'
 EARLY = 'mightReturnEarlyFromDoStep="true"'

@@ -16,7 +16,8 @@ from twin.drive.instance import Instance, Setup
 from twin.drive.unpacked import unpacked
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import planned
 from twin.studies.qualify.lifecycle import reset_finding
 from twin.studies.qualify.proposal import proposal
 

@@ -199,6 +199,10 @@ def _told(value: Any) -> Any:
     return values
 
 
+def _start(v: "Variable") -> str:
+    return v.type if v.is_text else f"{v.start:g}"
+
+
 def _table(plan: "DrivePlan") -> str:
     from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
@@ -227,11 +231,16 @@ def _table(plan: "DrivePlan") -> str:
     for part, fmu in plan.parts.items():
         offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
+        columns = [[text(v) for v in offered] for text in (lambda v: v.name, _start, _unit)]
+        wide = [max(map(len, column), default=0) for column in columns]
         for v in offered:
-            start = v.type if v.is_text else f"{v.start:g}"
-            head = f"  {v.name:14} {start:>9} {v.unit or '1':13} "
+            head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
             lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)
+
+
+def _unit(v: "Variable") -> str:
+    return v.unit or "1"

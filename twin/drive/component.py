@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.cosim.component import Component
+from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
 from twin.drive import reuse
 from twin.drive.description import FmuDescription
@@ -57,6 +58,7 @@ class FmuComponent(Component):
         if not np.all(np.isfinite(initial)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
+        self._shift = shift
         self._stepping = Stepping(self.instance, inputs, outputs, shift)
         self._state: np.ndarray | None = None
         self._told_of_discard = False
@@ -77,6 +79,10 @@ class FmuComponent(Component):
         if port.variable.clocks:
             return np.full(port.port.size, np.nan_to_num(port.variable.start))
         return self.instance.read([port.variable])
+
+    def zero(self, name: str) -> float:
+        """Value of the output port `name` where the FMU's own is 0."""
+        return float(by_port(self.outputs, self._shift)[name][0])
 
     def explain(self, status: int) -> str:
         return self._stepping.explain(status)
