@@ -11,8 +11,9 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
+from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation, LimitStep, LimitWall
 from twin.errors import InputRefused
+from twin.runs.guard.limits import Limits
 from twin.writing import json_text, write_text
 
 if TYPE_CHECKING:
@@ -40,14 +41,24 @@ def drive() -> None:
 def info(fmu: Fmu, as_json: AsJson = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
+    Where it is unclear which variable plays which role, all that may be are listed.
+
     Exit code: 0 it fits the drive contract, 2 it does not.
 
     Example: twin drive info pmsm_foc
     """
+    from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
-    from twin.runs.assembly.drives import planned
+    from twin.runs.assembly.drives import fmus, planned
+    from twin.studies.qualify.variables import variables_facts, variables_text
 
-    plan = planned(lone_drive(str(fmu), Path.cwd()))
+    table = lone_drive(str(fmu), Path.cwd())
+    try:
+        plan = planned(table)
+    except RolesUnclear:
+        parts = fmus(table)
+        print(json_text({"variables": variables_facts(parts)}) if as_json else variables_text(parts))
+        raise
     print(json_text(_facts(plan)) if as_json else _table(plan))
 
 
@@ -107,6 +118,9 @@ def check(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
+    yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -118,8 +132,9 @@ def check(
     """
     answers = []
     for fmu in fmus:
-        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
-        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
+        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
+        limits = Limits(limit_step, limit_wall)
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
@@ -141,6 +156,8 @@ def compare(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
     as_json: AsJson = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
@@ -150,7 +167,7 @@ def compare(
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
     asked = {"fmus": fmus, "experiment": experiment, "out": out}
-    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate)
+    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate, Limits(limit_step, limit_wall))
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:
@@ -188,7 +205,8 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
 def _parameter(v: "Variable") -> dict[str, object]:
     numbers = {"start": v.start, "min": v.low, "max": v.high}
     stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
-    return {"unit": v.unit or None, **stated, "description": v.description}
+    named = {"values": dict(v.items)} if v.items else {}
+    return {"unit": v.unit or None, **stated, **named, "description": v.description}
 
 
 def _told(value: Any) -> Any:
@@ -226,8 +244,8 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        told = {v: f"{value:g}" if isinstance(value, float) else str(_told(value)) for v, value in settings}
-        lines += [f"  {qualified(part, v.name)} = {value} {v.unit}  (set)" for v, value in told.items()]
+        told = [(v, v.told(value) if isinstance(value, float) else str(_told(value))) for v, value in settings]
+        lines += [f"  {qualified(part, v.name)} = {value} {v.unit}  (set)" for v, value in told]
     for part, fmu in plan.parts.items():
         offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
@@ -236,7 +254,8 @@ def _table(plan: "DrivePlan") -> str:
         for v in offered:
             head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
-            lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+            about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
+            lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)
@@ -244,3 +263,7 @@ def _table(plan: "DrivePlan") -> str:
 
 def _unit(v: "Variable") -> str:
     return v.unit or "1"
+
+
+def _start(v: "Variable") -> str:
+    return v.type if v.is_text else v.told(v.start)

@@ -60,6 +60,8 @@ Isolate = Annotated[
     JobIsolation,
     typer.Option("--isolate", help="Processes: one of its own for what steps FMUs; none, for debuggers, but this one."),
 ]
+LimitStep = Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")]
+LimitWall = Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time of the whole command.")]
 
 
 def as_spelt_now(words: list[str]) -> list[str]:

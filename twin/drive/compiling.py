@@ -118,7 +118,8 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
     headers.mkdir()
     (headers / "fmi2Functions.h").write_text(_WITHOUT_PREFIX)
     includes = [f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{Path(fmpy.__file__).parent / 'c-code'}"]
-    objects, plus = [], False
+    objects: list[str] = []
+    plus = False
     for number, one in enumerate(sets):
         options = [f"-D{d.name}" + (f"={d.value}" if d.value else "") for d in one.preprocessorDefinitions]
         options += [f"-I{_inside(file, scratch, name)}" for name in one.includeDirectories]

@@ -74,15 +74,15 @@ class FmuComponent(Component):
             keep=self._stepping.memory,
         )
 
+    def zero(self, name: str) -> float:
+        """Value of the output port `name` where the FMU's own is 0."""
+        return float(by_port(self.outputs, self._shift)[name][0])
+
     def _raw(self, port: FmuPort) -> np.ndarray:
         """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
         if port.variable.clocks:
             return np.full(port.port.size, np.nan_to_num(port.variable.start))
         return self.instance.read([port.variable])
-
-    def zero(self, name: str) -> float:
-        """Value of the output port `name` where the FMU's own is 0."""
-        return float(by_port(self.outputs, self._shift)[name][0])
 
     def explain(self, status: int) -> str:
         return self._stepping.explain(status)

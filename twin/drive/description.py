@@ -67,12 +67,12 @@ class FmuDescription:
         """
         settable = {v.name: v for v in (*self.parameters, *self.offered("input"))}
         checked = []
-        for name, value in values.items():
+        for name, given in values.items():
             if name not in settable:
                 known = ", ".join(v.name for v in self.parameters) or "none"
                 hint = nearest(name, settable, f"its parameters are {known}")
                 raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
-            checked.append((settable[name], set_to(self.path, settable[name], value)))
+            checked.append((settable[name], set_to(self.path, settable[name], given)))
         return checked
 
     @property
@@ -110,6 +110,11 @@ class FmuDescription:
         """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
         stated = number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
+
+    @property
+    def lives_once(self) -> bool:
+        """Whether a process can hold only one instance of it."""
+        return bool(getattr(self.model.coSimulation, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""

@@ -83,7 +83,7 @@ def instance(
 def let_go(instance: Instance) -> None:
     """Its run is over: keep it, or free it."""
     kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings, instance.setup)]
-    if _shelf.left and not instance.description.model.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+    if _shelf.left and not instance.description.lives_once:
         _shelf.never_freed.append(instance)
     elif not _shelf.open:
         instance.close()

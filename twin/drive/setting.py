@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.drive.enumeration import valued
 from twin.drive.variable import Variable
 from twin.errors import InputRefused
 from twin.files import read_bytes
@@ -28,10 +29,11 @@ def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray |
     """`value` as `variable` of the FMU `file` takes it.
 
     Raises:
-        InputRefused: it is of another type, out of range or not finite, there are too many or too few, no such file.
+        InputRefused: it is of another type, out of range, none of an enumeration or not finite, there are too many
+            or too few, no such file.
     """
     where = f"{file}: parameter {variable.name}"
-    given = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    given: list[float | str] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
     if len(given) not in (1, variable.size):
         raise InputRefused(f"{where}: {len(given)} values; expected {variable.size}, or one for all of them")
     if variable.is_text:
@@ -43,9 +45,8 @@ def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray |
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 
 
-def _number(where: str, variable: Variable, value: object) -> float:
-    if not isinstance(value, (int, float)):
-        raise InputRefused(f"{where} = {value!r}: expected a number, it is {variable.type}")
+def _number(where: str, variable: Variable, value: float | str) -> float:
+    value = valued(where, variable.items, value)
     low = variable.low if not math.isnan(variable.low) else -math.inf
     high = variable.high if not math.isnan(variable.high) else math.inf
     if not (low <= value <= high and math.isfinite(value)):

@@ -2,11 +2,12 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from twin.drive.adapter import KINDS
+from twin.drive.enumeration import named_values
 from twin.drive.units import Conversion, conversion
 from twin.errors import InputRefused
 
@@ -39,6 +40,7 @@ class Variable:
         dimensions: of an array, each a number or the name of the structural parameter that says it.
         clocks: value references of the clocks with which alone it changes.
         intermediate: whether it may be set within a step.
+        items: values that have names, by these; none, but of an enumeration.
     """
 
     name: str
@@ -57,10 +59,15 @@ class Variable:
     dimensions: tuple[int | str, ...] = ()
     clocks: tuple[int, ...] = ()
     intermediate: bool = False
+    items: Mapping[str, float] = field(default_factory=dict, hash=False)
 
     @property
     def is_text(self) -> bool:
         return self.type in TEXTS
+
+    def told(self, value: float) -> str:
+        """`value` for people: by its name, if it has one."""
+        return next((name for name, number in self.items.items() if number == value), f"{value:g}")
 
     def resized(self, file: Path, structure: Mapping[str, float]) -> "Variable":
         """The same variable where the structural parameters have the values of `structure`.
@@ -98,6 +105,7 @@ def variable_of(v: Any, model: Any) -> Variable:
         dimensions=tuple(d.variable.name if d.start is None else int(d.start) for d in v.dimensions or ()),
         clocks=tuple(clock.valueReference for clock in v.clocks or ()),
         intermediate=v.intermediateUpdate,
+        items=named_values(v),
     )
 
 

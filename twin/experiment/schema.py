@@ -129,7 +129,8 @@ def _of_one_kind(value: Any) -> Any:
 
 
 Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
-PARAMETERS = 'the FMU\'s own names and units; text, arrays, and files as "file:NAME"'
+PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
+
 
 TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
 

@@ -119,9 +119,7 @@ def planned(table: Drive) -> DrivePlan:
     Raises:
         InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
     """
-    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
-    files = files or {ALONE: (table.fmu or "", table.sha256)}
-    parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
+    parts = fmus(table)
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
     parts = {name: description.resized(given[name]) for name, description in parts.items()}
     variables = {
@@ -142,6 +140,17 @@ def planned(table: Drive) -> DrivePlan:
         ours = "rotor turns" if table.rotor else "loop drives"
         raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our {ours} one axis")
     return plan
+
+
+def fmus(table: Drive) -> dict[str, FmuDescription]:
+    """The FMUs of a drive by part.
+
+    Raises:
+        InputRefused: one cannot be used, or is not the one that was meant.
+    """
+    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256)}
+    return {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
 
 
 def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:

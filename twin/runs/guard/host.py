@@ -1,4 +1,4 @@
-"""The job of a process that has one drive: makes it, then answers for it until nobody asks any more."""
+"""The job of a process that has one drive at a time: makes it, then answers for it until nobody asks any more."""
 
 import base64
 import os
@@ -49,6 +49,7 @@ def hosted_drive(
     plan = plan.switchable() if switched else plan
     component = drive(name, plan.with_lines() if ramped else plan, tick, theta_m, tau_load)
     page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
+    page.clear()
     # no question: compiles, or loads from the cache, before the first one comes
     number = _served(page, component, 1)[0]
     reporter.note(ports=_described(component))
