@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 from tests.drive.archives import DESCRIPTION, altered
-from tests.drive.compiled import compiled_library
+from tests.drive.compiled import Edit, compiled_library
 
 KINDS = {
     "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5, "endless": 10, "stuck": 11,
@@ -43,7 +43,7 @@ def _not_offered(text: str) -> str:
 def eventful_library(root: Path, folder: Path) -> bytes:
     """The binary."""
     good = root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu"
-    replaced = {
+    replaced: dict[str, str | Edit] = {
         "lifecycle.c": Path(__file__).with_name("eventful.c").read_text(),
         "not_offered.c": _not_offered,
         "variables.h": VARIABLES,

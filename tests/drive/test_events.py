@@ -1,5 +1,6 @@
 """FMI 3.0: events, early return, clocks and inputs within a step against closed forms; and FMUs that play tricks."""
 
+import hashlib
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -9,14 +10,17 @@ import pytest
 
 from tests.drive.eventful import KINDS, eventful_drive, eventful_library
 from tests.drive.test_component import TICK, made, run
+from twin.cli.drive import _table
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.errors import ComponentFailed, InputRefused
+from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drive_component import drive
 from twin.runs.assembly.drives import planned
+from twin.studies.qualify.lifecycle import lifecycle_findings
 
 EVENTS = 'hasEventMode="true"'
 EARLY = 'mightReturnEarlyFromDoStep="true"'
@@ -166,7 +170,12 @@ def test_structure_sizes_arrays_and_text_and_files_reach_the_fmu(shaft: Maker, t
     <Float64 name="status" valueReference="34" causality="output"/>"""
     (tmp_path / "curve.bin").write_bytes(b"\x07\x00\x00")
     fmu = shaft(ALL, more=more)
-    told = {"n": 4.0, "table": [1.0, 2.0, 3.0, 4.0], "text": "five5", "blob": f"file:{tmp_path / 'curve.bin'}"}
+    told: dict[str, Any] = {
+        "n": 4.0,
+        "table": [1.0, 2.0, 3.0, 4.0],
+        "text": "five5",
+        "blob": f"file:{tmp_path / 'curve.bin'}",
+    }
     assert turned(fmu, "follows", **told)["status"][-1] == 10.0 + 500.0 + 30_007.0
     assert turned(fmu, "follows", n=3.0, table=2.0)["status"][-1] == 6.0
 
@@ -257,3 +266,64 @@ def test_repeated_steps_bring_events_and_clocks_back_too(shaft: Maker):
             for n in (1, 2)
         )
         assert np.array_equal(once["theta_m"], twice["theta_m"])
+
+
+@pytest.mark.parametrize(("kind", "more"), [("flips", {"period": 3.3e-3}), ("bounces", {"stop": 3.3e-3})])
+def test_its_reset_and_its_state_are_examined_with_its_events(shaft: Maker, kind: str, more: dict[str, float]):
+    """Going back in time brings back what is planned, too."""
+    plan = planned(Drive.model_validate({"fmu": str(shaft(ALL)), "parameters": {"kind": KINDS[kind], **more}}))
+    assert [(f.name, f.verdict) for f in lifecycle_findings(plan, apart=False)] == [("reset", "ok"), ("state", "ok")]  # type: ignore[union-attr]
+
+
+def test_a_clocked_drive_qualifies_on_the_bench(shaft: Maker):
+    rhythm = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.002"')
+    table = {"fmu": str(shaft(ALL, clocks=rhythm, omega_ref=CLOCKED)), "parameters": {"kind": KINDS["samples"]}}
+    found = lifecycle_findings(planned(Drive.model_validate(table)), apart=False)
+    assert {f.name: f.verdict for f in found} == {"reset": "ok", "state": "ok"}  # type: ignore[union-attr]
+
+
+def test_info_says_how_it_is_stepped(shaft: Maker):
+    clocks = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.005" shiftDecimal="0.003"') + OUT_CLOCK
+    fmu = shaft(f'{EVENTS} {EARLY} fixedInternalStepSize="0.002"', clocks=clocks, omega_ref=CLOCKED)
+    told = _table(planned(Drive.model_validate({"fmu": str(fmu)})))
+    assert "  steps      steps of one size only; it prefers 2 ms\n" in told
+    assert "  events     event mode, may return early\n" in told
+    assert "  clock      beat, every 5 ms from 3 ms on\n" in told
+    assert "  clock      bang, ticked by the FMU\n" in told
+
+
+@pytest.mark.parametrize(
+    ("fixed", "table", "said"),
+    [
+        ("0.002", {}, "its step here is 1 ms: choose tick_ms = 2"),
+        ("0.0005", {"substeps": 3}, "its step here is 0.333333 ms: choose substeps = 2"),
+        ("0.0005", {"substeps": 2}, ""),
+        ("0.0005", {}, ""),
+    ],
+)
+def test_a_step_that_does_not_fit_a_fixed_one_inside_is_refused(
+    shaft: Maker, fixed: str, table: dict[str, Any], said: str
+):
+    fmu = shaft(f'fixedInternalStepSize="{fixed}"')
+    if not said:
+        made(fmu, **table).close()
+        return
+    with pytest.raises(InputRefused) as refused:
+        made(fmu, **table)
+    assert said in str(refused.value)
+    made(shaft(f'{VARIES} fixedInternalStepSize="{fixed}"'), **table).close()
+
+
+def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "curves").mkdir()
+    (tmp_path / "curves" / "curve.bin").write_bytes(b"\x07")
+    more = '<Binary name="blob" valueReference="33" causality="parameter" variability="fixed"/>'
+    fmu = shaft(ALL, more=more)
+    said = f'fmu = "{fmu}"\n[parameters]\nblob = "file:curves/curve.bin"\n'
+    (tmp_path / "mapping.toml").write_text(said)
+    monkeypatch.chdir("/")
+    table = lone_drive(str(tmp_path / "mapping.toml"), Path("/"))
+    ((_, value),) = planned(table).settings[""]
+    assert value == [b"\x07"]
+    digest = hashlib.sha256(b"\x07").hexdigest()
+    assert f"blob = 1 bytes, sha256 {digest}" in _table(planned(table))

@@ -70,9 +70,9 @@ def test_a_discarded_step_comes_to_the_same_as_a_whole_one(
     root: Path, servo: Path, monkeypatch: pytest.MonkeyPatch, trick: str, plain: bool
 ):
     monkeypatch.setattr(Stepping, "_is_plain", lambda *arguments: plain)
-    told = {"parameters": {"droop": TRICKS[trick]}}
-    component = made(servo, **told)
-    whole = made(root / "fmus" / "velocity_servo" / "velocity_servo.fmu", **told)
+    told = {"droop": TRICKS[trick]}
+    component = made(servo, parameters=told)
+    whole = made(root / "fmus" / "velocity_servo" / "velocity_servo.fmu", parameters=told)
     parts, one = (stepped(c, lambda t: 1.0 + 100.0 * t, 100) for c in (component, whole))
     # rounding of four steps of an exactly solved drive instead of one
     assert np.allclose(parts["theta_m"], one["theta_m"], rtol=0, atol=1e-14)

@@ -5,7 +5,7 @@ import shlex
 import sys
 import textwrap
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -175,6 +175,7 @@ def compare(
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:
+    from twin.drive.setting import told
     from twin.drive.steps import abilities
 
     return {
@@ -201,7 +202,7 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
             for b in plan.bindings
         },
         "wires": {target: source for source, target in plan.wires},
-        "set": {part: {v.name: _told(value) for v, value in settings} for part, settings in plan.settings.items()},
+        "set": {part: {v.name: told(value) for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
 
@@ -213,15 +214,8 @@ def _parameter(v: "Variable") -> dict[str, object]:
     return {"unit": v.unit or None, **stated, **named, "description": v.description}
 
 
-def _told(value: Any) -> Any:
-    """What a variable is set to, as JSON has it: of a Binary only how long it is."""
-    values = value.tolist() if hasattr(value, "tolist") else value
-    if isinstance(values, list):
-        return [f"{len(v)} bytes" if isinstance(v, bytes) else v for v in values]
-    return values
-
-
 def _table(plan: "DrivePlan") -> str:
+    from twin.drive.setting import told
     from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
 
@@ -244,8 +238,8 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        told = [(v, v.told(value) if isinstance(value, float) else str(_told(value))) for v, value in settings]
-        lines += [f"  {qualified(part, v.name)} = {value} {v.unit}  (set)" for v, value in told]
+        texts = [(v, v.told(value) if isinstance(value, float) else str(told(value))) for v, value in settings]
+        lines += [f"  {qualified(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
     for part, fmu in plan.parts.items():
         offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
@@ -266,7 +260,9 @@ def _unit(v: "Variable") -> str:
 
 
 def _start(v: "Variable") -> str:
-    return v.type if v.is_text else v.told(v.start)
+    if v.is_text:
+        return v.type
+    return f"{v.size} values" if v.size > 1 else v.told(v.start)
 
 
 def _build(table: "Drive") -> None:

@@ -120,7 +120,7 @@ def _load(kind, buffer, j):
     return np.float64(carray(_u64(buffer), j + 1)[j])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def access(version, instance, g):
     """Set or get the variables of a group."""
     if version < 3:
@@ -128,7 +128,7 @@ def access(version, instance, g):
     return access_3(g.access, instance, g.references, g.variables, g.buffer, g.values)
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def fill(g, u):
     """Put the inputs at address `u` into the buffer of a group."""
     slots, gain, offset = (
@@ -140,7 +140,7 @@ def fill(g, u):
         _store(g.kind, g.buffer, j, (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def drain(g, y):
     """Take what is in the buffer of a group to the outputs at address `y`."""
     slots, gain, offset = (
@@ -152,7 +152,7 @@ def drain(g, y):
         carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def set_all(version, instance, groups, count, u):
     """Set the inputs of `count` groups; the first bad status."""
     table = carray(groups_at(groups), count)
@@ -164,7 +164,7 @@ def set_all(version, instance, groups, count, u):
     return 0
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def get_all(version, instance, groups, count, y):
     """Get the outputs of `count` groups; the first bad status."""
     table = carray(groups_at(groups), count)

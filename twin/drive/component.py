@@ -71,7 +71,7 @@ class FmuComponent(Component):
             self_address=self._stepping.memory.ctypes.data,
             initial_outputs=initial + shift,
             label=description.path.name,
-            keep=self._stepping,
+            keep=self._stepping.memory,
         )
 
     def zero(self, name: str) -> float:

@@ -54,7 +54,7 @@ MEMORY = np.dtype(
 the FMU may return early, and takes steps of varying size; the time it told when it went wrong."""
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _set_off(m, t, h, u):
     """Everything before the first call of doStep."""
     if m.events != 0:
@@ -71,7 +71,7 @@ def _set_off(m, t, h, u):
     return status
 
 
-@njit(cache=True)
+@njit(cache=True, inline="always")
 def _come_to(m, t, h):
     """From `t` to `t` + `h`; 0, or the status that ends the run."""
     close, here, end = 1e-9 * h, t, t + h

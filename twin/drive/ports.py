@@ -1,6 +1,6 @@
 """Ports of a component and the FMU's variables behind them, in groups that one call of the FMU sets or gets."""
 
-from collections.abc import Hashable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,16 +75,17 @@ def grouped(instance: Instance, ports: Iterable[Placed], access: str) -> Groups:
         instance: whose variables they are.
         access: "Set" or "Get".
     """
-    members: dict[Hashable, list[Placed]] = {}
+    members: dict[tuple[str, int], list[Placed]] = {}
     for p in ports:
         key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
         members.setdefault(key, []).append(p)
     table = np.zeros(len(members), dtype=GROUP)
-    moving, kept = [], []
+    moving: list[np.ndarray] = []
+    kept: list[np.ndarray] = []
     for row, (type_name, clocks), group in zip(table, members, members.values(), strict=True):
         kind = group[0].port.variable.kind
         slots = np.concatenate([p.slots for p in group])
-        arrays = {
+        arrays: dict[str, np.ndarray] = {
             "references": np.array([p.port.variable.reference for p in group], dtype=np.uint32),
             "slots": slots.astype(np.uint64),
             "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),

@@ -1,12 +1,15 @@
 """Values that are set before an FMU is initialised: numbers, arrays, text, and files by their names."""
 
+import hashlib
 import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from twin.drive.archive import sha256
 from twin.drive.enumeration import valued
 from twin.drive.variable import Variable
 from twin.errors import InputRefused
@@ -23,6 +26,26 @@ FILE = "file:"
 
 MOST_BYTES = 64 << 20
 """Of a file that is handed over as a Binary."""
+
+
+class FilePath(str):
+    """Text that is the path of a file."""
+
+
+def told(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
+    """What a variable is set to, as JSON has it: a file or its content by SHA-256, and not by where it lies."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if not isinstance(value, list):
+        return value
+    texts = [_identified(v) for v in value]
+    return texts[0] if len(texts) == 1 else texts
+
+
+def _identified(value: str | bytes) -> str:
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes, sha256 {hashlib.sha256(value).hexdigest()}"
+    return f"{Path(value).name}, sha256 {sha256(Path(value))}" if isinstance(value, FilePath) else value
 
 
 def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
@@ -63,7 +86,7 @@ def _text(where: str, value: object) -> str:
 def _path(where: str, text: str) -> str:
     if not text.startswith(FILE):
         return text
-    path = text.removeprefix(FILE)
+    path = FilePath(text.removeprefix(FILE))
     if not os.path.isfile(path):
         raise InputRefused(f"{where}: {path}: no such file")
     return path

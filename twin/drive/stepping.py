@@ -131,7 +131,7 @@ class Stepping:
         instance, r = self.instance, self.instance.ramp[0]
         kind = "Float64" if instance.description.version == 3 else "Real"
         slots = np.concatenate([p.slots for p in starts]).astype(np.uint64)
-        arrays = {
+        arrays: dict[str, np.ndarray] = {
             "references": np.array([p.port.variable.reference for p in starts], dtype=np.uint32),
             "orders": np.ones(len(slots), dtype=np.int32),
             "starts": slots,

@@ -96,11 +96,11 @@ def _complete(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS
 def _find_files(table: Any, folder: Path) -> None:
     """Make the paths of files among the parameters of `table` absolute."""
     given = table.get("parameters") if isinstance(table, dict) else None
-    for name, value in given.items() if isinstance(given, dict) else ():
-        if isinstance(value, (list, tuple)):
-            given[name] = [_found(text, folder) for text in value]
-        else:
-            given[name] = _found(value, folder)
+    if not isinstance(given, dict):
+        return
+    for name, value in given.items():
+        many = isinstance(value, (list, tuple))
+        given[name] = [_found(text, folder) for text in value] if many else _found(value, folder)
 
 
 def _found(value: Any, folder: Path) -> Any:
