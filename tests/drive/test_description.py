@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import os
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -54,8 +55,10 @@ def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
 
 
 def test_a_drive_without_this_platforms_binary_is_refused_with_what_it_has(tmp_path: Path, servo: Path):
-    # folders elsewhere in the archive are no platforms
+    # folders elsewhere in the archive are no platforms, nor is an empty one
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: ("resources/plan9/x/y.so" if "linux64" in n else n, c))
+    with zipfile.ZipFile(bad, "a") as archive:
+        archive.writestr("binaries/linux64/", b"")
     assert "no binary for this platform" in refusal(bad)
     assert "it has darwin64, win64" in refusal(bad)
 

@@ -1,8 +1,8 @@
 """`twin drive`: look at drive FMUs, qualify and compare them, bring new ones in."""
 
 import math
-import os
 import shlex
+import sys
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,13 +11,13 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation, LimitStep, LimitWall
-from twin.errors import InputRefused
+from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
 from twin.runs.guard.limits import Limits
-from twin.writing import json_text, write_text
+from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.drive.description import Variable
+    from twin.drive.variable import Variable
+    from twin.experiment.schema import Drive
     from twin.runs.assembly.drives import DrivePlan
 
 WIDTH = 80
@@ -38,10 +38,10 @@ def drive() -> None:
 
 
 @app.command()
-def info(fmu: Fmu, as_json: AsJson = False) -> None:
+def info(fmu: Fmu, compile_: Compile = False, as_json: AsJson = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
 
-    Where it is unclear which variable plays which role, all that may be are listed.
+    Where it is unclear which variable plays which role, all that may are listed.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
 
@@ -53,6 +53,8 @@ def info(fmu: Fmu, as_json: AsJson = False) -> None:
     from twin.studies.qualify.variables import variables_facts, variables_text
 
     table = lone_drive(str(fmu), Path.cwd())
+    if compile_:
+        _build(table)
     try:
         plan = planned(table)
     except RolesUnclear:
@@ -80,29 +82,26 @@ def list_(as_json: AsJson = False) -> None:
 
 
 @app.command()
-def new(fmu: Fmu) -> None:
+def new(
+    fmus: Annotated[
+        list[str],
+        typer.Argument(metavar="FMU...", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
+    ],
+) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
 
-    What is in doubt stands in it as comments. An existing mapping.toml is never
-    touched.
+    Several FMUs, or those of a system in an SSP archive (which go into a folder
+    of its name), become one drive, with the wires that their names and units or
+    the archive leave no doubt about. What is in doubt stands in it as comments.
+    An existing mapping.toml is never touched.
 
     Exit code: 0 written, 2 refused.
 
     Example: twin drive new fmus/stepper/stepper.fmu
     """
-    from twin.drive.description import described
-    from twin.experiment.drive_files import MAPPING, lone_drive
-    from twin.studies.qualify.proposal import proposal
+    from twin.studies.qualify.beginning import begun
 
-    file = lone_drive(fmu, Path.cwd()).fmu
-    if file is None:
-        raise InputRefused(f"{fmu}: is made of several FMUs already; name one .fmu file")
-    description = described(Path(file))
-    mapping = Path(os.path.relpath(description.path.parent / MAPPING))
-    text, complete = proposal(description)
-    if os.path.lexists(mapping):
-        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
-    write_text(mapping, text)
+    mapping, complete = begun(fmus, Path.cwd())
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
     print(f"then: {shlex.join(['twin', 'drive', 'check', str(mapping)])}")
 
@@ -121,6 +120,7 @@ def check(
     limit_step: LimitStep = Limits.step,
     limit_wall: LimitWall = math.inf,
     yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
+    compile_: Compile = False,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -130,8 +130,12 @@ def check(
 
     Example: twin drive check velocity_servo
     """
+    from twin.experiment.drive_files import lone_drive
+
     answers = []
     for fmu in fmus:
+        if compile_:
+            _build(lone_drive(fmu, Path.cwd()))
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
         limits = Limits(limit_step, limit_wall)
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
@@ -259,3 +263,13 @@ def _start(v: "Variable") -> str:
     if v.is_text:
         return v.type
     return f"{v.size} values" if v.size > 1 else v.told(v.start)
+
+
+def _build(table: "Drive") -> None:
+    """Compile what of a drive has no binary, and tell."""
+    from twin.drive.description import build
+
+    for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
+        built = build(Path(fmu))
+        if built is not None:
+            print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)

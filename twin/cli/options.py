@@ -36,6 +36,9 @@ ColumnMap = Annotated[
     typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+Compile = Annotated[
+    bool, typer.Option("--compile", help="Build FMUs without a binary for this machine from their sources, once.")
+]
 
 
 class Isolation(StrEnum):

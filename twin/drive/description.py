@@ -4,7 +4,7 @@ import math
 import platform as machine
 import sys
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -12,6 +12,7 @@ from typing import Any
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
 from twin.drive.archive import entries, sha256
+from twin.drive.compiling import Compiled, compile_sources, compiled, source_sets
 from twin.drive.details import DESCRIPTION, complete
 from twin.drive.setting import Setting, Value, set_to
 from twin.drive.variable import Variable, number, variable_of
@@ -33,6 +34,7 @@ class FmuDescription:
     Attributes:
         path: the .fmu file.
         sha256: of its bytes.
+        compiler: what made its library on this machine; empty: it came with one.
         version: 1, 2 or 3, FMI's.
         identifier: of the binary.
         platforms: folders of binaries inside.
@@ -42,6 +44,7 @@ class FmuDescription:
 
     path: Path
     sha256: str
+    compiler: str
     version: int
     identifier: str
     platforms: tuple[str, ...]
@@ -160,29 +163,56 @@ def _read(file: Path) -> FmuDescription:
     if model.coSimulation.needsExecutionTool:
         raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
     major = int(version[0])
-    folder, identifier = _platform(major), model.coSimulation.modelIdentifier
-    binary = f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
-    platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-    if binary not in names:
-        others = [PurePosixPath(n).name for n in names if n.startswith(f"binaries/{folder}/") and not n.endswith("/")]
-        if others:
-            raise InputRefused(
-                f"{file}: its binary for this platform is {', '.join(others)}; by its modelIdentifier it has to be "
-                f"called {PurePosixPath(binary).name}. Export it again"
-            )
-        raise InputRefused(
-            f"{file}: no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. "
-            f"Export it for {folder}, or build it from its sources"
-        )
+    identifier = model.coSimulation.modelIdentifier
+    binary = _binary(major, identifier)
+    # an empty folder has an entry, too
+    inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
+    platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
+    digest = sha256(file)
+    made = None if binary in names else compiled(digest, binary)
+    if binary not in names and made is None:
+        raise InputRefused(f"{file}: {_without_binary(file, names, model, binary, platforms)}")
     return FmuDescription(
         path=file,
-        sha256=sha256(file),
+        sha256=digest,
+        compiler=made.compiler if made else "",
         version=major,
         identifier=identifier,
         platforms=tuple(platforms),
         variables={v.name: variable_of(v, model) for v in model.modelVariables},
         model=model,
     ).resized({})
+
+
+def build(file: Path) -> Compiled | None:
+    """Compile the sources of an FMU without a binary for this platform; None: it has one.
+
+    Raises:
+        InputRefused: not an FMU, or as `compile_sources`.
+    """
+    names, model = entries(file), _model(file)
+    binary = _binary(int(model.fmiVersion[0]), model.coSimulation.modelIdentifier)
+    return None if binary in names else compile_sources(file, sha256(file), model, binary)
+
+
+def _binary(major: int, identifier: str) -> str:
+    """Where the library for this platform is in the archive."""
+    return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
+
+
+def _without_binary(file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]) -> str:
+    """What there is to say of an FMU whose archive holds no `binary`."""
+    place = PurePosixPath(binary)
+    others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
+    if others:
+        return (
+            f"its binary for this platform is {', '.join(others)}; by its modelIdentifier it has to be called "
+            f"{place.name}. Export it again"
+        )
+    cure = f"Export it for {place.parent.name}"
+    if source_sets(model, place.stem):
+        cure = f"It brings its sources: twin drive info {file} --compile builds them, once"
+    return f"no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. {cure}"
 
 
 def _platform(major: int) -> str:

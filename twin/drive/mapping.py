@@ -159,7 +159,9 @@ def _refuse_two_roles(file: str, chosen: Mapping[str, str]) -> None:
 def _bound(role: Role, variable: Variable, name: str, wiring: Wiring, turned: bool) -> Binding:
     _, factor, offset = variable.conversion or Conversion(role.dimension)
     ratio = wiring.sign * wiring.gear_ratio
-    mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical] * (-1.0 if turned else 1.0)
+    # no gear changes a voltage or a current, but the shaft turns with its sign
+    electrical = float(wiring.sign) if role in COMMANDS.values() else 1.0
+    mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if turned else 1.0)
     return Binding(role, variable, name, factor * mechanical, offset * mechanical, turned)
 
 

@@ -22,6 +22,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
             {
                 "file": fmu.path.name,
                 "sha256": fmu.sha256,
+                **({"compiled_with": fmu.compiler} if fmu.compiler else {}),
                 "model": fmu.model.modelName,
                 "fmi": fmu.model.fmiVersion,
                 "generation_tool": fmu.model.generationTool,

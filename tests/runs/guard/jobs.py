@@ -61,7 +61,7 @@ def crawl(reporter: Reporter, ticks: int) -> None:
     from twin.cosim.simulation import Simulation
     from twin.cosim.system import System
 
-    def step(t: float, h: float, u: float) -> float:
+    def step(t: float, h: float, u: object) -> float:
         time.sleep(5e-3)
         return 0.0
 

@@ -43,7 +43,7 @@ def trials(
     experiments = [load_experiment(experiment, (), drive) for drive in drives]
     for loaded in experiments:
         assemble(loaded).close()
-    done = []
+    done: list[DriveTrial] = []
     for loaded, drive in zip(experiments, drives, strict=True):
         say(f"{drive}, {len(done) + 1} of {len(drives)}")
         done.append(_trial(loaded, drive))

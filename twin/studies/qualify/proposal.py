@@ -1,7 +1,7 @@
 """A mapping.toml to start from: complete where an FMU leaves no doubt, else with the doubtful lines commented."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
 from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
@@ -23,65 +23,72 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
     It pins the FMU by its hash.
     """
-    command, found, sure = _understood(description)
+    command, found, sure = understood(description.path.name, description.variables)
     doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
     head = [
-        f"# How the drive contract's roles are filled by {description.path.name}, in its own names and units.",
-        f'fmu = "{description.path.name}"',
+        f"# How the drive contract's roles are filled by {visible(description.path.name)}, in its own names and units.",
+        f"fmu = {quoted(description.path.name)}",
         f'sha256 = "{description.sha256}"',
         f'command = "{command}"{doubt}',
         "sign = 1                  # -1 if it turns the other way: twin drive check tells",
         "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
     ]
-    roles = _roles(command)
-    tables = [_table(description, found, roles, side) for side in ("input", "output")]
-    text = "\n".join(head) + "\n" + "".join(tables)
+    text = "\n".join(head) + "\n" + roles_text(description.variables, found, command)
     if command not in ("velocity", "position"):
         text += LOOP.format(unit=COMMANDS[command].port.unit)
     return text, sure and command in ("velocity", "position")
 
 
-def _understood(description: FmuDescription) -> tuple[Command, Choice, bool]:
-    """(what it is commanded with, who plays which role, whether nothing is in doubt)."""
-    file, variables = description.path.name, description.variables
+def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, Choice, bool]:
+    """(what a drive is commanded with, who plays which role, whether nothing is in doubt).
+
+    Args:
+        file: what an error would call it.
+        variables: by the name the user knows them by.
+    """
     for command in COMMANDS:
         with suppress(InputRefused):
             bindings(file, variables, Wiring(command))
-            return command, _choice(description, command), True
-    command = likely_command(variables, _choice(description, "velocity").chosen.values())
-    return command, _choice(description, command), False
+            return command, _choice(file, variables, command), True
+    command = likely_command(variables, _choice(file, variables, "velocity").chosen.values())
+    return command, _choice(file, variables, command), False
 
 
-def _choice(description: FmuDescription, command: Command) -> Choice:
-    return choice(description.path.name, description.variables, Wiring(command), _roles(command))
+def roles_text(variables: Mapping[str, Variable], found: Choice, command: Command) -> str:
+    """The tables [inputs] and [outputs]."""
+    return "".join(_table(variables, found, _roles(command), side) for side in ("input", "output"))
+
+
+def _choice(file: str, variables: Mapping[str, Variable], command: Command) -> Choice:
+    return choice(file, variables, Wiring(command), _roles(command))
 
 
 def _roles(command: Command) -> tuple[Role, ...]:
     return COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS
 
 
-def _table(description: FmuDescription, found: Choice, roles: Sequence[Role], side: str) -> str:
+def _table(variables: Mapping[str, Variable], found: Choice, roles: Sequence[Role], side: str) -> str:
     lines = ["", f"[{side}s]"]
     for role in roles:
         if role.causality == side:
             name = found.chosen.get(role.port.name)
-            lines += [_line(role, description.variables[name])] if name else _doubtful_lines(description, found, role)
+            lines += [_line(role, name, variables[name])] if name else _doubtful_lines(variables, found, role)
     return "\n".join(lines) + "\n"
 
 
-def _doubtful_lines(description: FmuDescription, found: Choice, role: Role) -> list[str]:
+def _doubtful_lines(variables: Mapping[str, Variable], found: Choice, role: Role) -> list[str]:
     """The only candidate as it is, several as comments; optional roles not at all."""
     if not role.required:
         return []
-    offered = candidates(description.variables, role, found.chosen.values())
+    offered = candidates(variables, role, found.chosen.values())
     if not offered:
         return [f'# {role.port.name} = "?"   # {role.port.meaning}: no {role.causality} measures {role.port.unit}']
-    return [("# " if len(offered) > 1 else "") + _line(role, description.variables[name]) for name in offered]
+    return [("# " if len(offered) > 1 else "") + _line(role, name, variables[name]) for name in offered]
 
 
-def _line(role: Role, variable: Variable) -> str:
+def _line(role: Role, name: str, variable: Variable) -> str:
     text = " ".join(filter(None, (f"[{variable.unit or 'no unit'}]", *variable.description.split())))
-    return f"{role.port.name} = {quoted(variable.name)}   # {visible(text)}"
+    return f"{role.port.name} = {quoted(name)}   # {visible(text)}"
 
 
 def quoted(name: str) -> str:
