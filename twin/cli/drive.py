@@ -166,7 +166,7 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
                 "description": fmu.model.description,
                 "generation_tool": fmu.model.generationTool,
                 "platforms": list(fmu.platforms),
-                "get_set_state": bool(fmu.model.coSimulation.canGetAndSetFMUstate),
+                "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
                 "parameters": {v.name: _parameter(v) for v in fmu.offered("parameter")},
                 "validation": fmu.warnings(),
             }

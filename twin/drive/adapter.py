@@ -179,10 +179,11 @@ def _access(version, instance, g):
     return _access_3(g.access, instance, g.references, g.variables, g.buffer, g.values)
 
 
-@step_function(MEMORY)
-def step(m, t, h, u, y):
-    groups = carray(_groups_at(m.input_groups), m.inputs)
-    for i in range(m.inputs):
+@njit(cache=True)
+def set_inputs(version, instance, table, count, u):
+    """Set the inputs of the `count` groups at `table` from the doubles at `u`; 0, or a bad status."""
+    groups = carray(_groups_at(table), count)
+    for i in range(count):
         g = groups[i]
         slots, gain, offset = (
             carray(_u64(g.slots), g.values),
@@ -190,22 +191,20 @@ def step(m, t, h, u, y):
             carray(_f64(g.offset), g.values),
         )
         for j in range(g.values):
-            _store(g.kind, g.buffer, j, (carray(_f64(address_of(u)), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
-        status = _access(m.version, m.instance, g)
+            _store(g.kind, g.buffer, j, (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
+        status = _access(version, instance, g)
         if status > 1:
             return SET + status
-    if m.version == 2:
-        status = do_step_2(m.do_step, m.instance, t, h, m.final)
-    else:
-        status = _do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
-        if status <= 1 and carray(_u8(m.returned), 16)[9]:
-            return TERMINATE
-    if status > 1:
-        return DO_STEP + status
-    groups = carray(_groups_at(m.output_groups), m.outputs)
-    for i in range(m.outputs):
+    return 0
+
+
+@njit(cache=True)
+def take_outputs(version, instance, table, count, y):
+    """Read the outputs of the `count` groups at `table` into the doubles at `y`; 0, or a bad status."""
+    groups = carray(_groups_at(table), count)
+    for i in range(count):
         g = groups[i]
-        status = _access(m.version, m.instance, g)
+        status = _access(version, instance, g)
         if status > 1:
             return GET + status
         slots, gain, offset = (
@@ -214,5 +213,21 @@ def step(m, t, h, u, y):
             carray(_f64(g.offset), g.values),
         )
         for j in range(g.values):
-            carray(_f64(address_of(y)), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
+            carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
     return 0
+
+
+@step_function(MEMORY)
+def step(m, t, h, u, y):
+    status = set_inputs(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
+    if status != 0:
+        return status
+    if m.version == 2:
+        status = do_step_2(m.do_step, m.instance, t, h, m.final)
+    else:
+        status = _do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
+        if status <= 1 and carray(_u8(m.returned), 16)[9]:
+            return TERMINATE
+    if status > 1:
+        return DO_STEP + status
+    return take_outputs(m.version, m.instance, m.output_groups, m.outputs, address_of(y))

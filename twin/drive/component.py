@@ -82,7 +82,11 @@ class FmuComponent(Component):
         self._shift, self._returned = shift, np.zeros(16, dtype=np.uint8)
         self._groups = (self._grouped(inputs, "Set"), self._grouped(outputs, "Get", shift))
         self._state: np.ndarray | None = None
-        address, memory = self._plain() if self._is_plain(inputs, outputs, shift) else self._general()
+        try:
+            address, memory = self._stepping(inputs, outputs)
+        except InputRefused:
+            self.instance.close()
+            raise
         memory["final"] = 1
         self._memory = memory
         super().__init__(
@@ -97,11 +101,19 @@ class FmuComponent(Component):
             keep=memory,
         )
 
+    @property
+    def called(self) -> str:
+        """What of the FMU its step calls, for people."""
+        return f"fmi{self.instance.description.version}DoStep"
+
+    @property
+    def _said(self) -> str:
+        return f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+
     def explain(self, status: int) -> str:
-        prefix = f"fmi{self.instance.description.version}"
-        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+        prefix, said = f"fmi{self.instance.description.version}", self._said
         if status == TERMINATE:
-            return f"{prefix}DoStep asked to terminate the simulation{said}"
+            return f"{self.called} asked to terminate the simulation{said}"
         functions = {SET: "Set", DO_STEP: "DoStep", GET: "Get", SAVE: f"Get{self._state_name}"}
         functions[RESTORE] = f"Set{self._state_name}"
         called = functions[status // 16 * 16]
@@ -110,7 +122,7 @@ class FmuComponent(Component):
         return f"{prefix}{called} returned {prefix}{code}{said}{shorter}"
 
     def rewind(self) -> Rewind | None:
-        if not self.instance.description.model.coSimulation.canGetAndSetFMUstate:
+        if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
         # from now on a step may be repeated
         self._memory["final"] = 0
@@ -139,6 +151,10 @@ class FmuComponent(Component):
                 self.instance.forget(int(state[0]["state"]))
         finally:
             reuse.let_go(self.instance)
+
+    def _stepping(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort]) -> tuple[int, np.ndarray]:
+        """Address of the compiled step, and the memory that it works on."""
+        return self._plain() if self._is_plain(inputs, outputs, self._shift) else self._general()
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
         """Whether values can go as they are: Real, unscaled, no more than one output shifted."""

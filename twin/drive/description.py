@@ -7,7 +7,7 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
@@ -19,6 +19,10 @@ from twin.errors import InputRefused, nearest
 DESCRIPTION = "modelDescription.xml"
 MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
+
+Kind = Literal["co_simulation", "model_exchange"]
+KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}
+"""What an FMU is used as, and how people call that; the first is taken where nothing is said and both are offered."""
 
 FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
 FMI3_KINDS = {"Enumeration": "Int64"}
@@ -65,6 +69,7 @@ class FmuDescription:
         path: the .fmu file.
         sha256: of its bytes.
         version: 2 or 3, FMI's.
+        kind: as which it is used.
         identifier: of the binary.
         platforms: folders of binaries inside.
         variables: by name.
@@ -74,10 +79,21 @@ class FmuDescription:
     path: Path
     sha256: str
     version: int
+    kind: Kind
     identifier: str
     platforms: tuple[str, ...]
     variables: dict[str, Variable]
     model: Any
+
+    @property
+    def interface(self) -> Any:
+        """What it says of itself as an FMU of its `kind`."""
+        return _interface(self.model, self.kind)
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """All that it can be used as."""
+        return _kinds(self.model)
 
     def offered(self, causality: str) -> list[Variable]:
         """Numeric variables of a causality, in the FMU's order."""
@@ -119,31 +135,35 @@ class FmuDescription:
         return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
 
 
-_known: dict[Path, tuple[tuple[int, ...], FmuDescription]] = {}
+_known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] = {}
 """What `described` has found, and the state of the file in which it did."""
 
 
-def described(file: Path) -> FmuDescription:
+def described(file: Path, kind: Kind | None = None) -> FmuDescription:
     """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
 
+    Args:
+        file: the FMU.
+        kind: as which it is to be used; None: co-simulation, or else what it offers.
+
     Raises:
-        InputRefused: not a whole zip, no readable model description, not FMI 2.0 or 3.0 co-simulation, needs a tool,
-            or no binary for this platform.
+        InputRefused: not a whole zip, no readable model description, not of FMI 2.0 or 3.0 or not of that kind, needs a
+            tool, or no binary for this platform.
     """
     if not file.is_file():
         raise InputRefused(f"{file}: no such FMU")
     facts = file.stat()
     stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
-    known, description = _known.get(file, (None, None))
+    known, description = _known.get((file, kind), (None, None))
     if description is None or known != stamp:
-        description = _read(file)
+        description = _read(file, kind)
         # the next change of a file that has just been written might get the same time
         if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > SETTLED:
-            _known[file] = stamp, description
+            _known[file, kind] = stamp, description
     return description
 
 
-def _read(file: Path) -> FmuDescription:
+def _read(file: Path, kind: Kind | None) -> FmuDescription:
     names = entries(file)
     if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
         raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
@@ -151,12 +171,12 @@ def _read(file: Path) -> FmuDescription:
     version = model.fmiVersion
     if version not in ("2.0",) and not version.startswith("3."):
         raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
-    if model.coSimulation is None:
-        raise InputRefused(f"{file}: FMI {version} without co-simulation; export it for co-simulation")
-    if model.coSimulation.needsExecutionTool:
+    kind = _chosen(file, model, kind)
+    interface = _interface(model, kind)
+    if interface.needsExecutionTool:
         raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
     major = int(version[0])
-    folder, identifier = _platform(major), model.coSimulation.modelIdentifier
+    folder, identifier = _platform(major), interface.modelIdentifier
     binary = f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
     platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
     if binary not in names:
@@ -174,11 +194,34 @@ def _read(file: Path) -> FmuDescription:
         path=file,
         sha256=sha256(file),
         version=major,
+        kind=kind,
         identifier=identifier,
         platforms=tuple(platforms),
         variables={v.name: _variable(v, model) for v in model.modelVariables},
         model=model,
     )
+
+
+def _interface(model: Any, kind: Kind) -> Any:
+    return model.coSimulation if kind == "co_simulation" else model.modelExchange
+
+
+def _kinds(model: Any) -> tuple[Kind, ...]:
+    return tuple(kind for kind in KIND_NAMES if _interface(model, kind) is not None)
+
+
+def _chosen(file: Path, model: Any, kind: Kind | None) -> Kind:
+    """`kind`, or the first that the FMU offers."""
+    kinds = _kinds(model)
+    if not kinds:
+        raise InputRefused(
+            f"{file}: FMI {model.fmiVersion} without co-simulation and model exchange; export it for co-simulation"
+        )
+    if kind is not None and kind not in kinds:
+        raise InputRefused(
+            f'{file}: offers {KIND_NAMES[kinds[0]]} alone; remove kind = "{kind}", or export it for {KIND_NAMES[kind]}'
+        )
+    return kind or kinds[0]
 
 
 def _platform(major: int) -> str:

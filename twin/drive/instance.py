@@ -7,7 +7,7 @@ from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager
 from ctypes import byref, c_void_p
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from fmpy import fmi2
@@ -68,11 +68,14 @@ class Instance:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
         clock: its first element is the tick at which it is stepped.
-        folder, settings: the arguments.
+        folder, settings, setup: the arguments.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
     """
+
+    _classes: ClassVar[dict[int, type[Any]]] = {2: FMU2Drive, 3: FMU3Drive}
+    """FMPy's, by version."""
 
     def __init__(
         self,
@@ -88,7 +91,7 @@ class Instance:
         self.messages: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
-        self.folder, self.settings, self._inputs, self._setup = folder, settings, inputs, setup
+        self.folder, self.settings, self._inputs, self.setup = folder, settings, inputs, setup
         self._fmu = self._loaded()
         self._instantiate()
         self._initialise()
@@ -136,7 +139,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self.settings, self._inputs, self._setup = settings, inputs, setup
+        self.settings, self._inputs, self.setup = settings, inputs, setup
         self.clock = np.zeros(1, dtype=np.int64)
         self.messages.clear()
         self._unheard.clear()
@@ -184,7 +187,7 @@ class Instance:
 
     def _loaded(self) -> Any:
         description, here = self.description, os.getcwd()
-        kind = FMU2Drive if description.version == 2 else FMU3Drive
+        kind = self._classes[description.version]
         try:
             with announced(description.path.name, self.name, "the loading of its binary"):
                 return kind(
@@ -232,7 +235,7 @@ class Instance:
             )
 
     def _initialise(self) -> None:
-        start = {"tolerance": self._setup.tolerance, "startTime": 0.0, "stopTime": self._setup.stop}
+        start = {"tolerance": self.setup.tolerance, "startTime": 0.0, "stopTime": self.setup.stop}
         try:
             self.write(self.settings)
             if self.description.version == 2:

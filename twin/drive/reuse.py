@@ -10,10 +10,11 @@ from pathlib import Path
 
 from twin.drive.description import FmuDescription
 from twin.drive.instance import Instance, Setting, Setup
+from twin.drive.opened import opened
 from twin.errors import TwinError
 
-_Kind = tuple[str, Path, frozenset[str]]
-"""Name, folder of the unpacked FMU, names of what is set: a reset might leave alone what the next run does not set."""
+_Kind = tuple[str, Path, str, frozenset[str]]
+"""Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave alone what the next run does not set."""
 
 
 class _Shelf:
@@ -66,9 +67,9 @@ def instance(
         InputRefused: it cannot be loaded, instantiated or initialised.
         ComponentFailed: it refuses to be reset.
     """
-    kept = _shelf.instances[_kind(name, folder, settings)]
+    kept = _shelf.instances[_kind(name, folder, description, settings)]
     if not kept:
-        return Instance(name, description, folder, settings, inputs, setup)
+        return opened(name, description, folder, settings, inputs, setup)
     found = kept.pop()
     try:
         found.begin_again(settings, inputs, setup)
@@ -80,8 +81,8 @@ def instance(
 
 def let_go(instance: Instance) -> None:
     """Its run is over: keep it, or free it."""
-    kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings)]
-    if _shelf.left and not instance.description.model.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+    kept = _shelf.instances[_kind(instance.name, instance.folder, instance.description, instance.settings)]
+    if _shelf.left and not instance.description.interface.canBeInstantiatedOnlyOncePerProcess:
         _shelf.never_freed.append(instance)
     elif not _shelf.open:
         instance.close()
@@ -89,5 +90,5 @@ def let_go(instance: Instance) -> None:
         kept.append(instance)
 
 
-def _kind(name: str, folder: Path, settings: Sequence[Setting]) -> _Kind:
-    return name, folder, frozenset(variable.name for variable, _ in settings)
+def _kind(name: str, folder: Path, description: FmuDescription, settings: Sequence[Setting]) -> _Kind:
+    return name, folder, description.kind, frozenset(variable.name for variable, _ in settings)

@@ -1,9 +1,9 @@
-"""FMPy's slaves, loaded quickly: what they find out about their functions is the same for every instance."""
+"""FMPy's instances, loaded quickly: what they find out about their functions is the same for every one of a kind."""
 
 from typing import Any, ClassVar
 
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 
 class _Remembering:
@@ -37,5 +37,17 @@ class FMU2Drive(_Remembering, FMU2Slave):
 
 class FMU3Drive(_Remembering, FMU3Slave):
     """An FMI 3.0 slave."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+class FMU2Exchange(_Remembering, FMU2Model):
+    """An FMI 2.0 model."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+class FMU3Exchange(_Remembering, FMU3Model):
+    """An FMI 3.0 model."""
 
     _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}

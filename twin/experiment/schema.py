@@ -88,6 +88,13 @@ class VelocityLoop(Section):
 TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
 
 
+Kind = Literal["co_simulation", "model_exchange"]
+KIND = "as which the FMU is used; without it, co-simulation if it offers that"
+Method = Literal["cvode", "rk4"]
+METHOD = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
+
+
 class Part(Section):
     """[drive.parts.NAME]: one FMU of a drive that is made of several."""
 
@@ -95,6 +102,9 @@ class Part(Section):
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
     parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    kind: Kind | None = Field(None, examples=["model_exchange"], description=KIND)
+    solver: Method | None = Field(None, examples=["rk4"], description=METHOD)
+    solver_step: float | None = quantity("solver_step_ms", SOLVER_STEP, None, gt=0, examples=[0.1])
 
 
 class Drive(Section):
@@ -115,6 +125,9 @@ class Drive(Section):
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    kind: Kind | None = Field(None, examples=["model_exchange"], description=KIND)
+    solver: Method | None = Field(None, examples=["rk4"], description=METHOD)
+    solver_step: float | None = quantity("solver_step_ms", SOLVER_STEP, None, gt=0, examples=[0.1])
     velocity_loop: VelocityLoop | None = None
     parts: dict[str, Part] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
@@ -128,6 +141,9 @@ class Drive(Section):
                 f'command = "{self.command}" '
                 + ("takes no velocity_loop" if self.command == "velocity" else "needs a [drive.velocity_loop]")
             )
+        for table in (self, *self.parts.values()):
+            if table.solver_step is not None and "rk4" not in (table.solver, self.solver):
+                raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
         return self
 
 

@@ -105,7 +105,7 @@ def refuse_second_instances(plans: tuple[DrivePlan, ...]) -> None:
     instances = plans[:1] if turns_all(plans[0]) else plans
     fmus = [fmu for plan in instances for fmu in plan.parts.values()]
     for fmu in fmus:
-        only_once = fmu.model.coSimulation.canBeInstantiatedOnlyOncePerProcess
+        only_once = fmu.interface.canBeInstantiatedOnlyOncePerProcess
         if only_once and sum(other.sha256 == fmu.sha256 for other in fmus) > 1:
             raise InputRefused(
                 f"{fmu.path}: can be instantiated only once per process, and drives more than one joint; "

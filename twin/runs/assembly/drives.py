@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,8 @@ from twin.cosim.subsystem import INLET, Subsystem
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable, described
+from twin.drive.exchange.component import ExchangeComponent
+from twin.drive.exchange.solver import USUAL_TOLERANCE, Solver
 from twin.drive.instance import Setting, Setup
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.units import Conversion
@@ -65,10 +68,20 @@ class DrivePlan:
         return replace(self, ticks=ticks)
 
     def tolerance(self, part: str) -> float | None:
-        """Of the solver of a part, as the experiment says, or else the FMU itself."""
+        """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
         own = self.table.parts[part].tolerance if part else None
         said = self.table.tolerance if own is None else own
-        return self.parts[part].tolerance if said is None else said
+        said = self.parts[part].tolerance if said is None else said
+        solver = self.solver(part)
+        return USUAL_TOLERANCE if said is None and solver is not None and solver.method == "cvode" else said
+
+    def solver(self, part: str) -> Solver | None:
+        """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
+        if self.parts[part].kind == "co_simulation":
+            return None
+        own = self.table.parts[part] if part else self.table
+        step = self.table.solver_step if own.solver_step is None else own.solver_step
+        return Solver(own.solver or self.table.solver or "cvode", step)
 
     @property
     def axes(self) -> int:
@@ -115,9 +128,9 @@ def planned(table: Drive) -> DrivePlan:
     Raises:
         InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
     """
-    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
-    files = files or {ALONE: (table.fmu or "", table.sha256)}
-    parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
+    files = {name: (part.fmu, part.sha256, part.kind or table.kind) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256, table.kind)}
+    parts = {name: _pinned(described(Path(fmu), kind), digest) for name, (fmu, digest, kind) in files.items()}
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
     variables = {
         qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
@@ -133,6 +146,7 @@ def planned(table: Drive) -> DrivePlan:
         bindings=bindings(label, free, wiring),
         wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
     )
+    _refuse_idle_solvers(plan)
     if plan.axes > 1 and table.velocity_loop is not None:
         raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our loop drives one axis")
     return plan
@@ -162,6 +176,18 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
             component = _inner_system(name, plan, parts, tick, substeps, period)
         made.pop_all()
     return component
+
+
+def _refuse_idle_solvers(plan: DrivePlan) -> None:
+    """A solver that is named has to have equations to solve."""
+    named = {name: part.solver for name, part in plan.table.parts.items()}
+    if plan.table.solver and all(fmu.kind == "co_simulation" for fmu in plan.parts.values()):
+        named[next(iter(plan.parts))] = plan.table.solver
+    for part, method in named.items():
+        fmu = plan.parts[part]
+        if method and fmu.kind == "co_simulation":
+            remedy = 'say kind = "model_exchange"' if len(fmu.kinds) > 1 else "remove it"
+            raise InputRefused(f'{fmu.path}: solver = "{method}", and it brings its own for co-simulation; {remedy}')
 
 
 def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:
@@ -244,7 +270,8 @@ def _part(
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
     outputs += [_wire_port(part, description, source) for source in sources]
-    return FmuComponent(
+    solver = plan.solver(part)
+    return (FmuComponent if solver is None else partial(ExchangeComponent, solver=solver))(
         name,
         description,
         unpacked(description.path, description.sha256),
