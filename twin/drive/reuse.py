@@ -14,7 +14,7 @@ from twin.drive.opened import opened
 from twin.errors import TwinError
 
 _Kind = tuple[str, Path, str, frozenset[str]]
-"""Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave alone what the next run does not set."""
+"""Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave what the next run does not set."""
 
 
 class _Shelf:

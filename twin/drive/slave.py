@@ -47,7 +47,21 @@ class FMU2Exchange(_Remembering, FMU2Model):
     _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
 
 
+_OF_OTHER_KINDS = {
+    "fmi3ActivateModelPartition",
+    "fmi3DoStep",
+    "fmi3EnterStepMode",
+    "fmi3GetOutputDerivatives",
+    "fmi3InstantiateCoSimulation",
+    "fmi3InstantiateScheduledExecution",
+}
+
+
 class FMU3Exchange(_Remembering, FMU3Model):
     """An FMI 3.0 model."""
+
+    def __dir__(self) -> list[str]:
+        # FMPy looks here for the functions that a binary has to have, and these it need not have (FMI 3.0, 2.1.2)
+        return [name for name in super().__dir__() if name not in _OF_OTHER_KINDS]
 
     _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}

@@ -141,8 +141,11 @@ class Drive(Section):
                 f'command = "{self.command}" '
                 + ("takes no velocity_loop" if self.command == "velocity" else "needs a [drive.velocity_loop]")
             )
-        for table in (self, *self.parts.values()):
-            if table.solver_step is not None and "rk4" not in (table.solver, self.solver):
+        for method, step in [
+            (self.solver, self.solver_step),
+            *((p.solver, p.solver_step) for p in self.parts.values()),
+        ]:
+            if step is not None and "rk4" not in (method, self.solver):
                 raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
         return self
 

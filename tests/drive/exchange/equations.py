@@ -5,7 +5,17 @@ from collections.abc import Callable
 import numpy as np
 from scipy.integrate import solve_ivp
 
-PARAMETERS = {"R": 2.0, "L": 0.004, "k": 0.1, "J": 1e-4, "b": 1e-3, "kp": 2.0, "i_max": 100.0, "stop": 1e6, "bounce": 0.5}
+PARAMETERS = {
+    "R": 2.0,
+    "L": 0.004,
+    "k": 0.1,
+    "J": 1e-4,
+    "b": 1e-3,
+    "kp": 2.0,
+    "i_max": 100.0,
+    "stop": 1e6,
+    "bounce": 0.5,
+}
 """Of motor.c, where nothing else is set."""
 EXACT = {"rtol": 1e-12, "atol": 1e-14, "method": "DOP853"}
 
@@ -21,25 +31,27 @@ def exact_motor(omega_ref: np.ndarray, tau_load: np.ndarray, tick: float, **chan
     x, limited, rows = np.zeros(3), False, []
     for n in range(len(omega_ref)):
         rows.append(x.copy())
-        t, end = n * tick, (n + 1) * tick
-        while t < end - 1e-15:
+        t, end, jumped = n * tick, (n + 1) * tick, True
+        for _ in range(1000):
+            if t >= end - 1e-12:
+                break
             switched = int(np.floor(t / every + 1e-9)) if np.isfinite(every) else 0
             stop = min(end, (switched + 1) * every)
             supply = 0.5 if switched % 2 else 1.0
-            if end - t > 0 and stop - t < 1e-15:
-                t = stop
-                continue
-            limited = _relation(p, supply, omega_ref[n], x, limited)
+            if jumped:
+                limited = _relation(p, supply, omega_ref[n], x, limited)
             rate = _rates(p, supply, omega_ref[n], tau_load[n], limited)
             events = _events(p, supply, omega_ref[n], limited)
             done = solve_ivp(rate, (t, stop), x, events=events, **EXACT)
-            t, x = float(done.t[-1]), done.y[:, -1].copy()
+            t, x, jumped = float(done.t[-1]), done.y[:, -1].copy(), done.status == 0
             if done.status == 1 and len(done.t_events[1]):
                 x[1] *= -p["bounce"] if x[1] > 0.0 else 1.0
             elif done.status == 1:
                 limited = not limited
                 if limited:
                     x[2] = np.copysign(p["i_max"], x[2])
+        else:
+            raise AssertionError("the events of one tick come to no end")
     return np.array(rows)
 
 

@@ -117,6 +117,4 @@ def _real(name: str, reference: int, causality: str, unit: str, start: str) -> s
 def _float(name: str, reference: int, causality: str, unit: str, start: str) -> str:
     variability = "tunable" if causality == "parameter" else "continuous"
     told = (f' unit="{unit}"' if unit else "") + (f' start="{start}"' if start and causality == "input" else "")
-    return (
-        f'<Float64 name="{name}" valueReference="{reference}" causality="{causality}" variability="{variability}"{told}/>'
-    )
+    return f'<Float64 name="{name}" valueReference="{reference}" causality="{causality}" variability="{variability}"{told}/>'

@@ -136,7 +136,7 @@ class Cvode:
         ):
             self.addresses[field] = ctypes.cast(getattr(library, name), _P).value
         self._kept = (x, absolute)
-        self._parts = (memory, linear, matrix, (vector, weights), context)
+        self._parts: tuple[Any, ...] = (memory, linear, matrix, (vector, weights), context)
 
     def close(self) -> None:
         """Free it; safe to call twice."""

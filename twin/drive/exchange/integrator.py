@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from twin.drive.adapter import TERMINATE
 from twin.drive.exchange.cvode import Cvode
 from twin.drive.exchange.events import weigh
 from twin.drive.exchange.memory import GUARD, MEMORY, UNTOUCHED
@@ -88,7 +87,7 @@ class Integrator:
         m["fresh"] = m["restart"] = 1
         m["tolerance"], m["longest"] = tolerance, solver.step or 0.0
         m["next_event"] = model.next_event
-        m["reached_at"] = self.memory.ctypes.data + MEMORY.fields["reached"][1]
+        m["reached_at"] = self.memory["reached"].ctypes.data
         x = self.block[begins["x"] :][:size]
         scales = self._scratch[places["scales"] :][:size]
         x[:] = scales[:] = 1.0
