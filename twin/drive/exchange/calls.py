@@ -1,4 +1,4 @@
-"""Functions of C libraries, called by address from compiled code: those of an FMU's model exchange, and the solver's."""
+"""C functions, called by address from compiled code: those of an FMU's model exchange, and the solver's."""
 
 from typing import Any
 

@@ -44,7 +44,7 @@ class ExchangeComponent(FmuComponent):
 
     @property
     def called(self) -> str:
-        return f"the equations (fmi{self.instance.description.version}GetDerivatives or another of model exchange)"
+        return "its equations of model exchange"
 
     def explain(self, status: int) -> str:
         told = self._integrator.explain(status) if self._integrator else ""

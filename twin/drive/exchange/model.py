@@ -96,12 +96,18 @@ class Model(Instance):
                 self.states = self._fmu.getNumberOfContinuousStates()
             with self._calling("GetNumberOfEventIndicators"):
                 self.indicators = self._fmu.getNumberOfEventIndicators()
-        for count, most, name in (
-            (self.states, MOST_STATES, "continuous states"),
-            (self.indicators, MOST_INDICATORS, "event indicators"),
+        resized = any(v.causality == "structuralParameter" for v in self.description.variables.values())
+        for count, listed, most, name in (
+            (self.states, model.numberOfContinuousStates, MOST_STATES, "continuous states"),
+            (self.indicators, model.numberOfEventIndicators, MOST_INDICATORS, "event indicators"),
         ):
             if count > most:
                 raise InputRefused(f"{self.description.path}: {count} {name}; a drive may have {most}")
+            if count != listed and not resized:
+                raise InputRefused(
+                    f"{self.description.path}: its binary has {count} {name}, its modelDescription.xml lists {listed}; "
+                    "export it again"
+                )
         derivatives = "Derivatives" if self.description.version == 2 else "ContinuousStateDerivatives"
         for name, count in (
             ("ContinuousStates", self.states),
@@ -130,9 +136,10 @@ class Model(Instance):
         # FMPy's FMICallException
         except Exception as problem:
             raise InputRefused(f"{self.description.path}: {function} failed: {problem}{self._said()}") from None
-        if np.any(values[count:] != UNTOUCHED):
+        if np.any(values[count:] != UNTOUCHED) or np.any(values[:count] == UNTOUCHED):
+            other = "more" if np.any(values[count:] != UNTOUCHED) else "fewer"
             raise InputRefused(
-                f"{self.description.path}: {function} writes more numbers than the {count} that "
+                f"{self.description.path}: {function} writes {other} numbers than the {count} that "
                 "modelDescription.xml lists; export it again"
             )
         return values[:count]
