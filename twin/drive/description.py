@@ -91,6 +91,12 @@ class FmuDescription:
         return _interface(self.model, self.kind)
 
     @property
+    def standard(self) -> str:
+        """What it is made to, for people; of kinds only the one that is not the usual is told."""
+        usual = self.kind == "co_simulation"
+        return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
+
+    @property
     def kinds(self) -> tuple[Kind, ...]:
         """All that it can be used as."""
         return _kinds(self.model)
