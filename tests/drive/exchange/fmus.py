@@ -106,15 +106,17 @@ def _description(name: str, fmi: int, states: int | None) -> str:
 
 
 def _real(name: str, reference: int, causality: str, unit: str, start: str) -> str:
-    variability = "tunable" if causality == "parameter" else "continuous"
-    told = (f' unit="{unit}"' if unit else "") + (f' start="{start}"' if start and causality == "input" else "")
-    return (
-        f'<ScalarVariable name="{name}" valueReference="{reference}" causality="{causality}" '
-        f'variability="{variability}"><Real{told}/></ScalarVariable>'
-    )
+    known, told = _told(name, reference, causality, unit, start)
+    return f"<ScalarVariable {known}><Real{told}/></ScalarVariable>"
 
 
 def _float(name: str, reference: int, causality: str, unit: str, start: str) -> str:
+    known, told = _told(name, reference, causality, unit, start)
+    return f"<Float64 {known}{told}/>"
+
+
+def _told(name: str, reference: int, causality: str, unit: str, start: str) -> tuple[str, str]:
+    """Attributes of a variable, and of its type."""
     variability = "tunable" if causality == "parameter" else "continuous"
     told = (f' unit="{unit}"' if unit else "") + (f' start="{start}"' if start and causality == "input" else "")
-    return f'<Float64 name="{name}" valueReference="{reference}" causality="{causality}" variability="{variability}"{told}/>'
+    return f'name="{name}" valueReference="{reference}" causality="{causality}" variability="{variability}"', told

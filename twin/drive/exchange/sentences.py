@@ -41,7 +41,7 @@ def sentence(m: Any, status: int) -> str:
         NOT_FINITE: f"said NaN or infinity for derivative {element + 1} of {m['states']} at {asked:.9g} s",
         INDICATOR_NOT_FINITE: f"said NaN or infinity for event indicator {element + 1} of {m['indicators']}",
         ENDLESS_UPDATE: f"came to no end in an event at {now:.9g} s: {update} asked for more {MOST_UPDATES} times",
-        MANY_EVENTS: f"made more than {MOST_EVENTS} events within one step, the last at {now:.9g} s; it may be flickering",
+        MANY_EVENTS: f"made more than {MOST_EVENTS} events in one step, the last at {now:.9g} s; it may be flickering",
         TERMINATE: "asked to terminate the simulation",
         PAST_EVENT: f"asked at {now:.9g} s for a time event at {asked:.9g} s, which is past",
         OTHER_SIZE: f"has {element} continuous states after an event at {now:.9g} s, and had {m['states']}",

@@ -39,7 +39,8 @@ def repetition_findings(plan: DrivePlan, cycle: Response) -> list[Finding]:
 def step_error(plan: DrivePlan, cycle: Response) -> Measure:
     """Measure `step_error`: the work cycle once more, the FMU stepped twice as finely, its inputs held as before.
 
-    So is "rk4", the solver of an FMU for model exchange. And once with a solver that works more exactly: no finer step mends what its tolerance does.
+    A solver of ours that goes in steps of one length has them halved, too. And once with a solver that works more
+    exactly: no finer step mends what its tolerance does.
 
     Args:
         plan: the drive.
