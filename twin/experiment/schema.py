@@ -85,7 +85,7 @@ class VelocityLoop(Section):
     period: float = quantity("period_ms", "time between two commands", gt=0, examples=[0.25])
 
 
-TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
+TOLERANCE = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
 
 
 Kind = Literal["co_simulation", "model_exchange"]
