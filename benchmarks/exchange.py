@@ -1,4 +1,4 @@
-"""What it costs to solve an FMU's equations ourselves: model exchange beside a drive that solves them in closed form."""
+"""What it costs to solve an FMU's equations: model exchange beside a drive that solves them in closed form."""
 
 import tempfile
 from pathlib import Path
