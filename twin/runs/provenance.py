@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from twin.controller.phase import PhaseKind
-from twin.drive.exchange.solver import Solver
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.assembly.drives import DrivePlan
@@ -26,7 +25,8 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
                 "fmi": fmu.model.fmiVersion,
                 "generation_tool": fmu.model.generationTool,
                 "kind": fmu.kind,
-                **_solver(plan.solver(part)),
+                "solver": solver.method if (solver := plan.solver(part)) else None,
+                "solver_step": solver.step if solver else None,
                 "tolerance": plan.tolerance(part),
                 "stop_time": experiment.duration_ticks * experiment.cosim.tick,
                 "set": {variable.name: value for variable, value in plan.settings[part]},
@@ -46,11 +46,6 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
     }
-
-
-def _solver(solver: Solver | None) -> dict[str, Any]:
-    """That of ours, if there is one; None for a step: one per step of the drive."""
-    return {} if solver is None else {"solver": solver.method, "solver_step": solver.step}
 
 
 def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
