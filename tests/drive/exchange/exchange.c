@@ -176,6 +176,7 @@ F(GetNominalsOfContinuousStates)(Model *m, double x[], size_t n) { return nomina
 F(GetEventIndicators)(Model *m, double z[], size_t n) { return indicators_of(m, z); }
 F(CompletedIntegratorStep)(Model *m, BOOL final, BOOL *event, BOOL *ended)
 {
-    *event = *ended = 0;
+    *event = asks(m);
+    *ended = 0;
     return 0;
 }

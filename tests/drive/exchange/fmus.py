@@ -14,7 +14,7 @@ UNITS = {
     "N.m": 'kg="1" m="2" s="-2"',
     "A": 'A="1"',
 }
-MOTOR = ("R", "L", "k", "J", "b", "kp", "i_max", "stop", "bounce", "switch_every", "fault", "fault_at")
+MOTOR = ("R", "L", "k", "J", "b", "kp", "i_max", "stop", "bounce", "switch_every", "fault", "fault_at", "asks")
 SERVO = ("T_m", "droop", "omega_max", "alpha_max", "tau_max", "J_m")
 FAULTS = {
     name: number
@@ -71,7 +71,8 @@ def _variables(name: str) -> list[Variable]:
     found: list[Variable] = [("omega_ref", 0, "input", "rad/s", "0.0"), ("tau_load", 1, "input", "N.m", "0.0")]
     found += [(state, 2 + i, "output", units[state], "0.0") for i, state in enumerate(STATES[name])]
     parameters = MOTOR if name == "motor" else SERVO
-    return found + [(p, len(found) + i, "parameter", "", "0.0") for i, p in enumerate(parameters)]
+    found += [(p, len(found) + i, "parameter", "", "0.0") for i, p in enumerate(parameters)]
+    return [*found, ("updates", len(found), "local", "", "")]
 
 
 def _description(name: str, fmi: int, states: int | None) -> str:

@@ -10,6 +10,8 @@ static const double NOMINALS[] = {1, 1};
 
 static int fault(const Model *m) { return 0; }
 
+static bool asks(Model *m) { return false; }
+
 static double clamp(double x, double lo, double hi) { return fmin(fmax(x, lo), hi); }
 
 static void rates(const Model *m, double dx[])

@@ -90,6 +90,15 @@ def test_a_kept_instance_runs_as_a_new_one(motor: Planner):
     assert all(np.array_equal(run.theta_m, fresh.theta_m) for run in runs)
 
 
+def test_a_kept_instance_of_one_kind_is_none_of_the_other(root: Path):
+    keep_instances(True)
+    try:
+        for kind in ("co_simulation", "model_exchange", "co_simulation"):
+            drive("drive_1", planned(modelica(root, kind=kind)), 1e-3, 0.0, 0.0).close()
+    finally:
+        keep_instances(False)
+
+
 def test_parts_have_solvers_of_their_own(root: Path, exchange_folder: Path):
     part = {"fmu": str(exchange_fmu(exchange_folder, "motor", 2)), "solver": "rk4"}
     other = {"fmu": str(root / "fmus/velocity_servo/velocity_servo.fmu")}

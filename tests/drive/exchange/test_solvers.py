@@ -10,10 +10,13 @@ import pytest
 from tests.drive.exchange.conftest import Planner
 from tests.drive.exchange.equations import exact_motor
 from tests.drive.exchange.fmus import exchange_fmu
+from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
+from twin.drive.component import FmuComponent
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import DrivePlan, planned
-from twin.studies.qualify.bench import Response, response
+from twin.runs.assembly.drives import DrivePlan, drive, planned
+from twin.studies.qualify.bench import Response, playback, response
 
 TICK = 1e-3
 T = TICK * np.arange(100)
@@ -76,6 +79,24 @@ def test_events_that_fall_on_a_tick_happen_once(motor: Planner):
     assert error(motor(tolerance=1e-8, **parameters), "time events on ticks") < 1e-6
     whole = response(motor(), *inputs)
     assert np.max(np.abs(response(motor(**parameters), *inputs).omega_m - whole.omega_m)) > 0.01
+
+
+@pytest.mark.parametrize("solver", ["cvode", "rk4"])
+@pytest.mark.parametrize("fmi", [2, 3])
+def test_an_fmu_that_asks_for_an_event_after_a_step_gets_it(motor: Planner, fmi: int, solver: str):
+    def updates(asks: float) -> float:
+        component = drive("drive_1", motor(fmi, solver=solver, asks=asks), TICK, 0.0, 0.0)
+        assert isinstance(component, FmuComponent)
+        signals = playback(component.inputs, np.array([[3.0, 0.0]]))
+        wires = [(f"signals.{port.name}", f"drive_1.{port.name}") for port in component.inputs]
+        try:
+            Simulation(System([signals, component], wires, TICK), 10).run()
+            return float(component.instance.read([component.instance.description.variables["updates"]])[0])
+        finally:
+            component.close()
+
+    # once at the start and once because the input jumps
+    assert updates(0.0) == 2.0 and updates(5.0) == 7.0
 
 
 @pytest.mark.parametrize("keys", [{"tolerance": 1e-9}, {"solver": "rk4", "solver_step_ms": 0.1}])
