@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numba import carray
 
-from twin.cosim.native import bytes_at, call_step, step_function
+from twin.cosim.native import bytes_at, step_function
 
 
 @dataclass(frozen=True)
@@ -49,25 +49,3 @@ def record_rewind(record: np.ndarray) -> Rewind:
     copy = record.copy()
     memory = np.array([(record.ctypes.data, copy.ctypes.data, record.nbytes)], dtype=_MEMORY)
     return Rewind(_save.address, _restore.address, memory.ctypes.data, (memory, copy))
-
-
-_TWO = np.dtype([(f"{verb}_{n}", "i8") for n in (1, 2) for verb in ("save", "restore", "self")], align=True)
-
-
-@step_function(_TWO)
-def _save_both(m, t, h, u, y):
-    status = call_step(m.save_1, m.self_1, t, h, 0, 0)
-    return status if status != 0 else call_step(m.save_2, m.self_2, t, h, 0, 0)
-
-
-@step_function(_TWO)
-def _restore_both(m, t, h, u, y):
-    status = call_step(m.restore_1, m.self_1, t, h, 0, 0)
-    return status if status != 0 else call_step(m.restore_2, m.self_2, t, h, 0, 0)
-
-
-def joined_rewind(one: Rewind, other: Rewind) -> Rewind:
-    """Of a component whose state is in two places."""
-    addresses = [(r.save_address, r.restore_address, r.self_address) for r in (one, other)]
-    memory = np.array([(*addresses[0], *addresses[1])], dtype=_TWO)
-    return Rewind(_save_both.address, _restore_both.address, memory.ctypes.data, (memory, one, other))

@@ -5,7 +5,8 @@ from pathlib import Path
 
 from twin.drive.description import FmuDescription
 from twin.drive.exchange.model import Model
-from twin.drive.instance import Instance, Setting, Setup
+from twin.drive.instance import Instance, Setup
+from twin.drive.setting import Setting
 
 
 def opened(

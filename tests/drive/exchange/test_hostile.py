@@ -10,7 +10,8 @@ from tests.drive.exchange.conftest import Planner
 from tests.drive.exchange.fmus import FAULTS, exchange_fmu
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import planned
 from twin.studies.qualify.bench import response
 
 TICKS = np.arange(100)

@@ -17,7 +17,8 @@ from twin.experiment.drive_files import lone_drive
 from twin.experiment.recorded import recorded_fmus
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
-from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.studies.qualify.bench import response
@@ -79,8 +80,8 @@ def test_the_bench_tells_of_a_runge_kutta_step_that_is_too_long(motor: Planner):
 
 
 def test_a_kept_instance_runs_as_a_new_one(motor: Planner):
-    t = 1e-3 * np.arange(60)
-    inputs = 3.0 * np.sin(40.0 * t), 0.0 * t
+    t = 1e-3 * np.arange(60, dtype=float)
+    inputs = (3.0 * np.sin(40.0 * t), np.zeros(60))
     fresh = response(motor(i_max=0.3), *inputs)
     keep_instances(True)
     try:

@@ -11,7 +11,7 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.runs.assembly.drives import drive
+from twin.runs.assembly.drive_component import drive
 
 TICK = 1e-3
 SIGNATURE = ctypes.CFUNCTYPE(

@@ -15,7 +15,8 @@ from twin.cosim.system import System
 from twin.drive.component import FmuComponent
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
-from twin.runs.assembly.drives import DrivePlan, drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import DrivePlan, planned
 from twin.studies.qualify.bench import Response, playback, response
 
 TICK = 1e-3
@@ -38,7 +39,7 @@ CASES: dict[str, tuple[tuple[np.ndarray, np.ndarray], dict[str, float]]] = {
 def error(plan: DrivePlan, case: str) -> float:
     """Largest error of angle (rad) and speed (of its largest value)."""
     inputs, parameters = CASES[case]
-    exact, found = exact_motor(*inputs, TICK, **parameters), response(plan, *inputs)
+    exact, found = exact_motor(inputs[0], inputs[1], TICK, **parameters), response(plan, *inputs)
     speed = np.max(np.abs(found.omega_m - exact[:, 1])) / max(1.0, np.max(np.abs(exact[:, 1])))
     return float(max(np.max(np.abs(found.theta_m - exact[:, 0])), speed))
 

@@ -2,16 +2,58 @@
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from twin.cosim.rewind import Rewind, joined_rewind, record_rewind
-from twin.drive.component import FmuComponent, FmuPort
+from twin.drive.component import FmuComponent
 from twin.drive.description import FmuDescription
 from twin.drive.exchange.integrator import Integrator
 from twin.drive.exchange.model import Model
 from twin.drive.exchange.solver import Solver
-from twin.drive.instance import Setting, Setup
+from twin.drive.instance import Setup
+from twin.drive.ports import FmuPort, placed
+from twin.drive.setting import Setting
+from twin.drive.shorter import SHORTER
+from twin.drive.stepping import Stepping
+
+
+class ExchangeStepping(Stepping):
+    """How a model-exchange FMU is stepped.
+
+    Args:
+        instance: in continuous-time mode.
+        solver: of its equations.
+        inputs, outputs, shift: as those of `Stepping`.
+
+    Attributes:
+        integrator: what the step works on.
+
+    Raises:
+        InputRefused: there is no CVODE for this platform.
+    """
+
+    def __init__(
+        self,
+        instance: Model,
+        solver: Solver,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        shift: np.ndarray,
+    ):
+        self.instance, self.inputs = instance, list(inputs)
+        self._keep: list[Any] = []
+        self._moving: list[np.ndarray] = []
+        self._shorter = np.zeros(1, dtype=SHORTER)
+        tables = self._grouped(placed(inputs), "Set"), self._grouped(placed(outputs, shift), "Get")
+        self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
+        self._moving.append(self.integrator.block)
+        self.address, self.memory = self.integrator.address, self.integrator.memory
+
+    def explain(self, status: int) -> str:
+        told = self.integrator.explain(status)
+        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+        return f"{told}{said}" if told else super().explain(status)
 
 
 class ExchangeComponent(FmuComponent):
@@ -23,8 +65,6 @@ class ExchangeComponent(FmuComponent):
     Raises:
         InputRefused: as `FmuComponent`, or there is no CVODE for this platform.
     """
-
-    _integrator: Integrator | None = None
 
     def __init__(
         self,
@@ -46,24 +86,11 @@ class ExchangeComponent(FmuComponent):
     def called(self) -> str:
         return "its equations of model exchange"
 
-    def explain(self, status: int) -> str:
-        told = self._integrator.explain(status) if self._integrator else ""
-        return f"{told}{self._said}" if told else super().explain(status)
-
-    def rewind(self) -> Rewind | None:
-        of_fmu = super().rewind()
-        if of_fmu is None or self._integrator is None:
-            return None
-        return joined_rewind(of_fmu, record_rewind(self._integrator.block))
-
     def close(self) -> None:
-        if self._integrator is not None:
-            self._integrator.close()
+        if isinstance(self._stepping, ExchangeStepping):
+            self._stepping.integrator.close()
         super().close()
 
-    def _stepping(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort]) -> tuple[int, np.ndarray]:
+    def _stepped(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> Stepping:
         assert isinstance(self.instance, Model)
-        width = sum(p.port.size for p in inputs)
-        tables = [table for table, _ in self._groups]
-        self._integrator = Integrator(self.instance, self._solver, tables, width)
-        return self._integrator.address, self._integrator.memory
+        return ExchangeStepping(self.instance, self._solver, inputs, outputs, shift)

@@ -7,7 +7,7 @@ import numpy as np
 from numba import carray, njit, types
 
 from twin.cosim.native import doubles_at, pointer_to
-from twin.drive.adapter import TERMINATE, set_inputs
+from twin.drive.adapter import set_all
 from twin.drive.exchange.calls import completed_2, completed_3, on_doubles, on_pointer, plain, start_at, update_3
 from twin.drive.exchange.equations import indicators
 from twin.drive.exchange.memory import (
@@ -23,6 +23,7 @@ from twin.drive.exchange.memory import (
     TIME_MODE,
     UPDATE,
 )
+from twin.drive.status import TERMINATE
 
 _words_at, _bytes_at, _counts_at = pointer_to(types.int32), pointer_to(types.uint8), pointer_to(types.int64)
 
@@ -51,7 +52,7 @@ def handled(m, u, jumped):
     if status > 1:
         return EVENT_MODE + status
     if jumped:
-        status = set_inputs(m.version, m.instance, m.input_groups, m.inputs, u)
+        status = set_all(m.version, m.instance, m.input_groups, m.inputs, u)
         if status != 0:
             return status
     status = _settled(m)

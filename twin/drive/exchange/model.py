@@ -1,6 +1,8 @@
 """An FMU instance in continuous-time mode, brought there by FMPy."""
 
 import ctypes
+from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, ClassVar
 
 import numpy as np
@@ -9,10 +11,18 @@ from twin.drive.exchange.integrator import Integrator
 from twin.drive.exchange.memory import GUARD, MOST_UPDATES, UNTOUCHED
 from twin.drive.instance import Instance
 from twin.drive.slave import FMU2Exchange, FMU3Exchange
+from twin.drive.standards import fmi2, fmi3
+from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, InputRefused
 
 MOST_STATES, MOST_INDICATORS = 1000, 10_000
 """A dense Jacobian of more states than that is not what a drive is made of."""
+
+
+def _instantiate_3(instance: Instance) -> None:
+    """Make the FMU's own instance of FMI 3.0, which has another function for each kind; it is NULL if it refuses."""
+    with instance.calling("InstantiateModelExchange"):
+        instance.fmu.instantiate(logMessage=lambda environment, status, category, said: instance.hear(status, said))
 
 
 class Model(Instance):
@@ -23,8 +33,14 @@ class Model(Instance):
         next_event: time event that it asked for at its start (s), infinity if none.
     """
 
-    _classes: ClassVar[dict[int, type[Any]]] = {2: FMU2Exchange, 3: FMU3Exchange}
+    _standards: ClassVar[Mapping[int, Any]] = {
+        2: SimpleNamespace(**vars(fmi2) | {"SLAVE": FMU2Exchange}),
+        3: SimpleNamespace(**vars(fmi3) | {"SLAVE": FMU3Exchange, "instantiate": _instantiate_3}),
+    }
     _integrator: Integrator | None = None
+
+    def ramps(self, variable: Variable) -> bool:
+        return False
 
     def advance(self, t: float, h: float) -> None:
         if self._integrator is None:
@@ -55,16 +71,16 @@ class Model(Instance):
         self._forget_integrator()
         super()._initialise()
         path, version = self.description.path, self.description.version
-        update = self._fmu.newDiscreteStates if version == 2 else self._fmu.updateDiscreteStates
+        update = self.fmu.newDiscreteStates if version == 2 else self.fmu.updateDiscreteStates
         try:
-            with self._calling("NewDiscreteStates" if version == 2 else "UpdateDiscreteStates"):
+            with self.calling("NewDiscreteStates" if version == 2 else "UpdateDiscreteStates"):
                 for _ in range(MOST_UPDATES):
                     needed, ended, _, _, timed, when = update()
                     if ended or not needed:
                         break
             if not ended and not needed:
-                with self._calling("EnterContinuousTimeMode"):
-                    self._fmu.enterContinuousTimeMode()
+                with self.calling("EnterContinuousTimeMode"):
+                    self.fmu.enterContinuousTimeMode()
         # FMPy's FMICallException
         except Exception as problem:
             self.close()
@@ -92,10 +108,10 @@ class Model(Instance):
         model = self.description.model
         self.states, self.indicators = model.numberOfContinuousStates, model.numberOfEventIndicators
         if self.description.version == 3:
-            with self._calling("GetNumberOfContinuousStates"):
-                self.states = self._fmu.getNumberOfContinuousStates()
-            with self._calling("GetNumberOfEventIndicators"):
-                self.indicators = self._fmu.getNumberOfEventIndicators()
+            with self.calling("GetNumberOfContinuousStates"):
+                self.states = self.fmu.getNumberOfContinuousStates()
+            with self.calling("GetNumberOfEventIndicators"):
+                self.indicators = self.fmu.getNumberOfEventIndicators()
         resized = any(v.causality == "structuralParameter" for v in self.description.variables.values())
         for count, listed, most, name in (
             (self.states, model.numberOfContinuousStates, MOST_STATES, "continuous states"),
@@ -130,9 +146,9 @@ class Model(Instance):
         values = np.full(count + GUARD, UNTOUCHED)
         function = f"fmi{self.description.version}Get{name}"
         try:
-            with self._calling(f"Get{name}"):
+            with self.calling(f"Get{name}"):
                 pointer = values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
-                getattr(self._fmu, f"get{name}")(pointer, count)
+                getattr(self.fmu, f"get{name}")(pointer, count)
         # FMPy's FMICallException
         except Exception as problem:
             raise InputRefused(f"{self.description.path}: {function} failed: {problem}{self._said()}") from None

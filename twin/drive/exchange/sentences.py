@@ -2,7 +2,6 @@
 
 from typing import Any
 
-from twin.drive.adapter import TERMINATE
 from twin.drive.exchange.memory import (
     CALLS,
     CALLS_3,
@@ -19,8 +18,8 @@ from twin.drive.exchange.memory import (
     OVERFLOW,
     PAST_EVENT,
 )
+from twin.drive.status import STATUSES, TERMINATE
 
-STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
 _FLAGS = {
     -3: "its error test fails again and again, however short the step",
     -4: "its iterations do not converge, however short the step",

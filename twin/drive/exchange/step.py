@@ -3,7 +3,7 @@
 from numba import carray
 
 from twin.cosim.native import address_of, doubles_at, step_function
-from twin.drive.adapter import take_outputs
+from twin.drive.adapter import get_all
 from twin.drive.exchange import cvode, runge_kutta
 from twin.drive.exchange.equations import brought
 from twin.drive.exchange.events import handled, slack
@@ -54,4 +54,4 @@ def step(m, t, h, u, y):
     for array, count in ((m.x, m.size), (m.k_1, m.size), (m.z, m.indicators)):
         if carray(doubles_at(array), count + 1)[count] != UNTOUCHED:
             return OVERFLOW
-    return take_outputs(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
+    return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))

@@ -57,12 +57,13 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
     found: list[tuple[float, ...]] = []
     for plan in plans:
         fmu, table = plan.parts.get(ALONE), plan.table
-        plain = table.gear_ratio == 1.0 and table.sign == 1 and table.velocity_loop is None and table.substeps == 1
+        plain = table.gear_ratio == 1.0 and table.sign == 1 and plan.is_bare and table.substeps == 1
         name = fmu.model.modelName if fmu is not None and plain and plan.axes == 1 else ""
         if name == "ideal_velocity":
             found.append((0.0, 0.0, np.inf, np.inf, np.inf, 0.0))
         elif name == "velocity_servo" and fmu is not None:
-            given = {v: float(fmu.variables[v].start) for v in Servos.__annotations__} | table.parameters
+            given = {v: float(fmu.variables[v].start) for v in Servos.__annotations__}
+            given |= {v.name: value for v, value in plan.settings[ALONE] if isinstance(value, float)}
             found.append(tuple(given[v] for v in Servos.__annotations__))
         else:
             return None

@@ -7,6 +7,7 @@ import numpy as np
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive, Part
 from twin.runs.assembly.drives import DrivePlan
+from twin.runs.assembly.rates import rates
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import Check, Finding, Measure, judged
 from twin.studies.qualify.operating_range import RESOLUTION, TICK
@@ -46,8 +47,7 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
         plan: the drive.
         cycle: its work cycle.
     """
-    loop = plan.table.velocity_loop
-    steps = max(plan.table.substeps, round(TICK / loop.period) if loop else 1)
+    steps, _ = rates(plan.label, plan.table, TICK)
     halved = replace(plan, table=_halved(plan.table, steps))
     try:
         finer = response(halved, *work_cycle())
