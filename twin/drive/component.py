@@ -59,7 +59,11 @@ class FmuComponent(Component):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
         self._shift = shift
-        self._stepping = Stepping(self.instance, inputs, outputs, shift)
+        try:
+            self._stepping = self._stepped(inputs, outputs, shift)
+        except InputRefused:
+            self.instance.close()
+            raise
         self._state: np.ndarray | None = None
         self._told_of_discard = False
         super().__init__(
@@ -78,6 +82,14 @@ class FmuComponent(Component):
         """Value of the output port `name` where the FMU's own is 0."""
         return float(by_port(self.outputs, self._shift)[name][0])
 
+    @property
+    def called(self) -> str:
+        """What of the FMU its step calls, for people."""
+        return f"{self.instance.description.prefix}DoStep"
+
+    def _stepped(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> Stepping:
+        return Stepping(self.instance, inputs, outputs, shift)
+
     def _raw(self, port: FmuPort) -> np.ndarray:
         """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
         if port.variable.clocks:
@@ -88,7 +100,7 @@ class FmuComponent(Component):
         return self._stepping.explain(status)
 
     def rewind(self) -> Rewind | None:
-        if not self.instance.description.model.coSimulation.canGetAndSetFMUstate:
+        if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
         save, restore, self._state = self._stepping.repeatable()
         return Rewind(save, restore, self._state.ctypes.data, self._state)
