@@ -109,7 +109,7 @@ def test_files_among_a_drives_parameters_travel_with_it(root: Path, tmp_path: Pa
     setting = f'drive.parameters.map="file:{tmp_path / "map.bin"}"'
     path = root / "experiments" / "fig4_force_position.toml"
     drive = arrived(path, task(str(mapping), setting), tmp_path / "there").drives[0]
-    (curve, text), blob = drive.parameters["curves"], drive.parameters["map"]  # type: ignore[misc]
+    (curve, text), blob = drive.parameters["curves"], drive.parameters["map"]  # type: ignore[misc,str-unpack]
     there = [Path(str(name).removeprefix("file:")) for name in (curve, blob)]
     assert text == "none" and all(file.is_relative_to(tmp_path / "there") for file in there)
     assert [file.read_bytes() for file in there] == [b"0,1", b"\x07"]

@@ -111,7 +111,9 @@ class Bundle:
     def _pack_files(self, table: dict[str, Any], folder: Path, into: str) -> None:
         """Likewise the files among the parameters of `table`."""
         given = table.get("parameters")
-        for name, value in list(given.items()) if isinstance(given, dict) else ():
+        if not isinstance(given, dict):
+            return
+        for name, value in given.items():
             many = isinstance(value, (list, tuple))
             given[name] = [self._file(v, folder, into) for v in value] if many else self._file(value, folder, into)
 
