@@ -1,8 +1,8 @@
 """`twin drive`: look at drive FMUs, qualify and compare them, bring new ones in."""
 
 import math
-import os
 import shlex
+import sys
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -12,12 +12,14 @@ import typer
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.drive_survey import survey
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
+from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
 from twin.errors import InputRefused
-from twin.writing import json_text, write_text
+from twin.runs.guard.limits import Limits
+from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.drive.description import Variable
+    from twin.drive.variable import Variable
+    from twin.experiment.schema import Drive
     from twin.runs.assembly.drives import DrivePlan
 
 WIDTH = 80
@@ -39,17 +41,29 @@ def drive() -> None:
 
 
 @app.command()
-def info(fmu: Fmu, as_json: AsJson = False) -> None:
+def info(fmu: Fmu, compile_: Compile = False, as_json: AsJson = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
+
+    Where it is unclear which variable plays which role, all that may are listed.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
 
     Example: twin drive info pmsm_foc
     """
+    from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
-    from twin.runs.assembly.drives import planned
+    from twin.runs.assembly.drives import fmus, planned
+    from twin.studies.qualify.variables import variables_facts, variables_text
 
-    plan = planned(lone_drive(str(fmu), Path.cwd()))
+    table = lone_drive(str(fmu), Path.cwd())
+    if compile_:
+        _build(table)
+    try:
+        plan = planned(table)
+    except RolesUnclear:
+        parts = fmus(table)
+        print(json_text({"variables": variables_facts(parts)}) if as_json else variables_text(parts))
+        raise
     print(json_text(_facts(plan)) if as_json else _table(plan))
 
 
@@ -71,29 +85,26 @@ def list_(as_json: AsJson = False) -> None:
 
 
 @app.command()
-def new(fmu: Fmu) -> None:
+def new(
+    fmus: Annotated[
+        list[str],
+        typer.Argument(metavar="FMU...", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
+    ],
+) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
 
-    What is in doubt stands in it as comments. An existing mapping.toml is never
-    touched.
+    Several FMUs, or those of a system in an SSP archive (which go into a folder
+    of its name), become one drive, with the wires that their names and units or
+    the archive leave no doubt about. What is in doubt stands in it as comments.
+    An existing mapping.toml is never touched.
 
     Exit code: 0 written, 2 refused.
 
     Example: twin drive new fmus/stepper/stepper.fmu
     """
-    from twin.drive.description import described
-    from twin.experiment.drive_files import MAPPING, lone_drive
-    from twin.studies.qualify.proposal import proposal
+    from twin.studies.qualify.beginning import begun
 
-    file = lone_drive(fmu, Path.cwd()).fmu
-    if file is None:
-        raise InputRefused(f"{fmu}: is made of several FMUs already; name one .fmu file")
-    description = described(Path(file))
-    mapping = Path(os.path.relpath(description.path.parent / MAPPING))
-    text, complete = proposal(description)
-    if os.path.lexists(mapping):
-        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
-    write_text(mapping, text)
+    mapping, complete = begun(fmus, Path.cwd())
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
     print(f"then: {shlex.join(['twin', 'drive', 'check', str(mapping)])}")
 
@@ -109,6 +120,10 @@ def check(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
+    yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
+    compile_: Compile = False,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -121,10 +136,15 @@ def check(
 
     Example: twin drive check velocity_servo
     """
+    from twin.experiment.drive_files import lone_drive
+
     answers = []
     for fmu in fmus:
-        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
-        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
+        if compile_:
+            _build(lone_drive(fmu, Path.cwd()))
+        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
+        limits = Limits(limit_step, limit_wall)
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
@@ -148,6 +168,8 @@ def compare(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
     as_json: AsJson = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
@@ -157,10 +179,13 @@ def compare(
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
     asked = {"fmus": fmus, "experiment": experiment, "out": out}
-    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate)
+    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate, Limits(limit_step, limit_wall))
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:
+    from twin.drive.setting import told
+    from twin.drive.steps import abilities
+
     return {
         "command": plan.table.command,
         "fmus": [
@@ -169,12 +194,17 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
                 "file": str(fmu.path),
                 "sha256": fmu.sha256,
                 "fmi_version": fmu.model.fmiVersion,
+                "kind": fmu.kind,
+                "kinds": list(fmu.kinds),
+                "solver": solver._asdict() if (solver := plan.solver(part)) else None,
+                "tolerance": plan.tolerance(part),
                 "model_name": fmu.model.modelName,
                 "description": fmu.model.description,
                 "generation_tool": fmu.model.generationTool,
                 "platforms": list(fmu.platforms),
-                "get_set_state": bool(fmu.model.coSimulation.canGetAndSetFMUstate),
-                "parameters": {v.name: _parameter(v) for v in fmu.offered("parameter")},
+                "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
+                "parameters": {v.name: _parameter(v) for v in fmu.parameters},
+                "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
                 "validation": fmu.warnings(),
             }
             for part, fmu in plan.parts.items()
@@ -184,7 +214,7 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
             for b in plan.bindings
         },
         "wires": {target: source for source, target in plan.wires},
-        "set": {part: {v.name: value for v, value in settings} for part, settings in plan.settings.items()},
+        "set": {part: {v.name: told(value) for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
 
@@ -192,21 +222,27 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
 def _parameter(v: "Variable") -> dict[str, object]:
     numbers = {"start": v.start, "min": v.low, "max": v.high}
     stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
-    return {"unit": v.unit or None, **stated, "description": v.description}
+    named = {"values": dict(v.items)} if v.items else {}
+    return {"unit": v.unit or None, **stated, **named, "description": v.description}
 
 
 def _table(plan: "DrivePlan") -> str:
+    from twin.drive.description import KIND_NAMES
+    from twin.drive.setting import told
+    from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
 
     lines: list[str] = []
     for part, fmu in plan.parts.items():
         lines += [
             f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
-            f"FMI {fmu.model.fmiVersion} co-simulation",
+            f"FMI {fmu.model.fmiVersion} {KIND_NAMES[fmu.kind]}",
             *textwrap.wrap(fmu.model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",
             f"  made with  {fmu.model.generationTool or 'not stated'}",
+            *(f"  {name:<9}  {text}" for name, text in abilities(fmu)),
+            *_solver_lines(plan, part),
             "",
         ]
     lines.append(f"Commanded with a {plan.table.command}; mapped by name, unit and causality:")
@@ -216,22 +252,49 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        lines += [f"  {qualified(part, v.name)} = {value:g} {v.unit}  (set)" for v, value in settings]
+        texts = [(v, v.told(value) if isinstance(value, float) else str(told(value))) for v, value in settings]
+        lines += [f"  {qualified(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
     for part, fmu in plan.parts.items():
-        offered = fmu.offered("parameter")
+        offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
-        name, start, unit = (
-            (
-                max((len(text) for text in column), default=0)
-                for column in zip(*((v.name, f"{v.start:g}", v.unit or "1") for v in offered), strict=True)
-            )
-            if offered
-            else (0, 0, 0)
-        )
+        columns = [[text(v) for v in offered] for text in (lambda v: v.name, _start, _unit)]
+        wide = [max(map(len, column), default=0) for column in columns]
         for v in offered:
-            head = f"  {v.name:{name}} {v.start:>{start}g} {v.unit or '1':{unit}} "
+            head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
-            lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+            about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
+            lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)
+
+
+def _unit(v: "Variable") -> str:
+    return v.unit or "1"
+
+
+def _start(v: "Variable") -> str:
+    if v.is_text:
+        return v.type
+    return f"{v.size} values" if v.size > 1 else v.told(v.start)
+
+
+def _build(table: "Drive") -> None:
+    """Compile what of a drive has no binary, and tell."""
+    from twin.drive.description import build
+
+    for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
+        built = build(Path(fmu))
+        if built is not None:
+            print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)
+
+
+def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
+    """Who solves its equations, where that is said or could be chosen."""
+    fmu, solver = plan.parts[part], plan.solver(part)
+    if solver is None:
+        return ['  offers     model exchange too: kind = "model_exchange"'] if len(fmu.kinds) > 1 else []
+    step = "one step per step of the drive" if solver.step is None else f"steps of {1e3 * solver.step:g} ms at most"
+    how = f"relative tolerance {plan.tolerance(part):g}" if solver.method == "cvode" else step
+    size = f"{fmu.model.numberOfContinuousStates} states, {fmu.model.numberOfEventIndicators} event indicators"
+    return [f"  solver     ours, {solver.method}, {how}; {size}"]

@@ -1,9 +1,11 @@
-"""FMPy's slaves, loaded quickly: what they find out about their functions is the same for every instance."""
+"""FMPy's instances, loaded quickly: what they find out about their functions is the same for every one of a kind."""
 
+from ctypes import c_char_p, c_int
 from typing import Any, ClassVar
 
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi1 import FMU1Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 
 class _Remembering:
@@ -20,15 +22,37 @@ class _Remembering:
     def _loadFunctions(self) -> None:
         known = type(self)._signatures
         for name, (names, kinds, result) in known.items():
-            function = getattr(self.dll, name)
+            function = getattr(self.dll, self._exported(name))
             function.argnames, function.argtypes, function.restype = names, kinds, result
             self._functions[name] = function
         if not known:
             super()._loadFunctions()  # type: ignore[misc]
-            known.update({name: (f.argnames, f.argtypes, f.restype) for name, f in self._functions.items()})
+            known.update({name: self._signature(name, f) for name, f in self._functions.items()})
+
+    def _exported(self, name: str) -> str:
+        """What the binary calls the function `name` of FMPy's."""
+        return name
+
+    def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
+        return function.argnames, function.argtypes, function.restype
 
 
 # FMPy tells the standard by how the class is called
+class FMU1Drive(_Remembering, FMU1Slave):
+    """An FMI 1.0 slave, whose functions have the model's name before theirs."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+    def _exported(self, name: str) -> str:
+        return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi')}"
+
+    def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
+        # FMPy has several return text that return a status: read as an address, every bad one would crash
+        if not name.endswith(("Version", "TypesPlatform")) and function.restype is c_char_p:
+            function.restype = c_int
+        return super()._signature(name, function)
+
+
 class FMU2Drive(_Remembering, FMU2Slave):
     """An FMI 2.0 slave."""
 
@@ -39,3 +63,29 @@ class FMU3Drive(_Remembering, FMU3Slave):
     """An FMI 3.0 slave."""
 
     _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+class FMU2Exchange(_Remembering, FMU2Model):
+    """An FMI 2.0 model."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+_OF_OTHER_KINDS = {
+    "fmi3ActivateModelPartition",
+    "fmi3DoStep",
+    "fmi3EnterStepMode",
+    "fmi3GetOutputDerivatives",
+    "fmi3InstantiateCoSimulation",
+    "fmi3InstantiateScheduledExecution",
+}
+
+
+class FMU3Exchange(_Remembering, FMU3Model):
+    """An FMI 3.0 model."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+    def __dir__(self) -> list[str]:
+        # FMPy looks here for the functions that a binary has to have, and these it need not have (FMI 3.0, 2.1.2)
+        return [name for name in super().__dir__() if name not in _OF_OTHER_KINDS]

@@ -1,8 +1,10 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-from typing import Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
 
@@ -114,7 +116,30 @@ class Rotor(Section):
     b: float = quantity("b_Nm_s_per_rad", "viscous friction", 0.0, ge=0)
 
 
-TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
+def _of_one_kind(value: Any) -> Any:
+    """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
+    many = isinstance(value, (list, tuple))
+    values = tuple(value) if many else (value,)
+    kinds = {str if isinstance(v, str) else float if type(v) in (int, float) else None for v in values}
+    if len(kinds) != 1 or None in kinds:
+        raise PydanticCustomError("parameter_type", "no parameter")
+    if kinds == {float} and not all(math.isfinite(v) for v in values):
+        raise PydanticCustomError("finite_number", "no finite number")
+    return values if many else value
+
+
+Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
+PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
+
+
+TOLERANCE = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
+
+
+Kind = Literal["co_simulation", "model_exchange"]
+KIND = "as which the FMU is used; without it, co-simulation if it offers that"
+Method = Literal["cvode", "rk4"]
+METHOD = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
 
 
 class Part(Section):
@@ -122,8 +147,11 @@ class Part(Section):
 
     fmu: str = Field(description="an .fmu file")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    kind: Kind | None = Field(None, examples=["model_exchange"], description=KIND)
+    solver: Method | None = Field(None, examples=["rk4"], description=METHOD)
+    solver_step: float | None = quantity("solver_step_ms", SOLVER_STEP, None, gt=0, examples=[0.1])
 
 
 class Drive(Section):
@@ -142,8 +170,11 @@ class Drive(Section):
     substeps: int = Field(1, ge=1, le=10_000, description="steps of the FMU per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    kind: Kind | None = Field(None, examples=["model_exchange"], description=KIND)
+    solver: Method | None = Field(None, examples=["rk4"], description=METHOD)
+    solver_step: float | None = quantity("solver_step_ms", SOLVER_STEP, None, gt=0, examples=[0.1])
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
@@ -162,6 +193,12 @@ class Drive(Section):
             )
         if self.position_command and self.command != "position":
             raise ValueError(f'command = "{self.command}" takes no position_command')
+        for method, step in [
+            (self.solver, self.solver_step),
+            *((p.solver, p.solver_step) for p in self.parts.values()),
+        ]:
+            if step is not None and "rk4" not in (method, self.solver):
+                raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
         return self
 
 

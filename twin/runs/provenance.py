@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.controller.phase import PhaseKind
+from twin.drive.setting import FILE, told
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.assembly.drives import DrivePlan
@@ -21,12 +22,16 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
             {
                 "file": fmu.path.name,
                 "sha256": fmu.sha256,
+                **({"compiled_with": fmu.compiler} if fmu.compiler else {}),
                 "model": fmu.model.modelName,
                 "fmi": fmu.model.fmiVersion,
                 "generation_tool": fmu.model.generationTool,
+                "kind": fmu.kind,
+                "solver": solver.method if (solver := plan.solver(part)) else None,
+                "solver_step": solver.step if solver else None,
                 "tolerance": plan.tolerance(part),
                 "stop_time": experiment.duration_ticks * experiment.cosim.tick,
-                "set": {variable.name: value for variable, value in plan.settings[part]},
+                "set": {variable.name: told(value) for variable, value in plan.settings[part]},
                 "mapped": [str(binding) for binding in plan.bindings],
             }
         )
@@ -54,8 +59,15 @@ def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
 
 
 def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with FMUs by file name only: where they lie on this machine is nobody's business."""
-    return {
-        key: _named_fmus(value) if isinstance(value, dict) else Path(value).name if key == "fmu" else value
-        for key, value in values.items()
-    }
+    """`values` with FMUs and their files by name only: where they lie on this machine is nobody's business."""
+    return {key: _named(key, value) for key, value in values.items()}
+
+
+def _named(key: str, value: Any) -> Any:
+    if isinstance(value, dict):
+        return _named_fmus(value)
+    if isinstance(value, (list, tuple)):
+        return [_named("", v) for v in value]
+    if isinstance(value, str) and value.startswith(FILE):
+        return FILE + Path(value.removeprefix(FILE)).name
+    return Path(value).name if key == "fmu" else value

@@ -1,15 +1,16 @@
 """From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 
 from twin.cosim.component import Component
 from twin.cosim.system import System
-from twin.cosim.wiring import wires
+from twin.cosim.wiring import End, Feeds, wires
+from twin.drive.ramp import AT_END
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, planned_drives, refuse_second_instances
+from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, need_processes, planned_drives
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.assembly.faults.inject import inject
 from twin.runs.assembly.mechanics import at_rest
@@ -27,11 +28,13 @@ class Assembly:
         system: ready to be simulated.
         drives: what stands behind the three joints.
         substituted: what took the place of the experiment's own components, by their names.
+        home: of drives that live elsewhere; it goes last.
     """
 
     system: System
     drives: tuple[DrivePlan, ...]
     substituted: dict[str, str] = field(default_factory=dict)
+    home: ExitStack = field(default_factory=ExitStack)
 
     def __enter__(self) -> "Assembly":
         return self
@@ -40,8 +43,9 @@ class Assembly:
         self.close()
 
     def close(self) -> None:
-        for component in self.system.components:
-            component.close()
+        with self.home:
+            for component in self.system.components:
+                component.close()
 
 
 def assemble(
@@ -53,23 +57,28 @@ def assemble(
 
     Args:
         substitutes: components of the same ports that take the place of the ones with their names.
-        maker: of the drives.
+        maker: of the drives. What cannot live in one process gets processes of its own in any case.
 
     Raises:
         InputRefused: a drive FMU does not fit; all three are checked before any is loaded. Or a substitute for which
             there is no place.
     """
     plans = planned_drives(experiment)
-    if maker.one_process:
-        refuse_second_instances(plans)
+    crowded = need_processes(plans) and maker.one_process
     if experiment.monitor is not None:
         plans = tuple(plan.switchable() for plan in plans)
-    build = Build(experiment, plans, maker, *at_rest(experiment))
-    parts = {row.name: row.parts(build) for row in ROBOT}
-    taken = dict(substitutes or {})
-    _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
-    made: dict[str, list[Component]] = {row: [] for row in parts}
+    taken, home = dict(substitutes or {}), ExitStack()
     with ExitStack() as to_close:
+        to_close.push(home)
+        if crowded:
+            # its compiled code takes a while to load
+            from twin.runs.guard.isolated_drive import IsolatedDrives
+
+            maker = home.enter_context(IsolatedDrives(keep=True))
+        build = Build(experiment, plans, maker, *at_rest(experiment))
+        parts = {row.name: row.parts(build) for row in ROBOT}
+        _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
+        made: dict[str, list[Component]] = {row: [] for row in parts}
         for row, makers in parts.items():
             for name, make in makers.items():
                 component = taken[name] if name in taken else make()
@@ -85,11 +94,18 @@ def assemble(
             experiment.controller.speed_limit,
         )
         cosim = experiment.cosim
-        joined = wires(feeds, components)
+        joined = wires(feeds | _at_end(feeds, components), components)
         system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         to_close.pop_all()
-    return Assembly(system, plans, {name: _kind(component) for name, component in taken.items()})
+    return Assembly(system, plans, {name: _kind(component) for name, component in taken.items()}, home)
+
+
+def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
+    """What feeds those inputs that are asked for at both ends of a step, at its end."""
+    asked = {(component.name, port.name) for component in components for port in component.inputs}
+    both = {End(t.component, t.port + AT_END, t.element): source for t, source in feeds.items()}
+    return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
 def _refuse_unplaced(substitutes: Mapping[str, Component], names: list[str]) -> None:

@@ -74,7 +74,15 @@ class Qualification:
             "failed": list(self.failed),
             "command": self.plan.table.command,
             "fmus": [
-                {"part": part, "file": fmu.path.name, "sha256": fmu.sha256, "fmi_version": fmu.model.fmiVersion}
+                {
+                    "part": part,
+                    "file": fmu.path.name,
+                    "sha256": fmu.sha256,
+                    "fmi_version": fmu.model.fmiVersion,
+                    "standard": fmu.standard,
+                    "kind": fmu.kind,
+                    "solver": solver.method if (solver := self.plan.solver(part)) else None,
+                }
                 for part, fmu in self.plan.parts.items()
             ],
             "checks": {
@@ -121,7 +129,7 @@ def _qualification(plan: DrivePlan, apart: bool) -> Qualification:
         steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
         attempts.findings.append(bandwidth(*swept, steady_gain))
     if stalled:
-        attempts.findings.append(stall_torque(stalled))
+        attempts.found(lambda: [stall_torque(plan, stalled)])
     return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
 
 

@@ -7,17 +7,19 @@ from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.named import experiment_file
 from twin.studies.answer import Answer
+from twin.studies.qualify.bench import told
 from twin.studies.qualify.comparison import comparison_facts, trials
 from twin.studies.qualify.comparison_picture import draw_drive_compare
 from twin.studies.qualify.picture import draw_drive_check
 from twin.studies.qualify.qualification import qualified
 from twin.studies.qualify.text import check_text, compare_text
+from twin.studies.qualify.workload import Workload
 from twin.studies.reference.drive import came_with, no_drive
 from twin.studies.reference.text import references_text
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], None]) -> Answer:
     """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
 
     Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
@@ -27,6 +29,7 @@ def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Ans
         fmu: see `lone_drive`, from here.
         out: folder.
         apart: see `qualified`.
+        sure: whether a check that takes more than an hour is meant.
         say: told what is being done.
 
     Raises:
@@ -37,7 +40,8 @@ def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Ans
     table = lone_drive(fmu, Path.cwd())
     came = came_with(table, apart)
     try:
-        done = qualified(table, apart)
+        with told(Workload(Path(fmu).stem, say, sure).take):
+            done = qualified(table, apart)
     except InputRefused as refusal:
         if not came:
             raise
@@ -65,7 +69,7 @@ def compare_drives(fmus: Sequence[str], experiment: Path, out: Path, say: Callab
         NotWritten: the disk refuses.
     """
     folder, file = made_folder(out), experiment_file(experiment)
-    done = trials(file, list(fmus))
+    done = trials(file, list(fmus), say)
     picture = folder / f"{file.stem}.png"
     draw_drive_compare(done, f"Drives compared in {file.name}", picture)
     facts = comparison_facts(file, done) | {"picture": str(picture)}
