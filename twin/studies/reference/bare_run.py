@@ -1,7 +1,9 @@
 """An FMU run by itself: inputs by name from a table, outputs by name, no drive contract and no robot."""
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -9,10 +11,14 @@ from twin.cosim.port import Port
 from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import FmuComponent, FmuPort
-from twin.drive.description import FmuDescription, Variable
+from twin.drive.component import FmuComponent
+from twin.drive.description import FmuDescription
+from twin.drive.exchange.component import ExchangeComponent
+from twin.drive.exchange.solver import Solver
 from twin.drive.instance import Setup
+from twin.drive.ports import FmuPort
 from twin.drive.unpacked import unpacked
+from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, InputRefused
 from twin.studies.metrics.response import Curve
 from twin.studies.reference.carried import Prepared
@@ -59,11 +65,11 @@ def bare_run(description: FmuDescription, described: Described, files: Prepared)
     inputs = _inputs(description, files.stimuli)
     stimuli = _sampled(inputs, files.stimuli, step * np.arange(last + 1, dtype=float))
     start = dict(zip((p.port.name for p in inputs), stimuli[0], strict=True))
-    setup = Setup(described.tolerance or description.tolerance, step * last)
+    setup = Setup(described.tolerance or description.tolerance, step * last, step)
     set_ = description.settings(files.parameters)
     folder = unpacked(description.path, description.sha256)
     try:
-        component = FmuComponent("fmu", description, folder, inputs, outputs, set_, start, setup=setup)
+        component = _component(description)("fmu", description, folder, inputs, outputs, set_, start, setup=setup)
     except InputRefused as refusal:
         raise ComponentFailed(str(refusal)) from None
     try:
@@ -83,6 +89,13 @@ def bare_run(description: FmuDescription, described: Described, files: Prepared)
     return BareRun(step, step * np.arange(len(rows), dtype=float), names, unknown, failure)
 
 
+def _component(description: FmuDescription) -> Callable[..., FmuComponent]:
+    """What is made of an FMU of this kind; one for model exchange gets CVODE."""
+    if description.kind == "co_simulation":
+        return FmuComponent
+    return partial(ExchangeComponent, solver=Solver())
+
+
 def _steps(description: FmuDescription, described: Described) -> tuple[float, int]:
     """Step (s) and how many of them."""
     stated = description.model.defaultExperiment
@@ -91,7 +104,7 @@ def _steps(description: FmuDescription, described: Described) -> tuple[float, in
     stop = described.stop if described.stop is not None else _first(getattr(stated, "stopTime", None)) or 1.0
     if start != 0.0:
         raise InputRefused(f"{described.name}: starts at {start:g} s; expected 0 s, where runs begin here")
-    own = getattr(description.model.coSimulation, "fixedInternalStepSize", None)
+    own = getattr(description.interface, "fixedInternalStepSize", None)
     step = _first(own, getattr(stated, "stepSize", None)) or stop / STEPS if described.step is None else described.step
     if not (0.0 < step <= stop and stop / step <= MOST_STEPS):
         raise InputRefused(
