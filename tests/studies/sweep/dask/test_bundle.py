@@ -97,3 +97,19 @@ def test_what_was_damaged_is_missing_again_and_what_is_not_its_hash_is_refused(c
     with pytest.raises(InputRefused, match="was damaged on its way"):
         file_store.keep({digest: b"fop"})
     assert file_store.missing([digest]) == [digest]
+
+
+def test_files_among_a_drives_parameters_travel_with_it(root: Path, tmp_path: Path):
+    servo = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    mapping = tmp_path / "supplier" / "mapping.toml"
+    mapping.parent.mkdir()
+    (tmp_path / "supplier" / "curve.csv").write_text("0,1")
+    (tmp_path / "map.bin").write_bytes(b"\x07")
+    mapping.write_text(f'fmu = "{servo}"\n[parameters]\ncurves = ["file:curve.csv", "none"]\n')
+    setting = f'drive.parameters.map="file:{tmp_path / "map.bin"}"'
+    path = root / "experiments" / "fig4_force_position.toml"
+    drive = arrived(path, task(str(mapping), setting), tmp_path / "there").drives[0]
+    (curve, text), blob = drive.parameters["curves"], drive.parameters["map"]  # type: ignore[misc,str-unpack]
+    there = [Path(str(name).removeprefix("file:")) for name in (curve, blob)]
+    assert text == "none" and all(file.is_relative_to(tmp_path / "there") for file in there)
+    assert [file.read_bytes() for file in there] == [b"0,1", b"\x07"]
