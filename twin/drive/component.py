@@ -34,7 +34,7 @@ class FmuPort:
 
 
 class FmuComponent(Component):
-    """One FMU instance as a continuous component.
+    """One FMU instance as a component, a continuous one if nothing else is said.
 
     Args:
         name: of the component and the FMU instance.
@@ -46,6 +46,7 @@ class FmuComponent(Component):
         outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
             and the shaft is coupled where it stands.
         setup: of the run.
+        sampled: whether it is evaluated at t_k; what its outputs are before the first time is nobody's business then.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then.
@@ -62,11 +63,14 @@ class FmuComponent(Component):
         inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
         outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
         setup: Setup = Setup(),  # noqa: B008, it is frozen
+        sampled: bool = False,
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
         self.instance = reuse.instance(name, description, folder, settings, started, setup)
         raw = self.instance.read([p.variable for p in outputs])
+        if sampled:
+            raw[:] = 0.0
         sizes = [p.port.size for p in outputs]
         initial = np.repeat([p.gain for p in outputs], sizes) * raw + np.repeat([p.offset for p in outputs], sizes)
         shift = np.zeros(len(initial))
@@ -89,7 +93,7 @@ class FmuComponent(Component):
             name=name,
             inputs=tuple(p.port for p in inputs),
             outputs=tuple(p.port for p in outputs),
-            sampled=False,
+            sampled=sampled,
             step_address=address,
             self_address=memory.ctypes.data,
             initial_outputs=initial + shift,
@@ -106,7 +110,8 @@ class FmuComponent(Component):
         functions[RESTORE] = f"Set{self._state_name}"
         called = functions[status // 16 * 16]
         code = STATUSES.get(status % 16, f" status {status % 16}")
-        shorter = "; it may do with shorter steps: raise [drive] substeps" if code == "Discard" else ""
+        may = code == "Discard" and not self.sampled
+        shorter = "; it may do with shorter steps: raise [drive] substeps" if may else ""
         return f"{prefix}{called} returned {prefix}{code}{said}{shorter}"
 
     def rewind(self) -> Rewind | None:

@@ -5,7 +5,7 @@ descriptions, and only if there is one answer. Otherwise the error is the TOML t
 """
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
@@ -85,8 +85,27 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     Raises:
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
     """
-    roles = (COMMANDS[wiring.command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
-    _refuse_unknown_roles(file, wiring, roles)
+    found = filled(file, variables, wiring, (COMMANDS[wiring.command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS))
+    _refuse_odd_widths(file, found)
+    return found
+
+
+def filled(
+    file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str = "drive"
+) -> tuple[Binding, ...]:
+    """Those of `roles` that variables play, in their order.
+
+    Args:
+        file: what an error calls the FMU.
+        variables: of the FMU, by the name the user knows them by.
+        wiring: what the user says.
+        roles: inputs first.
+        table: of the experiment that says it.
+
+    Raises:
+        InputRefused: see `bindings`.
+    """
+    _refuse_unknown_roles(file, wiring, roles, table)
     chosen: dict[str, str] = {}
     turned: set[str] = set()
     for role in roles:
@@ -108,14 +127,12 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
             elif role.required:
                 unsure.append(role)
     if unsure:
-        raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, wiring))
-    found = tuple(
+        raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, table))
+    return tuple(
         _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
         for role in roles
         if role.port.name in chosen
     )
-    _refuse_odd_widths(file, found)
-    return found
 
 
 def _refuse_two_roles(file: str, chosen: Mapping[str, str]) -> None:
@@ -139,14 +156,15 @@ def _refuse_odd_widths(file: str, found: tuple[Binding, ...]) -> None:
         raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
 
 
-def _refuse_unknown_roles(file: str, wiring: Wiring, roles: tuple[Role, ...]) -> None:
+def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owner: str) -> None:
+    commanded = f' for command = "{wiring.command}"' if owner == "drive" else ""
     for table, given, causality in (("inputs", wiring.inputs, "input"), ("outputs", wiring.outputs, "output")):
         known = [role.port.name for role in roles if role.causality == causality]
         for name in given:
             if name not in known:
                 raise InputRefused(
-                    f"{file}: [drive.{table}] has no role '{name}' for command = \"{wiring.command}\"; "
-                    f"the roles are {', '.join(known)}"
+                    f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; "
+                    f"the roles are {', '.join(known) or 'none'}"
                 )
 
 
@@ -221,14 +239,14 @@ def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken:
 def _to_paste(
     file: str,
     variables: Mapping[str, Variable],
-    roles: tuple[Role, ...],
+    roles: Sequence[Role],
     chosen: Mapping[str, str],
     unsure: list[Role],
-    wiring: Wiring,
+    owner: str,
 ) -> str:
     """The sentence and the TOML that ends the doubt."""
     lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
-    other = _other_command(variables, unsure, set(chosen.values()))
+    other = _other_command(variables, unsure, set(chosen.values())) if owner == "drive" else None
     if other:
         lines.append(f"It seems to be commanded with a {other}, which needs a velocity loop of ours in front of it.")
         roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
@@ -240,7 +258,7 @@ def _to_paste(
         lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
         lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
     for table, causality in (("inputs", "input"), ("outputs", "output")):
-        lines.append(f"[drive.{table}]")
+        lines.append(f"[{owner}.{table}]")
         for role in roles:
             if role.causality != causality or not (role.required or role.port.name in chosen):
                 continue
@@ -248,5 +266,6 @@ def _to_paste(
             offered = offered or [n for n, v in variables.items() if v.causality == causality]
             name = chosen.get(role.port.name, offered[0] if offered else "?")
             doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
-            lines.append(f'{role.port.name} = "{name}"{doubt}')
+            key = role.port.name if role.port.name.isidentifier() else f'"{role.port.name}"'
+            lines.append(f'{key} = "{name}"{doubt}')
     return "\n".join(lines)

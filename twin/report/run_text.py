@@ -48,6 +48,8 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
             yield _row("", f"{outcome['force_error']:.2f} N rms off the reference while the force loop is on")
     else:
         yield _row("force", "none: it never touched")
+    if outcome["lateral_error"] is None:
+        return
     lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
     yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z rms off the reference")
 

@@ -4,7 +4,7 @@ These are one for each joint, or one FMU that turns all.
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -16,6 +16,7 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
 from twin.runs.assembly.drives import DrivePlan, Start, drive, planned
+from twin.runs.assembly.roles import OtherPart
 
 JOINTS = 3
 
@@ -50,6 +51,7 @@ class Build:
         maker: of the drives.
         plant: at rest.
         theta_m: the motor angles that hold it there (3,), rad.
+        others: parts of another make, by their names.
     """
 
     experiment: Experiment
@@ -57,6 +59,7 @@ class Build:
     maker: DriveMaker
     plant: Plant
     theta_m: NDArray[np.float64]
+    others: Mapping[str, OtherPart] = field(default_factory=dict)
 
 
 Makers = Mapping[str, Callable[[], Component]]

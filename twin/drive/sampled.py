@@ -1,0 +1,194 @@
+"""An FMU as a sampled part of the robot: called at t_k with the inputs of t_k, its outputs are those of t_k.
+
+A port of several values is one array of the FMU (FMI 3.0) or as many scalars, called as tools flatten arrays.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from itertools import groupby
+from pathlib import Path
+
+from twin.cosim.port import Port
+from twin.drive.component import FmuComponent, FmuPort
+from twin.drive.contract import Role
+from twin.drive.description import FmuDescription, Variable, described
+from twin.drive.instance import Setting, Setup
+from twin.drive.mapping import Binding, Wiring, filled
+from twin.drive.unpacked import unpacked
+from twin.errors import InputRefused, nearest
+from twin.units import NUMBER, known_unit
+
+Said = Mapping[str, str | tuple[str, ...]]
+AXES = ("x", "y", "z")
+
+
+@dataclass(frozen=True)
+class SampledFmu:
+    """An FMU for a part of the robot, checked as far as that goes without its binary.
+
+    Attributes:
+        description: of the FMU.
+        settings: values set before initialisation.
+        bindings: a variable for each port, or for each value of a port.
+        inputs, outputs: ports that it has, whole.
+        tolerance: of its solver; None: nothing is said.
+    """
+
+    description: FmuDescription
+    settings: Sequence[Setting]
+    bindings: tuple[Binding, ...]
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    tolerance: float | None
+
+    def component(self, name: str, tick: float, period: int, ticks: int) -> FmuComponent:
+        """The FMU in step mode, called every `period` ticks of `tick` (s) from tick 0 to tick `ticks`.
+
+        Raises:
+            InputRefused: it cannot be brought there.
+        """
+        ports = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in self.bindings]
+        sides = ([p for p, b in zip(ports, self.bindings, strict=True) if b.role.causality == side] for side in _SIDES)
+        # the last call is at the last of its samples, and a step goes on to the next
+        stop = (ticks // period + 1) * period * tick
+        made = FmuComponent(
+            name, self.description, unpacked(self.description.path, self.description.sha256), *sides, self.settings,
+            setup=Setup(self.tolerance, stop), sampled=True,
+        )  # fmt: skip
+        made.inputs, made.outputs, made.period = self.inputs, self.outputs, period
+        return made
+
+
+_SIDES = ("input", "output")
+
+
+def sampled_fmu(
+    file: Path,
+    table: str,
+    ports: tuple[Sequence[Port], Sequence[Port]],
+    required: Sequence[str],
+    said: tuple[Said, Said],
+    parameters: Mapping[str, float],
+    tolerance: float | None,
+) -> SampledFmu:
+    """The FMU `file` for a part of the robot.
+
+    Args:
+        table: of the experiment that names it.
+        ports: the part's inputs and outputs.
+        required: outputs that it must have; all others are taken where the FMU has them.
+        said: which variables are which inputs and outputs.
+        parameters: in its own names and units.
+        tolerance: of its solver; None: what it states itself.
+
+    Raises:
+        InputRefused: the FMU, the mapping or a parameter is not right; or it has an input that nothing feeds.
+    """
+    description = described(file)
+    if description.model.coSimulation is None:
+        raise InputRefused(f"{file}: without co-simulation; a sampled part is called at its samples, export it for that")
+    settings = description.settings(parameters)
+    roles: list[Role] = []
+    wiring: list[dict[str, str]] = []
+    for side, offered, given in zip(_SIDES, ports, said, strict=True):
+        for name in given:
+            if name not in [port.name for port in offered]:
+                known = [port.name for port in offered]
+                raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, known, 'it has {}')}")
+        wiring.append({})
+        for port in offered:
+            for role, variable in _roles(file, description, port, side, port.name in required, given.get(port.name)):
+                roles.append(role)
+                wiring[-1] |= {role.port.name: variable} if variable else {}
+    found = filled(str(file), description.variables, Wiring(inputs=wiring[0], outputs=wiring[1]), roles, table)
+    inputs, outputs = (tuple(_whole(file, table, found, side, offered)) for side, offered in zip(_SIDES, ports, strict=True))
+    _refuse_odd_units(file, found)
+    _refuse_unfed(file, table, description, found, settings)
+    own = description.tolerance if tolerance is None else tolerance
+    return SampledFmu(description, settings, found, inputs, outputs, own)
+
+
+def _roles(
+    file: Path,
+    description: FmuDescription,
+    port: Port,
+    side: str,
+    required: bool,
+    said: str | tuple[str, ...] | None,
+) -> Iterator[tuple[Role, str]]:
+    """Roles of a port, and the variable that plays each; "" where nobody knows."""
+    unit = known_unit(port.unit)
+    # as FMUs leave the radian out
+    dimension = unit.dimension._replace(rad=0) if unit else NUMBER
+    causality = "input" if side == "input" else "output"
+    variables = description.variables
+    if isinstance(said, str) and f"{said}[1]" in variables and said not in variables:
+        said = tuple(f"{said}[{i + 1}]" for i in range(port.size))
+    if isinstance(said, tuple) and len(said) != port.size:
+        raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(said)} variables are given for it")
+    if isinstance(said, str) or port.size == 1:
+        yield Role(port, causality, dimension, required, ()), said[0] if isinstance(said, tuple) else said or ""
+    elif said is None and port.name in variables and variables[port.name].size == port.size:
+        yield Role(port, causality, dimension, required, ()), port.name
+    else:
+        for i in range(port.size):
+            one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
+            known = said[i] if said else _spelled(port, i, variables, causality)
+            yield Role(one, causality, dimension, required, ()), known
+
+
+def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
+    """The variable that stands for value `i` of `port`, as tools flatten arrays; "" if there is none."""
+    name, n = port.name, i + 1
+    ways = [f"{name}[{n}]", f"{name}({n})", f"{name}_{n}", f"{name}{n}"]
+    if port.size == 3:
+        ways += [f"{name}_{AXES[i]}", f"{name}.{AXES[i]}"]
+    if port.size == 9:
+        row, column = divmod(i, 3)
+        ways += [f"{name}[{row + 1},{column + 1}]", f"{name}({row + 1},{column + 1})", f"{name}_{row + 1}{column + 1}"]
+    there = (way for way in ways if way in variables and variables[way].causality == causality)
+    return next(there, "")
+
+
+def _whole(
+    file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port]
+) -> Iterator[Port]:
+    """The ports that the FMU has, each with all of its values."""
+    mine = [binding for binding in found if binding.role.causality == side]
+    sizes = {
+        name: sum(binding.variable.size for binding in group)
+        for name, group in groupby(mine, lambda binding: binding.role.port.name.partition("[")[0])
+    }
+    for port in offered:
+        if port.name not in sizes:
+            continue
+        if sizes[port.name] != port.size:
+            names = ", ".join(f'"{b.said}"' for b in mine if b.role.port.name.partition("[")[0] == port.name)
+            raise InputRefused(
+                f"{file}: {port.name} has {port.size} values, and {names} {sizes[port.name]}; give a variable for each: "
+                f'[{table}.{side}s] {port.name} = ["...", ...]'
+            )
+        yield port
+
+
+def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
+    """Counts, flags and codes have no unit; a factor would make others of them."""
+    for binding in found:
+        conversion = binding.variable.conversion
+        if binding.role.port.unit == "1" and conversion is not None and (conversion.factor, conversion.offset) != (1, 0):
+            raise InputRefused(
+                f"{file}: '{binding.name}' has unit '{binding.variable.unit}'; {binding.role.port.name} is a pure number"
+            )
+
+
+def _refuse_unfed(
+    file: Path, table: str, description: FmuDescription, found: Sequence[Binding], settings: Sequence[Setting]
+) -> None:
+    """An input that nobody feeds would stay at its start value without a word."""
+    fed = {binding.variable.name for binding in found} | {variable.name for variable, _ in settings}
+    unfed = [v.name for v in description.variables.values() if v.causality == "input" and v.name not in fed]
+    if unfed:
+        raise InputRefused(
+            f"{file}: nothing feeds its input{'s' * (len(unfed) > 1)} {', '.join(unfed)}; say which of ours it is in "
+            f"[{table}.inputs], or give it a value in [{table}.parameters]"
+        )
