@@ -6,7 +6,7 @@ from pathlib import Path
 
 from builder.archive import write_fmu
 from builder.compile import TARGETS, TARGETS_FMI3
-from builder.drive import FMUS, drive_names, load_drive
+from builder.drive import FMUS, drive_names, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
 
@@ -31,7 +31,7 @@ def main() -> None:
 
 def _tools() -> dict[str, tuple[str, ...]]:
     """The packages each drive is made with, by its name."""
-    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0")], ("ziglang",))
+    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0"), *part_names()], ("ziglang",))
     in_python = dict.fromkeys(python_drive_names(), ("pythonfmu",))
     in_modelica = dict.fromkeys(modelica_drive_names(), ("rumoca", "ziglang"))
     return compiled | in_python | in_modelica

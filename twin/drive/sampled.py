@@ -88,53 +88,56 @@ def sampled_fmu(
     if description.model.coSimulation is None:
         raise InputRefused(f"{file}: without co-simulation; a sampled part is called at its samples, export it for that")
     settings = description.settings(parameters)
-    roles: list[Role] = []
-    wiring: list[dict[str, str]] = []
+    # an input that has been given a value keeps it
+    free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
+    fixed = description.variables.keys() - free.keys()
+    said = {name: of for name, of in said[0].items() if not {of, *(of if isinstance(of, tuple) else ())} & fixed}, said[1]
+    found: tuple[Binding, ...] = ()
+    whole: list[tuple[Port, ...]] = []
     for side, offered, given in zip(_SIDES, ports, said, strict=True):
         for name in given:
             if name not in [port.name for port in offered]:
                 known = [port.name for port in offered]
                 raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, known, 'it has {}')}")
-        wiring.append({})
-        for port in offered:
-            for role, variable in _roles(file, description, port, side, port.name in required, given.get(port.name)):
-                roles.append(role)
-                wiring[-1] |= {role.port.name: variable} if variable else {}
-    found = filled(str(file), description.variables, Wiring(inputs=wiring[0], outputs=wiring[1]), roles, table)
-    inputs, outputs = (tuple(_whole(file, table, found, side, offered)) for side, offered in zip(_SIDES, ports, strict=True))
+        known = {role: name for port in offered for role, name in _roles(file, free, port, side, required, given)}
+        told = {role.port.name: name for role, name in known.items() if name}
+        wiring = Wiring(inputs=told) if side == "input" else Wiring(outputs=told)
+        mine = filled(str(file), free, wiring, tuple(known), table)
+        whole.append(tuple(_whole(file, table, mine, side, offered)))
+        found += mine
     _refuse_odd_units(file, found)
     _refuse_unfed(file, table, description, found, settings)
     own = description.tolerance if tolerance is None else tolerance
-    return SampledFmu(description, settings, found, inputs, outputs, own)
+    return SampledFmu(description, settings, found, *whole, own)
 
 
 def _roles(
     file: Path,
-    description: FmuDescription,
+    variables: Mapping[str, Variable],
     port: Port,
     side: str,
-    required: bool,
-    said: str | tuple[str, ...] | None,
+    required: Sequence[str],
+    given: Said,
 ) -> Iterator[tuple[Role, str]]:
     """Roles of a port, and the variable that plays each; "" where nobody knows."""
+    said, needed = given.get(port.name), port.name in required
     unit = known_unit(port.unit)
     # as FMUs leave the radian out
     dimension = unit.dimension._replace(rad=0) if unit else NUMBER
     causality = "input" if side == "input" else "output"
-    variables = description.variables
     if isinstance(said, str) and f"{said}[1]" in variables and said not in variables:
         said = tuple(f"{said}[{i + 1}]" for i in range(port.size))
     if isinstance(said, tuple) and len(said) != port.size:
         raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(said)} variables are given for it")
     if isinstance(said, str) or port.size == 1:
-        yield Role(port, causality, dimension, required, ()), said[0] if isinstance(said, tuple) else said or ""
+        yield Role(port, causality, dimension, needed, ()), said[0] if isinstance(said, tuple) else said or ""
     elif said is None and port.name in variables and variables[port.name].size == port.size:
-        yield Role(port, causality, dimension, required, ()), port.name
+        yield Role(port, causality, dimension, needed, ()), port.name
     else:
         for i in range(port.size):
             one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
             known = said[i] if said else _spelled(port, i, variables, causality)
-            yield Role(one, causality, dimension, required, ()), known
+            yield Role(one, causality, dimension, needed, ()), known
 
 
 def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
