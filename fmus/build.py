@@ -1,4 +1,4 @@
-"""Build the drive FMUs: `python fmus/build.py [drive ...]`. Needs `pip install .[fmus]` for the tools."""
+"""Build FMUs of drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools."""
 
 import argparse
 from importlib.util import find_spec
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from builder.archive import write_fmu
 from builder.compile import TARGETS, TARGETS_FMI3
-from builder.drive import FMUS, drive_names, load_drive, part_names
+from builder.drive import FMUS, drive_names, folder_of, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
 
@@ -24,7 +24,7 @@ def main() -> None:
         if missing:
             parser.error(f"drive '{name}' is made with {' and '.join(missing)}: pip install .[fmus]")
     for name in names:
-        target = FMUS / name / f"{name}.fmu"
+        target = folder_of(name) / f"{name}.fmu"
         build(name, FMUS / ".build" / name, target)
         print(target.relative_to(FMUS.parent))
 

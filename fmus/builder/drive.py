@@ -10,6 +10,7 @@ from typing import Any
 FMUS = Path(__file__).resolve().parents[1]
 FMI2 = FMUS / "fmi2"
 FMI3 = FMUS / "fmi3"
+PARTS = FMUS / "parts"
 GUID_NAMESPACE = uuid.UUID("6f1d4c1e-6d0a-5c0b-9f0e-7d2b1a4c8e35")
 
 
@@ -63,7 +64,12 @@ def drive_names(fmi: str = "2.0") -> list[str]:
 
 def part_names() -> list[str]:
     """Names of the other parts of the robot, compiled from a part.toml, sorted."""
-    return sorted(path.parent.name for path in FMUS.glob("*/part.toml"))
+    return sorted(path.parent.name for path in PARTS.glob("*/part.toml"))
+
+
+def folder_of(name: str) -> Path:
+    """Where the drive, or the other part, `name` is described and built."""
+    return PARTS / name if (PARTS / name).is_dir() else FMUS / name
 
 
 def load_drive(name: str) -> Drive:
@@ -73,8 +79,8 @@ def load_drive(name: str) -> Drive:
         FileNotFoundError: there is no such drive.
         TypeError: a variable has an unknown key or lacks a required one.
     """
-    folder = FMUS / name
-    table = folder / ("part.toml" if (folder / "part.toml").is_file() else "drive.toml")
+    folder = folder_of(name)
+    table = folder / ("part.toml" if folder.parent == PARTS else "drive.toml")
     document = _document(table)
     fmi = document["fmi"]
     more = sorted({*folder.glob("*.[ch]")} - {folder / "model.c"})

@@ -1,13 +1,7 @@
 """Parameters of fmus/paper_law for an experiment of twin's own controller, and the experiment with it."""
 
-from dataclasses import replace
-from pathlib import Path
-
 from twin.experiment.experiment import Experiment
-from twin.experiment.schema import PositionLoop
-from twin.experiment.stand_in import StandIn, checked_apart
-from twin.experiment.schema import Controller
-from twin.experiment.task import Push, Roll, Tap, Press, Task
+from twin.experiment.task import Press, Push, Roll, Tap, Task
 
 NEVER = 1e300
 KINDS = {Press: 1, Tap: 2, Roll: 3, Push: 4}

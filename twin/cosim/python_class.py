@@ -190,7 +190,9 @@ class PythonSource:
         return found
 
 
-def wanted_of(label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]) -> tuple[Wanted, Wanted]:
+def wanted_of(
+    label: str, kind: Any, inputs: Sequence[Port], outputs: Sequence[Port], required: Sequence[str]
+) -> tuple[Wanted, Wanted]:
     """What a class, or an instance, says that it takes and gives.
 
     Args:

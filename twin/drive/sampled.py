@@ -86,12 +86,17 @@ def sampled_fmu(
     """
     description = described(file)
     if description.model.coSimulation is None:
-        raise InputRefused(f"{file}: without co-simulation; a sampled part is called at its samples, export it for that")
+        raise InputRefused(
+            f"{file}: without co-simulation; a sampled part is called at its samples, export it for that"
+        )
     settings = description.settings(parameters)
     # an input that has been given a value keeps it
     free = {n: v for n, v in description.variables.items() if v.causality != "input" or n not in parameters}
     fixed = description.variables.keys() - free.keys()
-    said = {name: of for name, of in said[0].items() if not {of, *(of if isinstance(of, tuple) else ())} & fixed}, said[1]
+    said = (
+        {name: of for name, of in said[0].items() if not {of, *(of if isinstance(of, tuple) else ())} & fixed},
+        said[1],
+    )
     found: tuple[Binding, ...] = ()
     whole: list[tuple[Port, ...]] = []
     for side, offered, given in zip(_SIDES, ports, said, strict=True):
@@ -99,8 +104,10 @@ def sampled_fmu(
             if name not in [port.name for port in offered]:
                 known = [port.name for port in offered]
                 raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, known, 'it has {}')}")
-        known = {role: name for port in offered for role, name in _roles(file, free, port, side, required, given)}
+        known = {role: name for port in offered for role, name in _roles(file, free, port, side, given)}
         told = {role.port.name: name for role, name in known.items() if name}
+        if side == "output":
+            _refuse_lacking(file, table, description, [port for port in offered if port.name in required], told)
         wiring = Wiring(inputs=told) if side == "input" else Wiring(outputs=told)
         mine = filled(str(file), free, wiring, tuple(known), table)
         whole.append(tuple(_whole(file, table, mine, side, offered)))
@@ -116,11 +123,10 @@ def _roles(
     variables: Mapping[str, Variable],
     port: Port,
     side: str,
-    required: Sequence[str],
     given: Said,
 ) -> Iterator[tuple[Role, str]]:
     """Roles of a port, and the variable that plays each; "" where nobody knows."""
-    said, needed = given.get(port.name), port.name in required
+    said = given.get(port.name)
     unit = known_unit(port.unit)
     # as FMUs leave the radian out
     dimension = unit.dimension._replace(rad=0) if unit else NUMBER
@@ -130,14 +136,14 @@ def _roles(
     if isinstance(said, tuple) and len(said) != port.size:
         raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(said)} variables are given for it")
     if isinstance(said, str) or port.size == 1:
-        yield Role(port, causality, dimension, needed, ()), said[0] if isinstance(said, tuple) else said or ""
+        yield Role(port, causality, dimension, False, ()), said[0] if isinstance(said, tuple) else said or ""
     elif said is None and port.name in variables and variables[port.name].size == port.size:
-        yield Role(port, causality, dimension, needed, ()), port.name
+        yield Role(port, causality, dimension, False, ()), port.name
     else:
         for i in range(port.size):
             one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
             known = said[i] if said else _spelled(port, i, variables, causality)
-            yield Role(one, causality, dimension, needed, ()), known
+            yield Role(one, causality, dimension, False, ()), known
 
 
 def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
@@ -153,9 +159,21 @@ def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: s
     return next(there, "")
 
 
-def _whole(
-    file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port]
-) -> Iterator[Port]:
+def _refuse_lacking(
+    file: Path, table: str, description: FmuDescription, required: Sequence[Port], told: Mapping[str, str]
+) -> None:
+    """Nothing is guessed: a part of the robot has too many ports of one unit for that."""
+    for port in required:
+        if port.name not in told and not all(f"{port.name}[{i + 1}]" in told for i in range(port.size)):
+            offered = [f"{v.name}{f' [{v.unit}]' if v.unit else ''}" for v in description.offered("output")]
+            names = '"..."' if port.size == 1 else "[" + ", ".join(['"..."'] * port.size) + "]"
+            raise InputRefused(
+                f"{file}: which of its outputs is {port.name} ({port.meaning}, {port.size} x {port.unit}), which a "
+                f"{table} needs? It has {', '.join(offered) or 'none'}. Say so: [{table}.outputs] {port.name} = {names}"
+            )
+
+
+def _whole(file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port]) -> Iterator[Port]:
     """The ports that the FMU has, each with all of its values."""
     mine = [binding for binding in found if binding.role.causality == side]
     sizes = {
@@ -178,9 +196,13 @@ def _refuse_odd_units(file: Path, found: Sequence[Binding]) -> None:
     """Counts, flags and codes have no unit; a factor would make others of them."""
     for binding in found:
         conversion = binding.variable.conversion
-        if binding.role.port.unit == "1" and conversion is not None and (conversion.factor, conversion.offset) != (1, 0):
+        if (
+            binding.role.port.unit == "1"
+            and conversion is not None
+            and (conversion.factor, conversion.offset) != (1, 0)
+        ):
             raise InputRefused(
-                f"{file}: '{binding.name}' has unit '{binding.variable.unit}'; {binding.role.port.name} is a pure number"
+                f"{file}: '{binding.name}' has unit '{binding.variable.unit}'; {binding.role.port.name} has none"
             )
 
 

@@ -67,7 +67,7 @@ def shelved(fmu: str, folder: Path) -> str:
 
 
 def completed(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS) -> dict[str, Any]:
-    """`table` of a drive, or of another part that is an FMU, with its mapping file, which may name another one and so on, and absolute paths."""
+    """`table` of a drive, or of another part, with its mapping file, which may name another, and absolute paths."""
     table = copy.deepcopy(table)
     if isinstance(table.get("fmu"), str):
         path = located(table["fmu"], folder)

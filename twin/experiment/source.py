@@ -45,9 +45,13 @@ KEPT = {
 """Parts of the robot that may be of another make, and the keys of their tables that act all the same."""
 
 
+NAMING = ("fmu", "python")
+"""Keys whose value is a file; of a class behind a colon, too."""
+
+
 def names_stand_in(table: Mapping[str, Any]) -> bool:
     """Whether a table of a part says that it is of another make."""
-    return "fmu" in table or "python" in table
+    return any(key in table for key in NAMING)
 
 
 REPLACED: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], tuple[str, ...] | None], ...] = (

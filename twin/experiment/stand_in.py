@@ -11,7 +11,7 @@ from twin.experiment.drive_files import completed
 from twin.experiment.mistakes import checked, keys
 from twin.experiment.quantity import Section
 from twin.experiment.schema import TOLERANCE, Controller, Scale
-from twin.experiment.source import KEPT, located, names_stand_in
+from twin.experiment.source import KEPT, NAMING, located, names_stand_in
 
 Names = dict[str, str | tuple[str, ...]]
 
@@ -22,7 +22,9 @@ class StandIn(Section):
     Either `fmu`, with names and units of the FMU's own, or `python`, whose class names its ports itself.
     """
 
-    fmu: str | None = Field(None, examples=["fmus/paper_law"], description="an .fmu file, or a folder of fmus/")
+    fmu: str | None = Field(
+        None, examples=["fmus/parts/paper_law"], description="an .fmu file, or a folder of fmus/parts/"
+    )
     python: str | None = Field(None, examples=["my_controller.py:Controller"], description="a file and a class in it")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
     inputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
@@ -110,8 +112,14 @@ def checked_apart(role: str, model: type[Section], table: Mapping[str, Any], fol
     return Apart(checked(StandIn, own, role, told), checked(_REST.get(role, model), kept, role, told))
 
 
+def rest_of(role: str, table: Mapping[str, Any]) -> Section | None:
+    """What of the checked table [role] of a part of another make still acts; None if it has nothing of the kind."""
+    kept = {key: value for key, value in table.items() if key in KEPT[role]}
+    return _REST[role].model_validate(kept) if role in _REST else None
+
+
 def _named(own: Mapping[str, Any]) -> str:
-    return " and ".join(f'{key} = "{own[key]}"' for key in ("fmu", "python") if key in own)
+    return " and ".join(f'{key} = "{own[key]}"' for key in NAMING if key in own)
 
 
 def _with_file(role: str, own: Mapping[str, Any], folder: Path) -> dict[str, Any]:

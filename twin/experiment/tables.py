@@ -138,9 +138,7 @@ def _over_robot(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[
     return {**robot, **own, **numbered}
 
 
-def _by_name(
-    values: dict[str, Any], folder: Path, mistakes: list[str]
-) -> tuple[dict[str, Any], dict[str, StandIn]]:
+def _by_name(values: dict[str, Any], folder: Path, mistakes: list[str]) -> tuple[dict[str, Any], dict[str, StandIn]]:
     """The tables that are right, and parts of another make; what is wrong with the others goes to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}

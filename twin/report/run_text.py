@@ -18,6 +18,7 @@ def run_text(run: Mapping[str, Any]) -> str:
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
     lines += [*_outcome(run["outcome"]), *_events(run), *_drives(run)]
+    lines += [line for text in run["parts"].values() for line in wrapped(text, " " * 2, 13)]
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
     return "\n".join([*lines, _row("recording", run["recording"])])
 
@@ -33,6 +34,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "real_time_factor": run["real_time_factor"],
         "drives": list(run["drives"]),
         "substituted": dict(run["substituted"]),
+        "parts": dict(run["parts"]),
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],

@@ -36,7 +36,12 @@ class Watch(Observer):
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if len(rows):
-            events += [*self._faults(first, len(rows)), *self._progress(first, rows), *self._trips(first, rows), *self._messages()]
+            events += [
+                *self._faults(first, len(rows)),
+                *self._progress(first, rows),
+                *self._trips(first, rows),
+                *self._messages(),
+            ]
             events.sort(key=lambda event: event.tick)
 
     def _progress(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:

@@ -52,7 +52,8 @@ ROBOT = (
     _row("reference", computer.references),
     _row(
         "controller", computer.controllers,
-        p_ref_B="reference.p_ref_B", p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
+        p_ref_B="reference.p_ref_B",
+        p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
     ),
     _row("delay", computer.delays, omega_ref=COMMAND[2:]),
     _row(

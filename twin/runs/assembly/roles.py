@@ -78,7 +78,8 @@ class OtherPart:
     @property
     def sentence(self) -> str:
         """What it is, for whoever reads a run."""
-        return f"{self.role} is {self.label} (sha256 {self.sha256[:12]}) in the place of twin's own"
+        own = "twin's own, which has the law of the paper," if self.role == "controller" else "twin's own"
+        return f"{self.role}: {self.label} (sha256 {self.sha256[:12]}); {own} did not run"
 
 
 def other_part(role: str, table: StandIn) -> OtherPart:
@@ -188,7 +189,9 @@ def _class_part(role: str, table: StandIn) -> OtherPart:
         "class": table.class_name,
         "sha256": source.sha256,
         "set": dict(table.parameters),
-        "mapped": [f"{port.name} {arrow}" for side, arrow in zip(wanted, ("<-", "->"), strict=True) for port in side.ports],
+        "mapped": [
+            f"{port.name} {arrow}" for side, arrow in zip(wanted, ("<-", "->"), strict=True) for port in side.ports
+        ],
     }
 
     def model() -> Any:
