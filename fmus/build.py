@@ -1,4 +1,4 @@
-"""Build FMUs of drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools."""
+"""Build drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools."""
 
 import argparse
 from importlib.util import find_spec

@@ -37,6 +37,7 @@ class Wanted:
     Attributes:
         ports: of them, in the contract's order.
         gains: SI values per value of the class's, by port.
+        units: of the class's values, by port.
     """
 
     def __init__(self, label: str, side: str, said: Any, offered: Sequence[Port]):
@@ -51,6 +52,7 @@ class Wanted:
                 raise InputRefused(f"{label}: {side} has {name!r}; {nearest(str(name), list(known), 'there are {}')}")
         self.ports = tuple(port for port in offered if port.name in units)
         self.gains = {port.name: _gain(label, port, units[port.name]) for port in self.ports}
+        self.units = {port.name: units[port.name] or port.unit for port in self.ports}
         ends = np.cumsum([port.size for port in self.ports])
         self.places = [
             (port.name, port.size, slice(int(end) - port.size, int(end)), self.gains[port.name])
@@ -126,20 +128,20 @@ def _put(answer: Any, wanted: Wanted, into: np.ndarray) -> None:
         OutputsRefused: it is not what the class has said, as the verb phrase of a sentence.
     """
     if not isinstance(answer, Mapping):
-        raise OutputsRefused(f"returned {type(answer).__name__} from step; expected a dictionary of its outputs")
+        raise OutputsRefused(f"returned {type(answer).__name__} from step (expected a dictionary of its outputs)")
     for name, size, place, gain in wanted.places:
         if name not in answer:
-            raise OutputsRefused(f"returned no {name!r} from step; its outputs say so")
+            raise OutputsRefused(f"returned no {name!r} from step (its outputs name it)")
         try:
             value = np.asarray(answer[name], dtype=float)
         except (TypeError, ValueError):
-            raise OutputsRefused(f"returned {_short(answer[name])} for {name} from step; expected numbers") from None
+            raise OutputsRefused(f"returned {_short(answer[name])} for {name} from step (expected numbers)") from None
         if value.size != size:
-            raise OutputsRefused(f"returned {value.size} values for {name} from step; expected {size}")
+            raise OutputsRefused(f"returned {value.size} values for {name} from step (expected {size})")
         into[place] = value.ravel() * gain
     if len(answer) > len(wanted.places):
         other = next(name for name in answer if name not in wanted.gains)
-        raise OutputsRefused(f"returned {_short(other)} from step; {nearest(str(other), list(wanted.gains))}")
+        raise OutputsRefused(f"returned {_short(other)} from step (its outputs do not name it)")
 
 
 class PythonSource:
@@ -230,7 +232,7 @@ def made(label: str, kind: type, parameters: Mapping[str, float]) -> Any:
         other = next((name for name in parameters if name not in known), "")
         if other:
             raise InputRefused(f"{label}: no parameter '{other}'; {nearest(other, known, 'it has {}')}")
-        raise InputRefused(f"{label}: takes ({', '.join(known)}); give each of them without a default a value")
+        raise InputRefused(f"{label}: takes ({', '.join(known)}); give those without a default a value in parameters")
     try:
         return kind(**parameters)
     except Exception as problem:

@@ -13,7 +13,7 @@ from twin.drive import adapter, fmu_state, plain_adapter, reuse
 from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.fmu_state import RESTORE, SAVE
-from twin.drive.instance import Setting, Setup
+from twin.drive.instance import Instance, Setting, Setup
 from twin.errors import InputRefused
 
 STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
@@ -67,7 +67,9 @@ class FmuComponent(Component):
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        self.instance = reuse.instance(name, description, folder, settings, started, setup)
+        # of sampled parts nobody has proved that a reset makes them new
+        make = Instance if sampled else reuse.instance
+        self.instance = make(name, description, folder, settings, started, setup)
         raw = self.instance.read([p.variable for p in outputs])
         if sampled:
             raw[:] = 0.0
@@ -143,7 +145,10 @@ class FmuComponent(Component):
             if state is not None and state[0]["state"]:
                 self.instance.forget(int(state[0]["state"]))
         finally:
-            reuse.let_go(self.instance)
+            if self.sampled:
+                self.instance.close()
+            else:
+                reuse.let_go(self.instance)
 
     def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
         """Whether values can go as they are: Real, unscaled, no more than one output shifted."""

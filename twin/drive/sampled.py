@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path
+from typing import Literal
 
 from twin.cosim.port import Port
 from twin.drive.component import FmuComponent, FmuPort
@@ -47,19 +48,21 @@ class SampledFmu:
         Raises:
             InputRefused: it cannot be brought there.
         """
-        ports = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in self.bindings]
-        sides = ([p for p, b in zip(ports, self.bindings, strict=True) if b.role.causality == side] for side in _SIDES)
+        inputs, outputs = (
+            [FmuPort(b.port, b.variable, b.gain, b.offset) for b in self.bindings if b.role.causality == side]
+            for side in _SIDES
+        )
         # the last call is at the last of its samples, and a step goes on to the next
         stop = (ticks // period + 1) * period * tick
-        made = FmuComponent(
-            name, self.description, unpacked(self.description.path, self.description.sha256), *sides, self.settings,
-            setup=Setup(self.tolerance, stop), sampled=True,
-        )  # fmt: skip
+        folder = unpacked(self.description.path, self.description.sha256)
+        setup = Setup(self.tolerance, stop)
+        made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
         made.inputs, made.outputs, made.period = self.inputs, self.outputs, period
         return made
 
 
-_SIDES = ("input", "output")
+Side = Literal["input", "output"]
+_SIDES: tuple[Side, Side] = ("input", "output")
 
 
 def sampled_fmu(
@@ -98,31 +101,31 @@ def sampled_fmu(
         said[1],
     )
     found: tuple[Binding, ...] = ()
-    whole: list[tuple[Port, ...]] = []
+    whole: dict[str, tuple[Port, ...]] = {}
     for side, offered, given in zip(_SIDES, ports, said, strict=True):
         for name in given:
             if name not in [port.name for port in offered]:
-                known = [port.name for port in offered]
-                raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, known, 'it has {}')}")
+                there = [port.name for port in offered]
+                raise InputRefused(f"{file}: [{table}.{side}s] no {side} '{name}'; {nearest(name, there, 'it has {}')}")
         known = {role: name for port in offered for role, name in _roles(file, free, port, side, given)}
         told = {role.port.name: name for role, name in known.items() if name}
         if side == "output":
             _refuse_lacking(file, table, description, [port for port in offered if port.name in required], told)
         wiring = Wiring(inputs=told) if side == "input" else Wiring(outputs=told)
         mine = filled(str(file), free, wiring, tuple(known), table)
-        whole.append(tuple(_whole(file, table, mine, side, offered)))
+        whole[side] = tuple(_whole(file, table, mine, side, offered))
         found += mine
     _refuse_odd_units(file, found)
     _refuse_unfed(file, table, description, found, settings)
     own = description.tolerance if tolerance is None else tolerance
-    return SampledFmu(description, settings, found, *whole, own)
+    return SampledFmu(description, settings, found, whole["input"], whole["output"], own)
 
 
 def _roles(
     file: Path,
     variables: Mapping[str, Variable],
     port: Port,
-    side: str,
+    side: Side,
     given: Said,
 ) -> Iterator[tuple[Role, str]]:
     """Roles of a port, and the variable that plays each; "" where nobody knows."""
@@ -130,20 +133,19 @@ def _roles(
     unit = known_unit(port.unit)
     # as FMUs leave the radian out
     dimension = unit.dimension._replace(rad=0) if unit else NUMBER
-    causality = "input" if side == "input" else "output"
     if isinstance(said, str) and f"{said}[1]" in variables and said not in variables:
         said = tuple(f"{said}[{i + 1}]" for i in range(port.size))
     if isinstance(said, tuple) and len(said) != port.size:
         raise InputRefused(f"{file}: {port.name} has {port.size} values; {len(said)} variables are given for it")
     if isinstance(said, str) or port.size == 1:
-        yield Role(port, causality, dimension, False, ()), said[0] if isinstance(said, tuple) else said or ""
+        yield Role(port, side, dimension, False, ()), said[0] if isinstance(said, tuple) else said or ""
     elif said is None and port.name in variables and variables[port.name].size == port.size:
-        yield Role(port, causality, dimension, False, ()), port.name
+        yield Role(port, side, dimension, False, ()), port.name
     else:
         for i in range(port.size):
             one = Port(f"{port.name}[{i + 1}]", 1, port.unit, port.meaning, port.kind)
-            known = said[i] if said else _spelled(port, i, variables, causality)
-            yield Role(one, causality, dimension, False, ()), known
+            known = said[i] if said else _spelled(port, i, variables, side)
+            yield Role(one, side, dimension, False, ()), known
 
 
 def _spelled(port: Port, i: int, variables: Mapping[str, Variable], causality: str) -> str:
@@ -173,20 +175,22 @@ def _refuse_lacking(
             )
 
 
+def port_of(binding: Binding) -> str:
+    """The port of which `binding` is a value, or all of them."""
+    return binding.role.port.name.partition("[")[0]
+
+
 def _whole(file: Path, table: str, found: Sequence[Binding], side: str, offered: Sequence[Port]) -> Iterator[Port]:
     """The ports that the FMU has, each with all of its values."""
     mine = [binding for binding in found if binding.role.causality == side]
-    sizes = {
-        name: sum(binding.variable.size for binding in group)
-        for name, group in groupby(mine, lambda binding: binding.role.port.name.partition("[")[0])
-    }
+    sizes = {name: sum(binding.variable.size for binding in group) for name, group in groupby(mine, port_of)}
     for port in offered:
         if port.name not in sizes:
             continue
         if sizes[port.name] != port.size:
-            names = ", ".join(f'"{b.said}"' for b in mine if b.role.port.name.partition("[")[0] == port.name)
+            names = ", ".join(f'"{b.said}"' for b in mine if port_of(b) == port.name)
             raise InputRefused(
-                f"{file}: {port.name} has {port.size} values, and {names} {sizes[port.name]}; give a variable for each: "
+                f"{file}: {port.name} has {port.size} values, and {names} {sizes[port.name]}; give one for each: "
                 f'[{table}.{side}s] {port.name} = ["...", ...]'
             )
         yield port

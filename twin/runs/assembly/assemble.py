@@ -79,7 +79,10 @@ def assemble(
         plans = tuple(plan.switchable() for plan in plans)
     taken = dict(substitutes or {})
     classes = {name: found for name, found in taken.items() if not isinstance(found, Component)}
-    given = {role: given_part(role, found) for role, found in classes.items() if role in CONTRACTS}
+    for name in classes:
+        if name not in CONTRACTS:
+            raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
+    given = {role: given_part(role, found) for role, found in classes.items()}
     others = other_parts(experiment)
     parts = _parts(Build(experiment, plans, maker, *at_rest(experiment, "body" in others | given), others | given))
     _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])

@@ -18,7 +18,7 @@ from twin.cosim.port import Port
 from twin.cosim.python_class import ClassComponent, PythonSource, Wanted, made, wanted_of
 from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription
-from twin.drive.sampled import SampledFmu, sampled_fmu
+from twin.drive.sampled import SampledFmu, port_of, sampled_fmu
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.stand_in import StandIn
@@ -92,12 +92,13 @@ def other_part(role: str, table: StandIn) -> OtherPart:
 
 
 def other_parts(experiment: Experiment) -> dict[str, OtherPart]:
-    """All parts of another make of an experiment, by their names.
+    """All parts of another make of an experiment, by their names; none of what a study has taken out of it.
 
     Raises:
         InputRefused: see `other_part`.
     """
-    return {role: other_part(role, table) for role, table in experiment.stand_ins.items()}
+    gone = {role for role in ("monitor", "scale") if getattr(experiment, role) is None}
+    return {role: other_part(role, table) for role, table in experiment.stand_ins.items() if role not in gone}
 
 
 def digest(role: str, table: StandIn) -> str:
@@ -166,11 +167,21 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         "generation_tool": fmu.model.generationTool,
         "tolerance": plan.tolerance,
         "set": {variable.name: value for variable, value in plan.settings},
-        "mapped": [str(binding) for binding in plan.bindings],
+        "mapped": [*_mapped(plan, plan.inputs, "input", "<-"), *_mapped(plan, plan.outputs, "output", "->")],
     }
     return OtherPart(
         role, fmu.path.name, plan.inputs, plan.outputs, _fmu_maker(role, plan), fmu.sha256, facts, fmu
     )  # fmt: skip
+
+
+def _mapped(plan: SampledFmu, ports: Sequence[Port], side: str, arrow: str) -> list[str]:
+    """A line for each port: `p_B <- p_x, p_y, p_z [mm]`."""
+    lines = []
+    for port in ports:
+        mine = [b for b in plan.bindings if b.role.causality == side and port_of(b) == port.name]
+        unit = mine[0].variable.unit or "unit not stated"
+        lines.append(f"{port.name} {arrow} {', '.join(b.said for b in mine)} [{unit}]")
+    return lines
 
 
 def _fmu_maker(role: str, plan: SampledFmu) -> Callable[[float, int, int], Component]:
@@ -190,7 +201,9 @@ def _class_part(role: str, table: StandIn) -> OtherPart:
         "sha256": source.sha256,
         "set": dict(table.parameters),
         "mapped": [
-            f"{port.name} {arrow}" for side, arrow in zip(wanted, ("<-", "->"), strict=True) for port in side.ports
+            f"{port.name} {arrow} [{side.units[port.name]}]"
+            for side, arrow in zip(wanted, ("<-", "->"), strict=True)
+            for port in side.ports
         ],
     }
 

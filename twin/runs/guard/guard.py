@@ -128,7 +128,7 @@ class Watch:
         elif time.monotonic() - self._since > limits.step:
             raise self._failure(
                 f"did not return within {limits.step:g} s",
-                "If it is slow rather than stuck, raise --limit-step; else choose another FMU.",
+                "If it is slow rather than stuck, raise --limit-step; else choose another one.",
             )
         for name, pid in self.account.helpers.items():
             if resident_memory(pid) > limits.memory:

@@ -51,7 +51,7 @@ def contracts(say: Callable[[str], None]) -> Answer:
             side: [
                 {
                     "name": port.name, "size": port.size, "unit": port.unit, "meaning": port.meaning,
-                    "required": port.name in contract.required,
+                    "required": side == "outputs" and port.name in contract.required,
                 }
                 for port in ports
             ]

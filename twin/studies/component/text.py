@@ -55,7 +55,7 @@ def _contract(role: str) -> Iterator[str]:
     yield f"[{role}]"
     for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
         for port in ports:
-            needed = " (needed)" if port.name in contract.required else ""
+            needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
             yield from wrapped(f"{port.meaning}{needed}", f"  {arrow} {_sized(port):12} {port.unit:6} ")
 
 
