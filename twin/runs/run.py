@@ -183,6 +183,7 @@ def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assem
         fmus = [str(fmu.path) for fmu in culprits[simulation.culprit].parts.values()]
         sentences += [f"Try: {shlex.join(['twin', 'drive', 'check', fmu])}" for fmu in fmus]
     elif simulation.culprit in assembly.others:
-        file = f"{experiment.name}.toml"
-        sentences += [f"Try: {shlex.join(['twin', 'component', 'check', simulation.culprit, file])}"]
+        table = experiment.stand_ins[simulation.culprit]
+        part = table.fmu or table.python or ""
+        sentences += [f"Try: {shlex.join(['twin', 'component', 'check', simulation.culprit, part])}"]
     return ComponentFailed("\n".join(sentences))
