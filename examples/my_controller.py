@@ -1,7 +1,7 @@
 """A controller in Python instead of twin's own: it follows the pre-defined way and gives way to what it feels.
 
-    twin component check controller examples/my_controller.py:Controller
-    twin run fig4_force_position --set controller.python=examples/my_controller.py:Controller
+twin component check controller examples/my_controller.py:Controller
+twin run fig4_force_position --set controller.python=examples/my_controller.py:Controller
 """
 
 from collections.abc import Mapping

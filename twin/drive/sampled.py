@@ -52,8 +52,9 @@ class SampledFmu:
             [FmuPort(b.port, b.variable, b.gain, b.offset) for b in self.bindings if b.role.causality == side]
             for side in _SIDES
         )
-        # the last call is at the last of its samples, and a step goes on to the next
-        stop = (ticks // period + 1) * period * tick
+        # the last call is at the last of its samples, and its step goes on to the next, however that is rounded
+        last = ticks // period * period
+        stop = max((last + period) * tick, last * tick + period * tick)
         folder = unpacked(self.description.path, self.description.sha256)
         setup = Setup(self.tolerance, stop)
         made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)

@@ -54,7 +54,7 @@ def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, s
         if not isinstance(table, dict):
             continue
         if isinstance(table.get("fmu"), str) and role in fmus:
-            values[role] = table | {"fmu": _path(table["fmu"], where, folder), "sha256": fmus[role]}
+            values[role] = table | {"fmu": _path(table["fmu"], where, folder, role), "sha256": fmus[role]}
         if isinstance(table.get("python"), str):
             facts = json_of(metadata.get("python", {}).get(role, "{}"), f"{where}: its {role}")
             file, _, kind = table["python"].rpartition(":")
@@ -75,7 +75,7 @@ def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, A
     return table | tables | fmu
 
 
-def _path(name: str, where: Path, folder: Path) -> str:
+def _path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
     # a recording may come from anybody: it names a file, and no way to one
     name = Path(name).name
     # fmus/ first: a run may lie in a folder that is called like its drive
@@ -83,7 +83,7 @@ def _path(name: str, where: Path, folder: Path) -> str:
         path = located(candidate, folder)
         if path.is_file() or (path.exists() and candidate != name):
             return str(path)
-    raise InputRefused(f"{where}: its {name} is neither in fmus/ nor beside it; put it there to run it again")
+    raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")
 
 
 def _pinned(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:

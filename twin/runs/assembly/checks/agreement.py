@@ -23,7 +23,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
     """
     checked = tables.by_name
     other = tables.stand_ins
-    mistakes = _mode_mistakes(checked, named, "controller" in other) + _moved_twice(tables, named)
+    mistakes = _mode_mistakes(checked, named) + _moved_twice(tables, named)
     models = [checked["plant"]] if "plant" in checked else []
     models += [checked["controller"].model] if "controller" in checked else []
     geometries = tuple(geometry_of(model) for model in models)
@@ -58,20 +58,17 @@ def _moved_twice(tables: Tables, named: Collection[str]) -> list[str]:
     return [f"[{name}]: moves the surface, and so does [body], {label}; remove one" for name in told]
 
 
-def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str], other: bool) -> list[str]:
-    """Way points or tasks, position or force: what of the other tables that needs is missing, or is too much.
-
-    Args:
-        other: whether the controller is of another make, which brings modes and gains of its own.
-    """
+def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
+    """Way points or tasks, position or force: what of the other tables that needs is missing, or is too much."""
     has_tasks = "task" in named
     if has_tasks == ("reference" in named):
         return ["expected either [reference] with way points or [[task]] tables" + (", not both" if has_tasks else "")]
     if "controller" not in checked:
         return []
-    if other:
-        return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
     computer = checked["controller"]
+    if computer.force is None:
+        # of another make, with modes and gains of its own
+        return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
     force = {
         "reference_N": computer.force.reference,
         "trigger_N": computer.force.trigger,
