@@ -8,7 +8,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import asdict
 from pathlib import Path
 
-from benchmarks import dask, figure_4, fmi_versions, isolation, live, macro_step, report, start_up, sweep, tasks
+from benchmarks import (
+    dask,
+    figure_4,
+    fmi_versions,
+    isolation,
+    live,
+    macro_step,
+    other_parts,
+    report,
+    start_up,
+    sweep,
+    tasks,
+)
 from benchmarks.measurement import Measurement
 
 ROOT = Path(__file__).parents[1]
@@ -19,6 +31,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
     fmi_versions.measurements,
     lambda: figure_4.measurements(EXPERIMENT),
+    lambda: other_parts.measurements(EXPERIMENT),
     lambda: tasks.measurements(ROOT / "experiments"),
     lambda: start_up.measurements(EXPERIMENT),
     lambda: isolation.measurements(EXPERIMENT),
