@@ -45,7 +45,7 @@ def shared_library(drive: Drive, platform: str, folder: Path) -> Path:
     Raises:
         subprocess.CalledProcessError: the compiler refused; its messages are on stderr.
     """
-    own = [path for path in drive.sources if path.parent.name == drive.name and path.suffix == ".c"]
+    own = [path for path in drive.sources if path.parent not in (FMI2, FMI3) and path.suffix == ".c"]
     ceremony = {"2.0": [FMI2], "3.0": [FMI3, FMI2]}[drive.fmi]
     sources = [*own, *sorted(ceremony[0].glob("*.c")), folder / "variables.c"]
     includes = [f"-I{path}" for path in (folder, *ceremony)] + ["-isystem", str(_fmi_headers())]

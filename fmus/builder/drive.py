@@ -77,18 +77,23 @@ def load_drive(name: str) -> Drive:
 
     Raises:
         FileNotFoundError: there is no such drive.
+        KeyError: it gives a start value to a variable that it has not.
         TypeError: a variable has an unknown key or lacks a required one.
     """
     folder = folder_of(name)
     table = folder / ("part.toml" if folder.parent == PARTS else "drive.toml")
     document = _document(table)
-    fmi = document["fmi"]
+    fmi, rows = document["fmi"], document.get("variable", [])
     more = sorted({*folder.glob("*.[ch]")} - {folder / "model.c"})
     sources = (table, folder / "model.c", *more, *ceremony(fmi))
+    if "like" in document:
+        shared = FMUS / document["like"]
+        sources = (table, shared / "variables.toml", shared / "model.c", *ceremony(fmi))
+        rows = _started(_document(shared / "variables.toml")["variable"], document["start"])
     return Drive(
         name=name,
         description=document["description"],
-        variables=tuple(variable for row in document["variable"] for variable in _variables(**row)),
+        variables=tuple(variable for row in rows for variable in _variables(**row)),
         sources=sources,
         guid=source_guid(sources),
         fmi=fmi,
@@ -107,6 +112,15 @@ def ceremony(fmi: str) -> list[Path]:
     if fmi == "3.0":
         return sorted([*(path for path in FMI3.iterdir() if path.is_file()), FMI2 / "model.h"])
     return sorted(path for path in FMI2.iterdir() if path.is_file())
+
+
+def _started(rows: list[dict[str, Any]], starts: dict[str, float]) -> list[dict[str, Any]]:
+    """The variables that drives share, with the start values of one."""
+    places = {row["name"]: n for n, row in enumerate(rows)}
+    rows = list(rows)
+    for name, start in starts.items():
+        rows[places[name]] = rows[places[name]] | {"start": start}
+    return rows
 
 
 def _document(path: Path) -> dict[str, Any]:

@@ -40,7 +40,7 @@ def test_fmi_versions_and_types_of_the_drives_are_as_their_page_says(root: Path,
     versions = {name: described(drive).get("fmiVersion") for name, drive in drives.items()}
     assert {name for name, version in versions.items() if version != "2.0"} == {"torque_motor_fmi3"}
     assert versions["torque_motor_fmi3"] == "3.0"
-    assert "six of them are FMI 2.0, `torque_motor_fmi3` is FMI 3.0." in page
+    assert "eight of them are FMI 2.0, `torque_motor_fmi3` is FMI 3.0." in page
     assert {kind for name in drives if versions[name] == "2.0" for kind in types(drives[name])} == {"Real"}
     assert types(drives["torque_motor_fmi3"]) == {"Float64", "Float32", "Int32", "Boolean"}
     assert "All variables of the FMI 2.0 drives are Real" in page

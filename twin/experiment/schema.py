@@ -85,6 +85,35 @@ class VelocityLoop(Section):
     period: float = quantity("period_ms", "time between two commands", gt=0, examples=[0.25])
 
 
+class PositionCommand(Section):
+    """[drive.position_command]: how a servo that takes a position is told it; angles as the servo counts its own."""
+
+    period: float | None = quantity(
+        "period_ms", "time between two commands; else one per tick", None, gt=0, examples=[1.0]
+    )
+    lower: float | None = quantity("lower_deg", "smallest angle that it takes", None, examples=[-150.0])
+    upper: float | None = quantity("upper_deg", "largest angle that it takes", None, examples=[150.0])
+    wrap_from: float | None = quantity(
+        "wrap_from_deg", "it counts its angle from here over one turn only", None, examples=[-180.0]
+    )
+    lead: float | None = quantity(
+        "lead_deg", "most by which the command is ahead of the robot's motor shaft", None, gt=0, examples=[20.0]
+    )
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "PositionCommand":
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError("lower_deg: expected less than upper_deg")
+        return self
+
+
+class Rotor(Section):
+    """[drive.rotor]: a shaft of ours behind an FMU that gives a torque, felt at the robot's motor shaft."""
+
+    J: float = quantity("J_kg_m2", "inertia", gt=0, examples=[1e-4])
+    b: float = quantity("b_Nm_s_per_rad", "viscous friction", 0.0, ge=0)
+
+
 TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
 
 
@@ -105,8 +134,8 @@ class Drive(Section):
 
     fmu: str | None = Field(None, examples=["fmus/pmsm_foc"], description="an .fmu file, or a folder of fmus/")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
-    command: Literal["velocity", "torque", "current", "voltage"] = Field(
-        "velocity", description="what the drive takes; all but a velocity need a [drive.velocity_loop]"
+    command: Literal["velocity", "torque", "current", "voltage", "position"] = Field(
+        "velocity", description="what the drive takes; torque, current and voltage need a [drive.velocity_loop]"
     )
     sign: Literal[1, -1] = Field(1, description="-1: the FMU counts the other way round")
     gear_ratio: float = Field(1.0, gt=0, description="turns of the FMU's shaft per turn of the motor shaft")
@@ -116,6 +145,8 @@ class Drive(Section):
     parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
     velocity_loop: VelocityLoop | None = None
+    position_command: PositionCommand | None = None
+    rotor: Rotor | None = None
     parts: dict[str, Part] = Field(default_factory=dict, description="FMUs of a drive that is made of several")
     wires: dict[str, str] = Field(default_factory=dict, description="between parts: part.input = part.output")
 
@@ -123,11 +154,14 @@ class Drive(Section):
     def _consistent(self) -> "Drive":
         if (self.fmu is None) == (not self.parts):
             raise ValueError('expected either fmu = "..." or [drive.parts.NAME] tables')
-        if (self.command == "velocity") != (self.velocity_loop is None):
+        takes_motion = self.command in ("velocity", "position")
+        if takes_motion != (self.velocity_loop is None):
             raise ValueError(
                 f'command = "{self.command}" '
-                + ("takes no velocity_loop" if self.command == "velocity" else "needs a [drive.velocity_loop]")
+                + ("takes no velocity_loop" if takes_motion else "needs a [drive.velocity_loop]")
             )
+        if self.position_command and self.command != "position":
+            raise ValueError(f'command = "{self.command}" takes no position_command')
         return self
 
 

@@ -11,7 +11,7 @@ from tests.runs.guard.hostile import HANG, HANG_IN_INITIALISATION, LEAK, NONE, S
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.recording.reader import read
-from twin.runs.assembly.drives import drive as drive_here
+from twin.runs.assembly.drive_component import drive as drive_here
 from twin.runs.assembly.drives import planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.guard import guarded

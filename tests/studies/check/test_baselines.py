@@ -12,6 +12,12 @@ from twin.studies.check.baseline import baseline_file, fingerprint, read_baselin
 FOLDER = ROOT / "tests" / "baselines"
 EXPERIMENTS = sorted(folder.name for folder in FOLDER.iterdir() if folder.is_dir())
 DRIVES = sorted(fmu.stem for fmu in ROOT.glob("fmus/*/*.fmu"))
+TOO_SLOW = {"track_chirp": ["xl330"]}
+"""It lags by more than the 0.1 s that the experiment looks for."""
+
+
+def measured(experiment: str) -> list[str]:
+    return [drive for drive in DRIVES if drive not in TOO_SLOW.get(experiment, [])]
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
@@ -21,14 +27,14 @@ def test_an_experiment_comes_to_what_its_baselines_say(experiment: str):
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_a_baseline_is_of_the_experiment_as_it_is_written_now(experiment: str):
-    for drive in DRIVES:
+    for drive in measured(experiment):
         loaded = load_experiment(ROOT / f"experiments/{experiment}.toml", drive=drive)
         assert read_baseline(baseline_file(FOLDER, experiment, drive)).fingerprint == fingerprint(loaded), drive
 
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_every_drive_of_the_repository_has_a_baseline(experiment: str):
-    assert stored_drives(FOLDER, experiment) == DRIVES
+    assert stored_drives(FOLDER, experiment) == measured(experiment)
 
 
 def test_every_baseline_says_why_it_is_as_it_is():

@@ -96,7 +96,7 @@ def test_what_is_checked_without_names_is_what_has_baselines(root: Path, tmp_pat
     (pair,) = pairs([], [], tmp_path)
     assert (Path(pair.file).name, pair.drive) == ("step_z_air.toml", "stepper")
     assert [p.drive for p in pairs([Path("other.toml")], [], tmp_path)] == ["own"]
-    assert len(pairs([Path("other.toml")], ["all", "own"], tmp_path)) == 10
+    assert len(pairs([Path("other.toml")], ["all", "own"], tmp_path)) == 12
     with pytest.raises(InputRefused, match="no baselines there"):
         pairs([], [], tmp_path / "step_z_air" / "nothing")
 

@@ -15,7 +15,8 @@ from twin.cosim.component import Component
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
-from twin.runs.assembly.drives import DrivePlan, Start, drive, planned
+from twin.runs.assembly.drive_component import drive
+from twin.runs.assembly.drives import DrivePlan, Start, planned
 from twin.runs.assembly.roles import OtherPart
 
 JOINTS = 3
@@ -31,7 +32,7 @@ class DriveMaker(Protocol):
     one_process: bool
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-        """As `twin.runs.assembly.drives.drive`."""
+        """As `twin.runs.assembly.drive_component.drive`."""
 
 
 class InThisProcess:

@@ -1,29 +1,19 @@
-"""From a joint's [drive] table to one component with the contract's ports, whatever stands behind them."""
+"""From a joint's [drive] table to a plan that has passed every check which needs no binary."""
 
 from collections.abc import Mapping, Sequence
-from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from twin.controller.pid import Gains
-from twin.controller.velocity_loop import DriveSpeedLoop
-from twin.cosim.component import Component
 from twin.cosim.port import Port
-from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.component import FmuComponent, FmuPort
-from twin.drive.contract import COMMANDS
+from twin.drive.contract import COMMANDS, OMEGA_M, SHAFT, THETA_M
 from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.instance import Setting, Setup
+from twin.drive.instance import Setting
 from twin.drive.mapping import Binding, Wiring, bindings
-from twin.drive.units import Conversion
-from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
-from twin.units import NUMBER
 
-OMEGA_REF = COMMANDS["velocity"].port
 Start = float | np.ndarray
 ENABLE = "enable"
 """The optional role by which a drive's power is switched."""
@@ -71,9 +61,14 @@ class DrivePlan:
         return self.parts[part].tolerance if said is None else said
 
     @property
+    def is_bare(self) -> bool:
+        """Whether nothing of ours stands between its FMU and the robot."""
+        return self.table.velocity_loop is self.table.rotor is None and self.table.command != "position"
+
+    @property
     def axes(self) -> int:
         """How many joints one instance drives: 1 or 3."""
-        return self.port("theta_m").size
+        return self.port(COMMANDS[self.table.command].port.name).size
 
     def port(self, name: str) -> Port:
         """The port of the role `name`, which it fills."""
@@ -81,8 +76,9 @@ class DrivePlan:
 
     @property
     def outputs(self) -> tuple[Port, ...]:
-        """The contract's outputs that it offers."""
-        return tuple(b.port for b in self.bindings if b.role.causality == "output")
+        """The contract's outputs that it offers, those of a rotor of ours first."""
+        own = (THETA_M.port, OMEGA_M.port) if self.table.rotor else ()
+        return (*own, *(b.port for b in self.bindings if b.role.causality == "output"))
 
     def warnings(self) -> list[str]:
         """What may go wrong although the drive is accepted."""
@@ -95,6 +91,8 @@ class DrivePlan:
             for name in self._fed_through(load.name)
         ]
         unstated = [b.port for b in self.bindings if not b.variable.unit]
+        if self.table.rotor and not any(b.role in SHAFT for b in self.bindings):
+            loops.append("it is not told how its shaft turns; if it has an input for that: [drive.inputs] omega_m")
         return loops + [f"{port.name}: the FMU states no unit; taken as {port.unit}" for port in unstated]
 
     def _fed_through(self, load: str) -> list[str]:
@@ -123,7 +121,7 @@ def planned(table: Drive) -> DrivePlan:
         qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
     }
     label = " + ".join(dict.fromkeys(d.path.name for d in parts.values()))
-    wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs)
+    wiring = Wiring(table.command, table.sign, table.gear_ratio, table.inputs, table.outputs, table.rotor is not None)
     free = {name: v for name, v in variables.items() if name not in table.wires}
     plan = DrivePlan(
         label=label,
@@ -133,35 +131,10 @@ def planned(table: Drive) -> DrivePlan:
         bindings=bindings(label, free, wiring),
         wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
     )
-    if plan.axes > 1 and table.velocity_loop is not None:
-        raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our loop drives one axis")
+    if plan.axes > 1 and not plan.is_bare:
+        ours = "rotor turns" if table.rotor else "loop drives"
+        raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our {ours} one axis")
     return plan
-
-
-def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
-    """The component: outputs as `plan.outputs`, inputs omega_ref and tau_load.
-
-    Args:
-        tick: of the system it will be part of (s).
-        theta_m: motor angle at t = 0 (rad).
-        tau_load: load at t = 0 (N m). Three of each for a drive of three axes.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
-    """
-    substeps, period = _rates(name, plan.table, tick)
-    with ExitStack() as made:
-        parts = []
-        for part, description in plan.parts.items():
-            setup = Setup(plan.tolerance(part), _stop(plan, tick, substeps))
-            parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
-            made.callback(parts[-1].close)
-        if plan.table.velocity_loop is None and len(parts) == 1 and substeps == 1:
-            component: Component = parts[0]
-        else:
-            component = _inner_system(name, plan, parts, tick, substeps, period)
-        made.pop_all()
-    return component
 
 
 def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:
@@ -198,103 +171,3 @@ def _checked_wire(label: str, variables: dict[str, Variable], source: str, targe
             f"'{variables[source].unit}' do not measure the same"
         )
     return source, target
-
-
-def _rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """(inner ticks per tick, inner ticks per period of the velocity loop)."""
-    loop = table.velocity_loop
-    if loop is None:
-        return table.substeps, 1
-    substeps = max(table.substeps, round(tick / loop.period))
-    period = round(loop.period / (tick / substeps))
-    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
-        raise InputRefused(
-            f"{name}: [drive.velocity_loop] period_ms = {1e3 * loop.period:g} does not divide into the "
-            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
-        )
-    return substeps, period
-
-
-def _stop(plan: DrivePlan, tick: float, substeps: int) -> float | None:
-    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
-    if plan.ticks is None:
-        return None
-    step = tick / substeps
-    return max(plan.ticks * tick, (plan.ticks * substeps - 1) * step + step)
-
-
-def _part(
-    name: str,
-    part: str,
-    plan: DrivePlan,
-    description: FmuDescription,
-    theta_m: Start,
-    tau_load: Start,
-    setup: Setup,
-) -> FmuComponent:
-    """One FMU: ports for the roles it fills, and for its ends of wires between parts."""
-    mine = [b for b in plan.bindings if belongs(part, b.name)]
-    # an optional input keeps the value it was given before initialisation
-    inputs = [
-        FmuPort(b.port, b.variable, b.gain, b.offset)
-        for b in mine
-        if b.role.causality == "input" and (b.role.required or (plan.switched and b.port.name == ENABLE))
-    ]
-    outputs = [FmuPort(b.port, b.variable, b.gain, b.offset) for b in mine if b.role.causality == "output"]
-    inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
-    sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
-    outputs += [_wire_port(part, description, source) for source in sources]
-    return FmuComponent(
-        name,
-        description,
-        unpacked(description.path, description.sha256),
-        inputs,
-        outputs,
-        plan.settings[part],
-        inputs_at_start={"tau_load": tau_load, ENABLE: 1.0},
-        outputs_at_start={"theta_m": theta_m},
-        setup=setup,
-    )
-
-
-def _wire_port(part: str, description: FmuDescription, end: str) -> FmuPort:
-    variable = description.variables[end.removeprefix(f"{part}.")]
-    _, gain, offset = variable.conversion or Conversion(NUMBER)
-    return FmuPort(Port(_port_name(end), variable.size, "SI", variable.description), variable, gain, offset)
-
-
-def _port_name(end: str) -> str:
-    """A port name for a wire's end that no role has, without the dots that wires are written with."""
-    return "wire:" + end.replace(".", ":")
-
-
-def _inner_system(
-    name: str, plan: DrivePlan, parts: list[FmuComponent], tick: float, substeps: int, period: int
-) -> Component:
-    """The drive as a system of its own with a finer tick."""
-    owner = {port.name: part.name for part in parts for port in (*part.inputs, *part.outputs)}
-    command = COMMANDS[plan.table.command].port
-    loop = plan.table.velocity_loop
-    components: list[Component] = list(parts)
-    wires = [(f"{INLET}.tau_load", f"{owner['tau_load']}.tau_load")]
-    outputs = [(port, f"{owner[port.name]}.{port.name}") for port in plan.outputs]
-    if loop is None:
-        wires.append((f"{INLET}.omega_ref", f"{owner['omega_ref']}.omega_ref"))
-    else:
-        components.append(DriveSpeedLoop(Gains(loop.kp, loop.ki), loop.limit, command, period))
-        wires += [
-            (f"{INLET}.omega_ref", "velocity_loop.omega_ref"),
-            (f"{owner['omega_m']}.omega_m", "velocity_loop.omega_m"),
-            ("velocity_loop.command", f"{owner['command']}.command"),
-        ]
-        outputs.append((command, "velocity_loop.command"))
-    for source, target in plan.wires:
-        a, b = _port_name(source), _port_name(target)
-        wires.append((f"{owner[a]}.{a}", f"{owner[b]}.{b}"))
-    inputs = [replace(OMEGA_REF, size=plan.axes), plan.port("tau_load")]
-    if plan.switched:
-        inputs.append(plan.port(ENABLE))
-        wires.append((f"{INLET}.{ENABLE}", f"{owner[ENABLE]}.{ENABLE}"))
-    return Subsystem(
-        name, tuple(inputs), outputs, components, wires, tick / substeps, substeps, label=plan.label
-    )  # fmt: skip

@@ -57,7 +57,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
     found: list[tuple[float, ...]] = []
     for plan in plans:
         fmu, table = plan.parts.get(ALONE), plan.table
-        plain = table.gear_ratio == 1.0 and table.sign == 1 and table.velocity_loop is None and table.substeps == 1
+        plain = table.gear_ratio == 1.0 and table.sign == 1 and plan.is_bare and table.substeps == 1
         name = fmu.model.modelName if fmu is not None and plain and plan.axes == 1 else ""
         if name == "ideal_velocity":
             found.append((0.0, 0.0, np.inf, np.inf, np.inf, 0.0))

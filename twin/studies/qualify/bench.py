@@ -14,7 +14,8 @@ from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.contract import LOAD
-from twin.runs.assembly.drives import OMEGA_REF, DrivePlan, drive
+from twin.runs.assembly.drive_component import OMEGA_REF, drive
+from twin.runs.assembly.drives import DrivePlan
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.operating_range import TICK
 

@@ -35,9 +35,9 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
     roles = (COMMANDS[command], LOAD, *OUTPUTS)
     tables = [_table(description, bound, roles, side) for side in ("input", "output")]
     text = "\n".join(head) + "\n" + "".join(tables)
-    if command != "velocity":
+    if command not in ("velocity", "position"):
         text += LOOP.format(unit=COMMANDS[command].port.unit)
-    return text, bool(bound) and command == "velocity"
+    return text, bool(bound) and command in ("velocity", "position")
 
 
 def _understood(description: FmuDescription) -> tuple[Command, tuple[Binding, ...]]:

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 from twin.errors import ComponentFailed, InputRefused
+from twin.runs.assembly.drive_component import rates
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import Check, Finding, Measure, judged
@@ -42,8 +43,7 @@ def step_error(plan: DrivePlan, cycle: Response) -> Measure:
         plan: the drive.
         cycle: its work cycle.
     """
-    loop = plan.table.velocity_loop
-    steps = max(plan.table.substeps, round(TICK / loop.period) if loop else 1)
+    steps, _ = rates(plan.label, plan.table, TICK)
     halved = replace(plan, table=plan.table.model_copy(update={"substeps": 2 * steps}))
     try:
         finer = response(halved, *work_cycle())
