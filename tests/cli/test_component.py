@@ -35,7 +35,7 @@ def test_a_run_says_in_its_text_that_twins_own_did_not_run(root: Path, tmp_path:
     named = ("--set", f"controller.python={root}/{EXAMPLE}", "--set", "duration_s=1")
     done = twin("run", root / "experiments/fig4_force_position.toml", *named, "--out", tmp_path / "x", cwd=root)
     assert done.returncode == 0, done.stderr
-    assert "controller: my_controller.py:Controller (sha256 " in done.stdout
+    assert "  controller my_controller.py:Controller (sha256 " in done.stdout
     report = twin("report", tmp_path / "x", cwd=root)
     assert report.returncode == 0, report.stderr
     assert "controller: my_controller.py:Controller" in (tmp_path / "x" / "report.html").read_text()

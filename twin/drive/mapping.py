@@ -165,8 +165,7 @@ def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owne
         for name in given:
             if name not in known:
                 raise InputRefused(
-                    f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; "
-                    f"the roles are {', '.join(known)}"
+                    f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; the roles are {', '.join(known)}"
                 )
 
 

@@ -18,7 +18,8 @@ def run_text(run: Mapping[str, Any]) -> str:
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
     lines += [*_outcome(run["outcome"]), *_events(run), *_drives(run)]
-    lines += [line for text in run["parts"].values() for line in wrapped(text, " " * 2, 13)]
+    for role, text in run["parts"].items():
+        lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
     return "\n".join([*lines, _row("recording", run["recording"])])
 

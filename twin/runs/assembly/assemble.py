@@ -79,13 +79,12 @@ def assemble(
         plans = tuple(plan.switchable() for plan in plans)
     taken = dict(substitutes or {})
     classes = {name: found for name, found in taken.items() if not isinstance(found, Component)}
-    for name in classes:
-        if name not in CONTRACTS:
-            raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
-    given = {role: given_part(role, found) for role, found in classes.items()}
+    given = {role: given_part(role, found) for role, found in classes.items() if role in CONTRACTS}
     others = other_parts(experiment)
     parts = _parts(Build(experiment, plans, maker, *at_rest(experiment, "body" in others | given), others | given))
     _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
+    for name in classes.keys() - given.keys():
+        raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
     made: dict[str, list[Component]] = {row: [] for row in parts}
     with ExitStack() as to_close:
         for row, makers in parts.items():
