@@ -21,7 +21,7 @@ def component() -> None:
 def list_(as_json: AsJson = False) -> None:
     """List the parts that may be of another make, and the ports of each.
 
-    Exit code: 0.
+    Exit code: 0 in any case.
 
     Example: twin component list
     """
@@ -46,8 +46,8 @@ def check(
     Mapping and parameters are set as in an experiment:
     --set controller.parameters.kp=3
 
-    Exit code: 0 it can take its place, 1 not, 2 refused before it was called, 3 it
-    crashed, hung or ended its process.
+    Exit code: 0 it can take its place, 1 not, 2 refused before it was called,
+    3 it crashed, hung or ended its process.
 
     Example: twin component check controller fmus/parts/paper_law
     """
