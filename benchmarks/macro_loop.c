@@ -15,6 +15,7 @@ typedef struct {
     const unsigned *output_references;
     int64_t shifted;
     double shift;
+    void *shorter;
 } Drive;
 
 static int step(const Drive *drive, double t, double h, const double *u, double *y)

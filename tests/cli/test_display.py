@@ -7,11 +7,26 @@ from pathlib import Path
 import pytest
 
 from tests.report.test_run_text import RUN
-from twin.cli import compiling, display
+from twin.cli import compiling, display, progress
 from twin.cli.compiling import PIECES
 from twin.cli.display import Display
 from twin.cli.progress import Progress, Speed, clock
 from twin.cli.progress import compiling as compiling_text
+
+
+def test_without_a_terminal_a_line_a_minute_says_how_far_a_long_run_is(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    now = 0.0
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now)
+    line = Progress()
+    line.begin("fig4", 20.0)
+    for now in (1.0, 31.0, 91.0, 121.0, 152.0):
+        line.move(now / 1600.0)
+    assert capsys.readouterr().err.splitlines() == [
+        " fig4  1.1 / 20.0 s  0.0125 x real time  25 minutes left".strip(),
+        " fig4  1.9 / 20.0 s  0.0125 x real time  24 minutes left".strip(),
+    ]
 
 
 class Heard(Progress):

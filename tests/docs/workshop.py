@@ -15,6 +15,7 @@ import pytest
 
 from tests.command_line import twin
 from tests.docs.code_blocks import Block
+from tests.drive.amplifier import parts_of_a_drive
 from twin.experiment.schema import Drive
 from twin.runs.assembly.load import load_experiment
 from twin.studies.sweep.plan import planned
@@ -40,6 +41,7 @@ class Workshop:
         for name in ("examples", "benchmarks"):
             (folder / name).symlink_to(root / name)
         # the drive that docs/drives.md brings in
+        parts_of_a_drive(root, folder / "parts")
         (folder / "supplier").mkdir()
         shutil.copy(root / "fmus" / "pmsm_foc" / "pmsm_foc.fmu", folder / "supplier" / "servo.fmu")
         programs = folder / "programs"

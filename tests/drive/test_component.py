@@ -11,10 +11,11 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.adapter import DO_STEP
 from twin.drive.component import FmuComponent
 from twin.drive.description import described
 from twin.drive.instance import Instance
+from twin.drive.status import DO_STEP
+from twin.drive.stepping import Stepping
 from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
@@ -202,7 +203,7 @@ def test_a_library_that_does_not_load_is_refused_and_leaves_us_where_we_were(ser
 
 def test_the_fast_step_and_the_general_step_do_the_same_bit_for_bit(servo: Path, monkeypatch: pytest.MonkeyPatch):
     fast = run(made(servo, theta_m=0.3), 1.0, 0.1)
-    monkeypatch.setattr(FmuComponent, "_is_plain", lambda *arguments: False)
+    monkeypatch.setattr(Stepping, "_is_plain", lambda *arguments: False)
     general = run(made(servo, theta_m=0.3), 1.0, 0.1)
     assert all(np.array_equal(fast[name], general[name]) for name in fast)
 

@@ -1,6 +1,7 @@
 import dataclasses
 import hashlib
 import os
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -54,8 +55,10 @@ def test_an_unreadable_description_is_refused(tmp_path: Path, servo: Path):
 
 
 def test_a_drive_without_this_platforms_binary_is_refused_with_what_it_has(tmp_path: Path, servo: Path):
-    # folders elsewhere in the archive are no platforms
+    # folders elsewhere in the archive are no platforms, nor is an empty one
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: ("resources/plan9/x/y.so" if "linux64" in n else n, c))
+    with zipfile.ZipFile(bad, "a") as archive:
+        archive.writestr("binaries/linux64/", b"")
     assert "no binary for this platform" in refusal(bad)
     assert "it has darwin64, win64" in refusal(bad)
 
@@ -86,9 +89,9 @@ FMI_1 = b"""<?xml version="1.0" encoding="UTF-8"?>
   numberOfEventIndicators="0"><ModelVariables/></fmiModelDescription>"""
 
 
-def test_fmi_1_is_refused_with_what_to_export_instead(tmp_path: Path, servo: Path):
+def test_model_exchange_of_fmi_1_is_refused_with_what_to_export_instead(tmp_path: Path, servo: Path):
     bad = altered(servo, tmp_path / "bad.fmu", lambda n, c: (n, FMI_1 if n == DESCRIPTION else c))
-    assert "FMI 1.0; export it as FMI 2.0 or 3.0 for co-simulation" in refusal(bad)
+    assert "FMI 1.0 without co-simulation; export it for co-simulation" in refusal(bad)
 
 
 @pytest.mark.parametrize(

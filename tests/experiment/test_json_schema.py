@@ -41,7 +41,7 @@ def test_every_file_of_the_repository_is_right(file: Path):
         {"controller": {"gravity_compensation": 1}},
         {"reference": {"p_mm": [[0.0, 0.0]]}},
         {"drive": {"joint_2": {"sign": 2}}},
-        {"drive": {"parameters": {"droop": "0.6"}}},
+        {"drive": {"parameters": {"droop": True}}},
         {"task": [{"kind": "pres"}]},
         {"task": [{key: TASK[key] for key in TASK if key != "force_N"}]},
         {"task": [TASK | {"radius_mm": 3.0}]},

@@ -6,11 +6,18 @@ from twin.cli.options import JobIsolation
 from twin.cli.progress import progress
 from twin.errors import ComponentFailed, visible_lines
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
+from twin.runs.guard.limits import Limits
 from twin.studies.answer import JOB, Answer, answered
 from twin.writing import json_text
 
 
-def ask(study: str, asked: dict[str, Any], as_json: bool = False, isolate: JobIsolation = JobIsolation.NONE) -> None:
+def ask(
+    study: str,
+    asked: dict[str, Any],
+    as_json: bool = False,
+    isolate: JobIsolation = JobIsolation.NONE,
+    limits: Limits = Limits(),  # noqa: B008, it is frozen
+) -> None:
     """Print what `study` answers, as text or as JSON, and end with its exit code.
 
     Args: see `answer_of`.
@@ -18,19 +25,25 @@ def ask(study: str, asked: dict[str, Any], as_json: bool = False, isolate: JobIs
     Raises:
         SystemExit: the exit code is not 0.
     """
-    answer = answer_of(study, asked, isolate)
+    answer = answer_of(study, asked, isolate, limits)
     show(answer, as_json)
     if answer.exit_code:
         raise SystemExit(answer.exit_code)
 
 
-def answer_of(study: str, asked: dict[str, Any], isolate: JobIsolation = JobIsolation.NONE) -> Answer:
+def answer_of(
+    study: str,
+    asked: dict[str, Any],
+    isolate: JobIsolation = JobIsolation.NONE,
+    limits: Limits = Limits(),  # noqa: B008, it is frozen
+) -> Answer:
     """What `study` answers; what it is doing is shown meanwhile.
 
     Args:
         study: "module:function", see `answered`.
         asked: the function's arguments.
         isolate: what gets a process of its own; a study that steps no FMU needs none.
+        limits: of that process.
 
     Raises:
         ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
@@ -45,7 +58,7 @@ def answer_of(study: str, asked: dict[str, Any], isolate: JobIsolation = JobIsol
 
     try:
         if isolate == JobIsolation.RUN:
-            return Answer(**guarded(JOB, arguments, listen=hear))
+            return Answer(**guarded(JOB, arguments, limits, hear))
         from twin.runs.guard.reporter import DirectReporter
 
         return Answer(**answered(DirectReporter(hear), **arguments))

@@ -1,8 +1,8 @@
 """`twin drive`: look at drive FMUs, qualify and compare them, bring new ones in."""
 
 import math
-import os
 import shlex
+import sys
 import textwrap
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -11,12 +11,13 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
-from twin.errors import InputRefused
-from twin.writing import json_text, write_text
+from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
+from twin.runs.guard.limits import Limits
+from twin.writing import json_text
 
 if TYPE_CHECKING:
-    from twin.drive.description import Variable
+    from twin.drive.variable import Variable
+    from twin.experiment.schema import Drive
     from twin.runs.assembly.drives import DrivePlan
 
 WIDTH = 80
@@ -37,17 +38,29 @@ def drive() -> None:
 
 
 @app.command()
-def info(fmu: Fmu, as_json: AsJson = False) -> None:
+def info(fmu: Fmu, compile_: Compile = False, as_json: AsJson = False) -> None:
     """Show what a drive FMU is and offers, without loading its binary.
+
+    Where it is unclear which variable plays which role, all that may are listed.
 
     Exit code: 0 it fits the drive contract, 2 it does not.
 
     Example: twin drive info pmsm_foc
     """
+    from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
-    from twin.runs.assembly.drives import planned
+    from twin.runs.assembly.drives import fmus, planned
+    from twin.studies.qualify.variables import variables_facts, variables_text
 
-    plan = planned(lone_drive(str(fmu), Path.cwd()))
+    table = lone_drive(str(fmu), Path.cwd())
+    if compile_:
+        _build(table)
+    try:
+        plan = planned(table)
+    except RolesUnclear:
+        parts = fmus(table)
+        print(json_text({"variables": variables_facts(parts)}) if as_json else variables_text(parts))
+        raise
     print(json_text(_facts(plan)) if as_json else _table(plan))
 
 
@@ -69,29 +82,26 @@ def list_(as_json: AsJson = False) -> None:
 
 
 @app.command()
-def new(fmu: Fmu) -> None:
+def new(
+    fmus: Annotated[
+        list[str],
+        typer.Argument(metavar="FMU...", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
+    ],
+) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
 
-    What is in doubt stands in it as comments. An existing mapping.toml is never
-    touched.
+    Several FMUs, or those of a system in an SSP archive (which go into a folder
+    of its name), become one drive, with the wires that their names and units or
+    the archive leave no doubt about. What is in doubt stands in it as comments.
+    An existing mapping.toml is never touched.
 
     Exit code: 0 written, 2 refused.
 
     Example: twin drive new fmus/stepper/stepper.fmu
     """
-    from twin.drive.description import described
-    from twin.experiment.drive_files import MAPPING, lone_drive
-    from twin.studies.qualify.proposal import proposal
+    from twin.studies.qualify.beginning import begun
 
-    file = lone_drive(fmu, Path.cwd()).fmu
-    if file is None:
-        raise InputRefused(f"{fmu}: is made of several FMUs already; name one .fmu file")
-    description = described(Path(file))
-    mapping = Path(os.path.relpath(description.path.parent / MAPPING))
-    text, complete = proposal(description)
-    if os.path.lexists(mapping):
-        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
-    write_text(mapping, text)
+    mapping, complete = begun(fmus, Path.cwd())
     print(f"{mapping}\n" + ("complete" if complete else "NOT complete: remove the # from one line of each choice"))
     print(f"then: {shlex.join(['twin', 'drive', 'check', str(mapping)])}")
 
@@ -107,6 +117,10 @@ def check(
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
+    yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
+    compile_: Compile = False,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -116,10 +130,15 @@ def check(
 
     Example: twin drive check velocity_servo
     """
+    from twin.experiment.drive_files import lone_drive
+
     answers = []
     for fmu in fmus:
-        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN}
-        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate)
+        if compile_:
+            _build(lone_drive(fmu, Path.cwd()))
+        asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
+        limits = Limits(limit_step, limit_wall)
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
@@ -141,6 +160,8 @@ def compare(
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
     isolate: Isolate = JOB_ISOLATION,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
     as_json: AsJson = False,
 ) -> None:
     """Run the same experiment with one drive after the other, and judge what truly happened.
@@ -150,10 +171,13 @@ def compare(
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
     asked = {"fmus": fmus, "experiment": experiment, "out": out}
-    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate)
+    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate, Limits(limit_step, limit_wall))
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:
+    from twin.drive.setting import told
+    from twin.drive.steps import abilities
+
     return {
         "command": plan.table.command,
         "fmus": [
@@ -167,7 +191,8 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
                 "generation_tool": fmu.model.generationTool,
                 "platforms": list(fmu.platforms),
                 "get_set_state": bool(fmu.model.coSimulation.canGetAndSetFMUstate),
-                "parameters": {v.name: _parameter(v) for v in fmu.offered("parameter")},
+                "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
+                "parameters": {v.name: _parameter(v) for v in fmu.parameters},
                 "validation": fmu.warnings(),
             }
             for part, fmu in plan.parts.items()
@@ -177,7 +202,7 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
             for b in plan.bindings
         },
         "wires": {target: source for source, target in plan.wires},
-        "set": {part: {v.name: value for v, value in settings} for part, settings in plan.settings.items()},
+        "set": {part: {v.name: told(value) for v, value in settings} for part, settings in plan.settings.items()},
         "warnings": plan.warnings(),
     }
 
@@ -185,10 +210,13 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
 def _parameter(v: "Variable") -> dict[str, object]:
     numbers = {"start": v.start, "min": v.low, "max": v.high}
     stated = {key: None if math.isnan(value) else value for key, value in numbers.items()}
-    return {"unit": v.unit or None, **stated, "description": v.description}
+    named = {"values": dict(v.items)} if v.items else {}
+    return {"unit": v.unit or None, **stated, **named, "description": v.description}
 
 
 def _table(plan: "DrivePlan") -> str:
+    from twin.drive.setting import told
+    from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
 
     lines: list[str] = []
@@ -200,6 +228,7 @@ def _table(plan: "DrivePlan") -> str:
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",
             f"  made with  {fmu.model.generationTool or 'not stated'}",
+            *(f"  {name:<9}  {text}" for name, text in abilities(fmu)),
             "",
         ]
     lines.append(f"Commanded with a {plan.table.command}; mapped by name, unit and causality:")
@@ -209,16 +238,18 @@ def _table(plan: "DrivePlan") -> str:
         lines.append(f"  {b.port.name:10} {arrow} {b.said:20} {unit:9} {b.port.meaning}"[:WIDTH])
     lines += [f"  {source} -> {target}  (wire)" for source, target in plan.wires]
     for part, settings in plan.settings.items():
-        lines += [f"  {qualified(part, v.name)} = {value:g} {v.unit}  (set)" for v, value in settings]
+        texts = [(v, v.told(value) if isinstance(value, float) else str(told(value))) for v, value in settings]
+        lines += [f"  {qualified(part, v.name)} = {text} {v.unit}  (set)" for v, text in texts]
     for part, fmu in plan.parts.items():
-        offered = fmu.offered("parameter")
+        offered = fmu.parameters
         lines += ["", f"Parameters{' of ' if part else ''}{part}" if offered else "No parameters"]
-        columns = [[text(v) for v in offered] for text in (lambda v: v.name, lambda v: f"{v.start:g}", _unit)]
+        columns = [[text(v) for v in offered] for text in (lambda v: v.name, _start, _unit)]
         wide = [max(map(len, column), default=0) for column in columns]
         for v in offered:
-            head = f"  {v.name:{wide[0]}} {v.start:>{wide[1]}g} {_unit(v):{wide[2]}} "
+            head = f"  {v.name:{wide[0]}} {_start(v):>{wide[1]}} {_unit(v):{wide[2]}} "
             indent = " " * len(head)
-            lines += textwrap.wrap(v.description or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
+            about = " ".join(filter(None, (v.description, f"One of: {', '.join(v.items)}." if v.items else "")))
+            lines += textwrap.wrap(about or "-", WIDTH, initial_indent=head, subsequent_indent=indent)
     warnings = plan.warnings() + [text for fmu in plan.parts.values() for text in fmu.warnings()]
     lines += [line for text in warnings for line in textwrap.wrap(f"warning: {text}", WIDTH, subsequent_indent="  ")]
     return "\n".join(lines)
@@ -226,3 +257,19 @@ def _table(plan: "DrivePlan") -> str:
 
 def _unit(v: "Variable") -> str:
     return v.unit or "1"
+
+
+def _start(v: "Variable") -> str:
+    if v.is_text:
+        return v.type
+    return f"{v.size} values" if v.size > 1 else v.told(v.start)
+
+
+def _build(table: "Drive") -> None:
+    """Compile what of a drive has no binary, and tell."""
+    from twin.drive.description import build
+
+    for fmu in [part.fmu for part in table.parts.values()] or [table.fmu or ""]:
+        built = build(Path(fmu))
+        if built is not None:
+            print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)

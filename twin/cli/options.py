@@ -36,6 +36,9 @@ ColumnMap = Annotated[
     typer.Option("--map", metavar="NAME=COLUMN[UNIT]", help="Which column is what; or a TOML file of such."),
 ]
 AsJson = Annotated[bool, typer.Option("--json", help="Print JSON instead of text.")]
+Compile = Annotated[
+    bool, typer.Option("--compile", help="Build FMUs without a binary for this machine from their sources, once.")
+]
 
 
 class Isolation(StrEnum):
@@ -60,6 +63,8 @@ Isolate = Annotated[
     JobIsolation,
     typer.Option("--isolate", help="Processes: one of its own for what steps FMUs; none, for debuggers, but this one."),
 ]
+LimitStep = Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")]
+LimitWall = Annotated[float, typer.Option(metavar="S", min=0.0, help="Longest time of the whole command.")]
 
 
 def as_spelt_now(words: list[str]) -> list[str]:

@@ -7,9 +7,12 @@ import time
 from typing import Any
 
 from twin.errors import visible
+from twin.runs.guard.limits import duration_text
 
 NARROW = 60
 """A line of so many columns has no room for a bar."""
+MINUTE = 60.0
+"""How often (s) whoever has no terminal is told how far it is."""
 
 
 def clock(share: float, duration: float) -> str:
@@ -38,15 +41,28 @@ class Speed:
         taken = now - self._began
         return f"{(simulated - self._start) / taken:.3g} x real time" if taken > 0.1 else ""
 
+    def left(self, simulated: float, duration: float) -> str:
+        """`14 minutes left`, of what simulates `duration` (s); "" if it is a minute at most, or nobody knows."""
+        if self._began is None or simulated <= self._start:
+            return ""
+        seconds = (time.monotonic() - self._began) * (duration - simulated) / (simulated - self._start)
+        return f"{duration_text(seconds)} left" if seconds > MINUTE else ""
+
 
 class Progress:
     """Where there is no terminal, or one that cannot go back on its line: only a long wait is told, in a line of its
-    own. Others show one thing after the other."""
+    own, and a line each minute. Others show one thing after the other."""
 
     _told = False
 
+    def __init__(self) -> None:
+        self._name, self._duration, self._speed, self._next = "", 0.0, Speed(), time.monotonic() + MINUTE
+
     def say(self, what: str) -> None:
         """From now on `what` is going on, `3 of 8 checks` or nobody knows for how long."""
+        if time.monotonic() > self._next:
+            self._next = time.monotonic() + MINUTE
+            print(f"{self._name} {what}".strip(), file=sys.stderr, flush=True)
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
@@ -56,9 +72,15 @@ class Progress:
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""
+        self._name, self._duration, self._speed = visible(name), duration, Speed()
 
     def move(self, share: float) -> None:
         """So much of it has been simulated, 0 .. 1."""
+        simulated = share * self._duration
+        parts = (
+            clock(share, self._duration), self._speed.text(simulated), self._speed.left(simulated, self._duration)
+        )  # fmt: skip
+        self.say("  ".join(filter(None, parts)))
 
     def clear(self) -> None:
         """Leave the line to others; whatever comes next takes it back."""
@@ -68,7 +90,8 @@ class PlainLine(Progress):
     """A line of text that is written over itself."""
 
     def __init__(self) -> None:
-        self._name, self._duration, self._speed, self._width = "", 0.0, Speed(), 0
+        super().__init__()
+        self._width = 0
 
     def say(self, what: str) -> None:
         self._write(f"{self._name}  {what}".strip())
@@ -77,11 +100,8 @@ class PlainLine(Progress):
         self.say(compiling(done, about, seconds))
 
     def begin(self, name: str, duration: float) -> None:
-        self._name, self._duration, self._speed = visible(name), duration, Speed()
+        super().begin(name, duration)
         self.say("loading")
-
-    def move(self, share: float) -> None:
-        self.say(f"{clock(share, self._duration)}  {self._speed.text(share * self._duration)}")
 
     def clear(self) -> None:
         self._write("")
@@ -104,6 +124,7 @@ class Bar(Progress):
         from rich.console import Console
         from rich.table import Column
 
+        super().__init__()
         # leaves room for the ^C that a terminal echoes: on the next line it would keep this one from being erased
         console = Console(stderr=True, width=Console(stderr=True).width - 3)
         self._roomy = console.width > NARROW
@@ -124,7 +145,6 @@ class Bar(Progress):
             *columns, console=console, transient=True, expand=True, redirect_stdout=False, redirect_stderr=False
         )
         self._task = self._line.add_task("", total=None, clock="", speed="")
-        self._duration, self._speed = 0.0, Speed()
         self._moving = False
 
     def compile(self, done: int, about: int, seconds: float) -> None:

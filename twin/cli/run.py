@@ -12,12 +12,12 @@ from typer.core import TyperCommand
 
 from twin.cli.completion import experiment_files
 from twin.cli.display import Display
-from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, Settings
+from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, LimitStep, LimitWall, Settings
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.guard import GRACE, JobEnded, guarded
 from twin.runs.guard.job import function_called
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import LONG, Limits
 from twin.runs.guard.recorded import recorded_until_then, seen_from_here
 
 JOB = "twin.runs.guard.runs:recorded_runs"
@@ -58,12 +58,8 @@ def run(
         Isolation,
         typer.Option(help="Processes: one for the run; one for each drive besides; none, for debuggers, but this one."),
     ] = ISOLATION,
-    limit_step: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")
-    ] = 10.0,
-    limit_wall: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Longest time of the whole command.")
-    ] = math.inf,
+    limit_step: LimitStep = Limits.step,
+    limit_wall: LimitWall = math.inf,
     limit_memory: Annotated[
         float, typer.Option(metavar="MB", min=0.0, help="Most memory of the run's process.")
     ] = MEMORY,
@@ -125,7 +121,9 @@ def run(
             else:
                 # the run itself notices a drive of its own that is stuck, and ends better than if it is ended
                 patience = limit_step + (GRACE if isolate == Isolation.DRIVE else 0.0)
-                limits = Limits(patience, limit_wall, 1e6 * limit_memory)
+                # a paced run takes what it was told to take
+                expected = math.inf if yes or arguments["factor"] else LONG
+                limits = Limits(patience, limit_wall, 1e6 * limit_memory, expected)
                 guarded(job, arguments, limits, hear, display.show)
         except JobEnded as failure:
             raise ComponentFailed(f"{failure}\n{recorded_until_then(display.folder)}") from None

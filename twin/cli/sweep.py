@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 from typer.core import TyperGroup
 
-from twin.cli.options import AsJson
+from twin.cli.options import AsJson, LimitStep
 from twin.cli.progress import progress
 from twin.cli.sweep_show import By, as_facts, show
 from twin.errors import InputRefused
@@ -79,9 +79,7 @@ def run(
         ),
     ] = None,
     record: Annotated[Record, typer.Option(help="Full recordings of which runs.")] = Record.NONE,
-    limit_step: Annotated[
-        float, typer.Option(metavar="S", min=0.0, help="Longest time of one call into a drive.")
-    ] = 10.0,
+    limit_step: LimitStep = 10.0,
     parquet: Annotated[bool, typer.Option("--parquet", help="In the end, write rows.parquet, too.")] = False,
     yes: Annotated[bool, typer.Option("--yes", help=f"Do not ask before {MANY:,} runs, or runs of an hour.")] = False,
     engine: Annotated[
@@ -213,7 +211,8 @@ def cores() -> int:
 def _refuse_endless(plan: "Plan") -> None:
     """Ask whoever starts a sweep whose runs take hours each; also the estimate makes two of them."""
     from twin.runs.assembly.load import load_experiment
-    from twin.runs.estimate import LONG, estimate
+    from twin.runs.estimate import estimate
+    from twin.runs.guard.limits import LONG
 
     first = plan.tasks[0]
     seconds, _ = estimate(load_experiment(plan.experiment, first.settings, first.drive))

@@ -1,21 +1,20 @@
-"""One compiled step for every FMI 2.0 and 3.0 co-simulation FMU: set inputs, step, get outputs, all by address.
+"""One compiled step for every co-simulation FMU without events: set inputs, step, get outputs, all by address.
 
 Variables travel in groups of one FMI type. A group holds where its values stand among the component's inputs or
 outputs, how they are scaled (contract value = gain * FMU value + offset), and a buffer of the FMI type.
 """
 
 import numpy as np
-from llvmlite import ir
 from numba import carray, from_dtype, njit, types
-from numba.extending import intrinsic
 
 from twin.cosim.native import address_of, pointer_to, step_function
-
-_I8, _I32, _I64, _F64 = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
-_VOID = ir.IntType(8).as_pointer()
+from twin.drive.calls import access_2, access_3, do_step_2, do_step_3
+from twin.drive.ramp import begin_ramp, set_ramp
+from twin.drive.shorter import go_on
+from twin.drive.status import DISCARD, DO_STEP, EARLY, GET, SET, TERMINATE
 
 KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
-"""FMI 3.0 types, a group's `kind` is the index. FMI 2.0's Real is a Float64, its Integer and Boolean are Int32."""
+"""FMI 3.0 types, a group's `kind` is the index; `variable` says which of them the types of other versions are."""
 
 ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
 """Bytes of one value of each of `KINDS`."""
@@ -35,12 +34,16 @@ GROUP = np.dtype(
         ("gain", "i8"),
         ("offset", "i8"),
         ("buffer", "i8"),
+        ("bytes", "i8"),
+        ("last", "i8"),
+        ("clocks", "i8"),
     ],
     align=True,
 )
 """A group: index into KINDS; address of fmiNSetType or fmiNGetType; addresses and counts: `variables` value references
-(uint32), `values` slots (uint64) into u or y, gains and offsets (float64), and the buffer. Arrays make values exceed
-variables."""
+(uint32), `values` slots (uint64) into u or y, gains and offsets (float64), and the buffer, of so many
+bytes. Arrays make values exceed variables. With events also: `last`, what inputs were last set to, and the clocks with
+which alone the group changes, a bit for each."""
 
 MEMORY = np.dtype(
     [
@@ -53,70 +56,15 @@ MEMORY = np.dtype(
         ("outputs", "i8"),
         ("output_groups", "i8"),
         ("returned", "i8"),
+        ("ramp", "i8"),
+        ("shorter", "i8"),
     ],
     align=True,
 )
+"""Addresses of instance and function, counts and addresses of groups; 16 bytes for what fmi3DoStep returns; addresses
+of what `ramp` and `shorter` work on, 0 where nothing is ramped."""
 
-SET, DO_STEP, GET, TERMINATE = 16, 32, 48, 64
-"""What a bad status starts with, so that the sentence can name the function."""
-
-_groups_at = pointer_to(from_dtype(GROUP))
-
-
-@intrinsic
-def access_2(typingctx, function, instance, references, count, values):
-    """`fmi2Status fmi2SetX|fmi2GetX(c, const fmi2ValueReference vr[], size_t nvr, X value[])`."""
-
-    def codegen(context, builder, signature, arguments):
-        f, c, vr, n, value = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _VOID, _I64, _VOID])
-        c, vr, value = (builder.inttoptr(x, _VOID) for x in (c, vr, value))
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [c, vr, n, value])
-
-    return types.int32(types.int64, types.int64, types.int64, types.int64, types.int64), codegen
-
-
-@intrinsic
-def _access_3(typingctx, function, instance, references, count, values, value_count):
-    """`fmi3Status fmi3SetX|fmi3GetX(instance, const vr[], size_t nvr, X value[], size_t nValues)`."""
-
-    def codegen(context, builder, signature, arguments):
-        f, c, vr, n, value, m = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _VOID, _I64, _VOID, _I64])
-        c, vr, value = (builder.inttoptr(x, _VOID) for x in (c, vr, value))
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [c, vr, n, value, m])
-
-    return types.int32(types.int64, types.int64, types.int64, types.int64, types.int64, types.int64), codegen
-
-
-@intrinsic
-def do_step_2(typingctx, function, instance, t, h, final):
-    """`fmi2Status fmi2DoStep(c, t, h, final)`; `final`: no state will ever be restored to a time before `t`."""
-
-    def codegen(context, builder, signature, arguments):
-        f, c, t_, h_, final_ = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I32])
-        final_ = builder.trunc(final_, _I32)
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID), t_, h_, final_])
-
-    return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64), codegen
-
-
-@intrinsic
-def _do_step_3(typingctx, function, instance, t, h, final, returned):
-    """`fmi3Status fmi3DoStep(instance, t, h, final, &event, &terminate, &early, &lastTime)`.
-
-    `returned` is the address of 16 bytes for what comes back: lastTime, then the three flags, one byte each.
-    """
-
-    def codegen(context, builder, signature, arguments):
-        f, c, t_, h_, final_, returned_ = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I8, _VOID, _VOID, _VOID, _VOID])
-        places = [builder.inttoptr(builder.add(returned_, _I64(i)), _VOID) for i in (8, 9, 10, 0)]
-        target = builder.inttoptr(f, kind.as_pointer())
-        return builder.call(target, [builder.inttoptr(c, _VOID), t_, h_, builder.trunc(final_, _I8), *places])
-
-    return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64), codegen
+groups_at = pointer_to(from_dtype(GROUP))
 
 
 @njit(cache=True)
@@ -172,47 +120,86 @@ def _load(kind, buffer, j):
     return np.float64(carray(_u64(buffer), j + 1)[j])
 
 
-@njit(cache=True)
-def _access(version, instance, g):
-    if version == 2:
+@njit(cache=True, inline="always")
+def access(version, instance, g):
+    """Set or get the variables of a group."""
+    if version < 3:
         return access_2(g.access, instance, g.references, g.variables, g.buffer)
-    return _access_3(g.access, instance, g.references, g.variables, g.buffer, g.values)
+    return access_3(g.access, instance, g.references, g.variables, g.buffer, g.values)
+
+
+@njit(cache=True, inline="always")
+def fill(g, u):
+    """Put the inputs at address `u` into the buffer of a group."""
+    slots, gain, offset = (
+        carray(_u64(g.slots), g.values),
+        carray(_f64(g.gain), g.values),
+        carray(_f64(g.offset), g.values),
+    )
+    for j in range(g.values):
+        _store(g.kind, g.buffer, j, (carray(_f64(u), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
+
+
+@njit(cache=True, inline="always")
+def drain(g, y):
+    """Take what is in the buffer of a group to the outputs at address `y`."""
+    slots, gain, offset = (
+        carray(_u64(g.slots), g.values),
+        carray(_f64(g.gain), g.values),
+        carray(_f64(g.offset), g.values),
+    )
+    for j in range(g.values):
+        carray(_f64(y), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
+
+
+@njit(cache=True, inline="always")
+def set_all(version, instance, groups, count, u):
+    """Set the inputs of `count` groups; the first bad status."""
+    table = carray(groups_at(groups), count)
+    for i in range(count):
+        fill(table[i], u)
+        status = access(version, instance, table[i])
+        if status > 1:
+            return SET + status
+    return 0
+
+
+@njit(cache=True, inline="always")
+def get_all(version, instance, groups, count, y):
+    """Get the outputs of `count` groups; the first bad status."""
+    table = carray(groups_at(groups), count)
+    for i in range(count):
+        status = access(version, instance, table[i])
+        if status > 1:
+            return GET + status
+        drain(table[i], y)
+    return 0
 
 
 @step_function(MEMORY)
 def step(m, t, h, u, y):
-    groups = carray(_groups_at(m.input_groups), m.inputs)
-    for i in range(m.inputs):
-        g = groups[i]
-        slots, gain, offset = (
-            carray(_u64(g.slots), g.values),
-            carray(_f64(g.gain), g.values),
-            carray(_f64(g.offset), g.values),
-        )
-        for j in range(g.values):
-            _store(g.kind, g.buffer, j, (carray(_f64(address_of(u)), slots[j] + 1)[slots[j]] - offset[j]) / gain[j])
-        status = _access(m.version, m.instance, g)
-        if status > 1:
-            return SET + status
-    if m.version == 2:
+    status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
+    if status != 0:
+        return status
+    if m.version < 3:
+        if m.ramp != 0:
+            begin_ramp(m.ramp, address_of(u), t, h)
+            status = set_ramp(m.ramp, t)
+            if status != 0:
+                return status
         status = do_step_2(m.do_step, m.instance, t, h, m.final)
+        if status == DISCARD:
+            status = go_on(m.shorter, m.ramp, m.do_step, m.instance, t, h, m.final)
+            if status != 0:
+                return status
     else:
-        status = _do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
-        if status <= 1 and carray(_u8(m.returned), 16)[9]:
-            return TERMINATE
+        status = do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
+        if status <= 1:
+            flags = carray(_u8(m.returned), 16)
+            if flags[9]:
+                return TERMINATE
+            if flags[10]:
+                return EARLY
     if status > 1:
         return DO_STEP + status
-    groups = carray(_groups_at(m.output_groups), m.outputs)
-    for i in range(m.outputs):
-        g = groups[i]
-        status = _access(m.version, m.instance, g)
-        if status > 1:
-            return GET + status
-        slots, gain, offset = (
-            carray(_u64(g.slots), g.values),
-            carray(_f64(g.gain), g.values),
-            carray(_f64(g.offset), g.values),
-        )
-        for j in range(g.values):
-            carray(_f64(address_of(y)), slots[j] + 1)[slots[j]] = gain[j] * _load(g.kind, g.buffer, j) + offset[j]
-    return 0
+    return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))

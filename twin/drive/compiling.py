@@ -63,6 +63,33 @@ def compiled(digest: str, binary: str) -> Compiled | None:
     return Compiled(library, str(facts.get("compiler"))) if library.is_file() else None
 
 
+def source_sets(model: Any, identifier: str) -> list[Any]:
+    """The sources of an FMU and how they are compiled, as FMPy reads that; none, if it does not say."""
+    return [
+        one
+        for configuration in model.buildConfigurations
+        if configuration.modelIdentifier in (None, identifier)
+        for one in configuration.sourceFileSets
+        if one.sourceFiles
+    ]
+
+
+def supply(digest: str, content: Path) -> None:
+    """Put what was compiled of the FMU with that SHA-256 into the folder `content` of its unpacked files.
+
+    Raises:
+        OSError: it cannot be written there.
+    """
+    folder = cache_folder(HOME) / digest
+    for library in folder.glob("binaries/*/*"):
+        target = content / library.relative_to(folder)
+        if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:
+            target.parent.mkdir(parents=True, exist_ok=True)
+            beside = target.with_name(f".{os.getpid()}-{target.name}")
+            shutil.copy2(library, beside)
+            os.replace(beside, target)
+
+
 def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compiled:
     """Compile the sources of `file` for this platform, unless that was done before.
 
@@ -78,14 +105,8 @@ def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compile
     done = compiled(digest, binary)
     if done is not None:
         return done
-    identifier = PurePosixPath(binary).stem
-    sets = [
-        one
-        for configuration in model.buildConfigurations
-        if configuration.modelIdentifier in (None, identifier)
-        for one in configuration.sourceFileSets
-    ]
-    if not any(one.sourceFiles for one in sets):
+    sets = source_sets(model, PurePosixPath(binary).stem)
+    if not sets:
         raise InputRefused(f"{file}: holds no sources that it tells how to compile; export it for this platform")
     home = cache_folder(HOME)
     with (
@@ -118,7 +139,8 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
     headers.mkdir()
     (headers / "fmi2Functions.h").write_text(_WITHOUT_PREFIX)
     includes = [f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{Path(fmpy.__file__).parent / 'c-code'}"]
-    objects, plus = [], False
+    objects: list[str] = []
+    plus = False
     for number, one in enumerate(sets):
         options = [f"-D{d.name}" + (f"={d.value}" if d.value else "") for d in one.preprocessorDefinitions]
         options += [f"-I{_inside(file, scratch, name)}" for name in one.includeDirectories]

@@ -1,36 +1,20 @@
 """An FMU as a component: FMPy brings it into step mode, the compiled adapter steps it by address."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from twin.cosim.component import Component
-from twin.cosim.port import Port, by_port
+from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
-from twin.drive import adapter, fmu_state, plain_adapter, reuse
-from twin.drive.adapter import DO_STEP, GET, GROUP, ITEM_SIZES, SET, TERMINATE
-from twin.drive.description import FmuDescription, Variable
-from twin.drive.fmu_state import RESTORE, SAVE
-from twin.drive.instance import Instance, Setting, Setup
+from twin.drive import reuse
+from twin.drive.description import FmuDescription
+from twin.drive.instance import Instance, Setup
+from twin.drive.ports import FmuPort, placed
+from twin.drive.setting import Setting
+from twin.drive.stepping import Stepping
 from twin.errors import InputRefused
-
-STATUSES = {2: "Discard", 3: "Error", 4: "Fatal", 5: "Pending"}
-
-
-@dataclass(frozen=True)
-class FmuPort:
-    """A port and the FMU variable behind it: port value (SI) = gain * FMU value + offset."""
-
-    port: Port
-    variable: Variable
-    gain: float = 1.0
-    offset: float = 0.0
-
-    def in_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
-        """`value` of the port as the FMU wants it."""
-        return (value - self.offset) / self.gain
 
 
 class FmuComponent(Component):
@@ -70,78 +54,74 @@ class FmuComponent(Component):
         # of sampled parts nobody has proved that a reset makes them new
         make = Instance if sampled else reuse.instance
         self.instance = make(name, description, folder, settings, started, setup)
-        raw = self.instance.read([p.variable for p in outputs])
+        initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
         if sampled:
-            raw[:] = 0.0
-        sizes = [p.port.size for p in outputs]
-        initial = np.repeat([p.gain for p in outputs], sizes) * raw + np.repeat([p.offset for p in outputs], sizes)
+            initial[:] = 0.0
         shift = np.zeros(len(initial))
-        start = 0
-        for p in outputs:
-            if p.port.name in (outputs_at_start or {}):
-                here = slice(start, start + p.port.size)
-                shift[here] = (outputs_at_start or {})[p.port.name] - initial[here]
-            start += p.port.size
+        for p in placed(outputs):
+            if p.port.port.name in (outputs_at_start or {}):
+                shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
         if not np.all(np.isfinite(initial)):
             self.instance.close()
             raise InputRefused(f"{description.path}: an output is not finite after initialisation: {initial}")
-        self._shift, self._returned = shift, np.zeros(16, dtype=np.uint8)
-        self._groups = (self._grouped(inputs, "Set"), self._grouped(outputs, "Get", shift))
+        self._shift = shift
+        try:
+            self._stepping = self._stepped(inputs, outputs, shift)
+        except InputRefused:
+            self.instance.close()
+            raise
         self._state: np.ndarray | None = None
-        address, memory = self._plain() if self._is_plain(inputs, outputs, shift) else self._general()
-        memory["final"] = 1
-        self._memory = memory
+        self._told_of_discard = False
         super().__init__(
             name=name,
-            inputs=tuple(p.port for p in inputs),
+            inputs=tuple(p.port for p in self._stepping.inputs),
             outputs=tuple(p.port for p in outputs),
             sampled=sampled,
-            step_address=address,
-            self_address=memory.ctypes.data,
+            step_address=self._stepping.address,
+            self_address=self._stepping.memory.ctypes.data,
             initial_outputs=initial + shift,
             label=description.path.name,
-            keep=memory,
+            keep=self._stepping.memory,
         )
 
     def zero(self, name: str) -> float:
         """Value of the output port `name` where the FMU's own is 0."""
         return float(by_port(self.outputs, self._shift)[name][0])
 
+    @property
+    def called(self) -> str:
+        """What of the FMU its step calls, for people."""
+        return f"{self.instance.description.prefix}DoStep"
+
+    def _stepped(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> Stepping:
+        return Stepping(self.instance, inputs, outputs, shift)
+
+    def _raw(self, port: FmuPort) -> np.ndarray:
+        """Values of an output before the first step; what a clock updates cannot be read before that ticks."""
+        if port.variable.clocks:
+            return np.full(port.port.size, np.nan_to_num(port.variable.start))
+        return self.instance.read([port.variable])
+
     def explain(self, status: int) -> str:
-        prefix = f"fmi{self.instance.description.version}"
-        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
-        if status == TERMINATE:
-            return f"{prefix}DoStep asked to terminate the simulation{said}"
-        functions = {SET: "Set", DO_STEP: "DoStep", GET: "Get", SAVE: f"Get{self._state_name}"}
-        functions[RESTORE] = f"Set{self._state_name}"
-        called = functions[status // 16 * 16]
-        code = STATUSES.get(status % 16, f" status {status % 16}")
-        may = code == "Discard" and not self.sampled
-        shorter = "; it may do with shorter steps: raise [drive] substeps" if may else ""
-        return f"{prefix}{called} returned {prefix}{code}{said}{shorter}"
+        return self._stepping.explain(status)
 
     def rewind(self) -> Rewind | None:
-        if not self.instance.description.model.coSimulation.canGetAndSetFMUstate:
+        if not self.instance.description.interface.canGetAndSetFMUstate:
             return None
-        # from now on a step may be repeated
-        self._memory["final"] = 0
-        memory = self._state = np.zeros(1, dtype=fmu_state.MEMORY)
-        m = memory[0]
-        m["instance"] = self.instance.handle
-        m["get"], m["set"] = (self.instance.address(f"{verb}{self._state_name}") for verb in ("Get", "Set"))
-        m["cell"] = memory["state"].ctypes.data
-        return Rewind(fmu_state.save.address, fmu_state.restore.address, memory.ctypes.data, memory)
-
-    @property
-    def _state_name(self) -> str:
-        """What the state is called in names of functions, which changed from FMI 2.0 to 3.0."""
-        return "FMUstate" if self.instance.description.version == 2 else "FMUState"
+        save, restore, self._state = self._stepping.repeatable()
+        return Rewind(save, restore, self._state.ctypes.data, self._state)
 
     def keep_time(self, clock: np.ndarray) -> None:
         self.instance.clock = clock
 
     def said(self) -> list[tuple[int, str]]:
-        return self.instance.unheard()
+        told = self.instance.unheard()
+        since = self._stepping.discarded_since
+        if since is not None and not self._told_of_discard:
+            self._told_of_discard = True
+            said = f"it discards steps, which are then made in parts, since t = {since:g} s"
+            told.append((int(self.instance.clock[0]), said))
+        return told
 
     def close(self) -> None:
         state, self._state = self._state, None
@@ -153,56 +133,3 @@ class FmuComponent(Component):
                 self.instance.close()
             else:
                 reuse.let_go(self.instance)
-
-    def _is_plain(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> bool:
-        """Whether values can go as they are: Real, unscaled, no more than one output shifted."""
-        ports = (*inputs, *outputs)
-        alike = all(p.variable.type == "Real" and p.gain == 1.0 and p.offset == 0.0 for p in ports)
-        return alike and bool(inputs) and bool(outputs) and int(np.count_nonzero(shift)) <= 1
-
-    def _plain(self) -> tuple[int, np.ndarray]:
-        (set_,), (get,) = (table for table, _ in self._groups)
-        memory = np.zeros(1, dtype=plain_adapter.MEMORY)
-        m = memory[0]
-        m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
-        m["set_real"], m["inputs"], m["input_references"] = set_["access"], set_["variables"], set_["references"]
-        m["get_real"], m["outputs"], m["output_references"] = get["access"], get["variables"], get["references"]
-        m["shifted"] = np.argmax(np.abs(self._shift))
-        m["shift"] = self._shift[m["shifted"]]
-        return plain_adapter.step.address, memory
-
-    def _general(self) -> tuple[int, np.ndarray]:
-        memory = np.zeros(1, dtype=adapter.MEMORY)
-        m = memory[0]
-        m["version"], m["instance"] = self.instance.description.version, self.instance.handle
-        m["do_step"], m["returned"] = self.instance.address("DoStep"), self._returned.ctypes.data
-        for side, (table, _) in zip(("input", "output"), self._groups, strict=True):
-            m[f"{side}s"], m[f"{side}_groups"] = len(table), table.ctypes.data
-        return adapter.step.address, memory
-
-    def _grouped(
-        self, ports: Sequence[FmuPort], access: str, shift: np.ndarray | None = None
-    ) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Table of `adapter.GROUP`, one row per FMI type, and the arrays it points to."""
-        starts = np.concatenate([[0], np.cumsum([p.port.size for p in ports])]).astype(int)
-        extra = np.zeros(starts[-1]) if shift is None else shift
-        types = list(dict.fromkeys(self.instance.type_name(p.variable) for p in ports))
-        table, kept = np.zeros(len(types), dtype=GROUP), []
-        for row, name in zip(table, types, strict=True):
-            members = [i for i, p in enumerate(ports) if self.instance.type_name(p.variable) == name]
-            slots = np.concatenate([np.arange(starts[i], starts[i + 1]) for i in members])
-            arrays = {
-                "references": np.array([ports[i].variable.reference for i in members], dtype=np.uint32),
-                "slots": slots.astype(np.uint64),
-                "gain": np.concatenate([np.full(ports[i].port.size, ports[i].gain) for i in members]),
-                "offset": np.concatenate([np.full(ports[i].port.size, ports[i].offset) for i in members])
-                + extra[slots],
-                "buffer": np.zeros(len(slots) * ITEM_SIZES[ports[members[0]].variable.kind], dtype=np.uint8),
-            }
-            row["kind"] = ports[members[0]].variable.kind
-            row["access"] = self.instance.address(access + name)
-            row["variables"], row["values"] = len(members), len(slots)
-            for field, array in arrays.items():
-                row[field] = array.ctypes.data
-                kept.append(array)
-        return table, kept

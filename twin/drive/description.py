@@ -4,57 +4,27 @@ import math
 import platform as machine
 import sys
 import time
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Any
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
-from twin.drive.adapter import KINDS
 from twin.drive.archive import entries, sha256
-from twin.drive.units import Conversion, conversion
+from twin.drive.compiling import Compiled, compile_sources, compiled, source_sets
+from twin.drive.details import DESCRIPTION, complete
+from twin.drive.setting import Setting, Value, set_to
+from twin.drive.variable import Variable, number, variable_of
 from twin.errors import InputRefused, nearest
 
-DESCRIPTION = "modelDescription.xml"
 MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
 
-FMI2_KINDS = {"Real": "Float64", "Integer": "Int32", "Boolean": "Int32", "Enumeration": "Int32"}
-FMI3_KINDS = {"Enumeration": "Int64"}
-"""How types travel that have no functions of their own, in words of FMI 3.0."""
+STRUCTURAL = "structuralParameter"
 
 SETTLED = 2_000_000_000
 """Age (ns) from which a file's times tell it from every later state of it: the coarsest file system clock, FAT's."""
-
-
-@dataclass(frozen=True)
-class Variable:
-    """A variable of an FMU.
-
-    Attributes:
-        name, causality, description: as the FMU has them.
-        type: as the FMU has it, "Real" or "Float64".
-        kind: index into `adapter.KINDS`; -1: text or binary.
-        reference: FMI value reference.
-        size: number of values, > 1 for an array.
-        unit: as the FMU has it, "" where it states none.
-        conversion: to SI; None: unit unknown or not stated.
-        start, low, high: as the FMU has them, in its own unit; NaN: not stated.
-    """
-
-    name: str
-    causality: str
-    description: str
-    type: str
-    kind: int
-    reference: int
-    size: int
-    unit: str
-    conversion: Conversion | None
-    start: float
-    low: float
-    high: float
 
 
 @dataclass(frozen=True)
@@ -64,7 +34,8 @@ class FmuDescription:
     Attributes:
         path: the .fmu file.
         sha256: of its bytes.
-        version: 2 or 3, FMI's.
+        compiler: what made its library on this machine; empty: it came with one.
+        version: 1, 2 or 3, FMI's.
         identifier: of the binary.
         platforms: folders of binaries inside.
         variables: by name.
@@ -73,6 +44,7 @@ class FmuDescription:
 
     path: Path
     sha256: str
+    compiler: str
     version: int
     identifier: str
     platforms: tuple[str, ...]
@@ -83,34 +55,69 @@ class FmuDescription:
         """Numeric variables of a causality, in the FMU's order."""
         return [v for v in self.variables.values() if v.causality == causality and v.kind >= 0]
 
-    def settings(self, values: Mapping[str, float]) -> Sequence[tuple[Variable, float]]:
+    @property
+    def parameters(self) -> list[Variable]:
+        """What an experiment may set beside inputs, in the FMU's order."""
+        causes = ("parameter", STRUCTURAL)
+        return [v for v in self.variables.values() if v.causality in causes and (v.kind >= 0 or v.is_text)]
+
+    def settings(self, values: Mapping[str, Value]) -> Sequence[Setting]:
         """Values for parameters and inputs, before initialisation.
 
         Raises:
-            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite.
+            InputRefused: an unknown name, a variable that cannot be set, a value outside min and max or not finite,
+                too many or too few for an array, a file that is not there.
         """
-        settable = {v.name: v for v in self.variables.values() if v.causality in ("parameter", "input") and v.kind >= 0}
+        settable = {v.name: v for v in (*self.parameters, *self.offered("input"))}
         checked = []
-        for name, value in values.items():
+        for name, given in values.items():
             if name not in settable:
-                known = ", ".join(v.name for v in self.offered("parameter")) or "none"
+                known = ", ".join(v.name for v in self.parameters) or "none"
                 hint = nearest(name, settable, f"its parameters are {known}")
                 raise InputRefused(f"{self.path}: no parameter '{name}'; {hint}")
-            variable = settable[name]
-            low = variable.low if not math.isnan(variable.low) else -math.inf
-            high = variable.high if not math.isnan(variable.high) else math.inf
-            if not (low <= value <= high and math.isfinite(value)):
-                raise InputRefused(
-                    f"{self.path}: parameter {name} = {value:g}: expected {low:g} .. {high:g} {variable.unit}".rstrip()
-                )
-            checked.append((variable, float(value)))
+            checked.append((settable[name], set_to(self.path, settable[name], given)))
         return checked
+
+    @property
+    def prefix(self) -> str:
+        """What the names of the standard's functions and statuses begin with."""
+        return "fmi" if self.version == 1 else f"fmi{self.version}"
+
+    def exported(self, function: str) -> str:
+        """What its binary calls a function of the standard, `DoStep`: in FMI 1.0 with its own name before it."""
+        return f"{self.identifier}_{self.prefix}{function}" if self.version == 1 else f"{self.prefix}{function}"
+
+    @property
+    def returns_early(self) -> bool:
+        """Whether it may end a step before its time, if that is allowed."""
+        abilities = self.model.coSimulation
+        return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
+
+    def resized(self, values: Mapping[str, Value]) -> "FmuDescription":
+        """The same FMU with its arrays as large as `values` of structural parameters among `values` make them.
+
+        Raises:
+            InputRefused: a structural parameter is no whole number, an array would have no values, or too many.
+        """
+        structure = {name: v.start for name, v in self.variables.items()}
+        for name, value in values.items():
+            if name in structure and self.variables[name].causality == STRUCTURAL:
+                if not isinstance(value, float) or not value.is_integer():
+                    raise InputRefused(f"{self.path}: parameter {name} = {value}: expected a whole number")
+                structure[name] = value
+        variables = {name: v.resized(self.path, structure) for name, v in self.variables.items()}
+        return replace(self, variables=variables)
 
     @property
     def tolerance(self) -> float | None:
         """The relative tolerance that it states for its solver (DefaultExperiment); None: none that is a number > 0."""
-        stated = _number(getattr(self.model.defaultExperiment, "tolerance", None))
+        stated = number(getattr(self.model.defaultExperiment, "tolerance", None))
         return stated if 0.0 < stated < math.inf else None
+
+    @property
+    def lives_once(self) -> bool:
+        """Whether a process can hold only one instance of it."""
+        return bool(getattr(self.model.coSimulation, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
@@ -127,8 +134,8 @@ def described(file: Path) -> FmuDescription:
     """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
 
     Raises:
-        InputRefused: not a whole zip, no readable model description, not FMI 2.0 or 3.0 co-simulation, needs a tool,
-            or no binary for this platform.
+        InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0,
+            needs a tool, or no binary for this platform.
     """
     if not file.is_file():
         raise InputRefused(f"{file}: no such FMU")
@@ -149,41 +156,68 @@ def _read(file: Path) -> FmuDescription:
         raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
     model = _model(file)
     version = model.fmiVersion
-    if version not in ("2.0",) and not version.startswith("3."):
+    if version not in ("1.0", "2.0") and not version.startswith("3."):
         raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
     if model.coSimulation is None:
         raise InputRefused(f"{file}: FMI {version} without co-simulation; export it for co-simulation")
     if model.coSimulation.needsExecutionTool:
         raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
     major = int(version[0])
-    folder, identifier = _platform(major), model.coSimulation.modelIdentifier
-    binary = f"binaries/{folder}/{identifier}{sharedLibraryExtension}"
-    platforms = sorted({PurePosixPath(n).parts[1] for n in names if n.startswith("binaries/") and n.count("/") > 1})
-    if binary not in names:
-        others = [PurePosixPath(n).name for n in names if n.startswith(f"binaries/{folder}/") and not n.endswith("/")]
-        if others:
-            raise InputRefused(
-                f"{file}: its binary for this platform is {', '.join(others)}; by its modelIdentifier it has to be "
-                f"called {PurePosixPath(binary).name}. Export it again"
-            )
-        raise InputRefused(
-            f"{file}: no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. "
-            f"Export it for {folder}, or build it from its sources"
-        )
+    identifier = model.coSimulation.modelIdentifier
+    binary = _binary(major, identifier)
+    # an empty folder has an entry, too
+    inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
+    platforms = sorted({PurePosixPath(n).parts[1] for n in inside})
+    digest = sha256(file)
+    made = None if binary in names else compiled(digest, binary)
+    if binary not in names and made is None:
+        raise InputRefused(f"{file}: {_without_binary(file, names, model, binary, platforms)}")
     return FmuDescription(
         path=file,
-        sha256=sha256(file),
+        sha256=digest,
+        compiler=made.compiler if made else "",
         version=major,
         identifier=identifier,
         platforms=tuple(platforms),
-        variables={v.name: _variable(v, model) for v in model.modelVariables},
+        variables={v.name: variable_of(v, model) for v in model.modelVariables},
         model=model,
-    )
+    ).resized({})
+
+
+def build(file: Path) -> Compiled | None:
+    """Compile the sources of an FMU without a binary for this platform; None: it has one.
+
+    Raises:
+        InputRefused: not an FMU, or as `compile_sources`.
+    """
+    names, model = entries(file), _model(file)
+    binary = _binary(int(model.fmiVersion[0]), model.coSimulation.modelIdentifier)
+    return None if binary in names else compile_sources(file, sha256(file), model, binary)
+
+
+def _binary(major: int, identifier: str) -> str:
+    """Where the library for this platform is in the archive."""
+    return f"binaries/{_platform(major)}/{identifier}{sharedLibraryExtension}"
+
+
+def _without_binary(file: Path, names: Collection[str], model: Any, binary: str, platforms: Sequence[str]) -> str:
+    """What there is to say of an FMU whose archive holds no `binary`."""
+    place = PurePosixPath(binary)
+    others = [PurePosixPath(n).name for n in names if n.startswith(f"{place.parent}/") and not n.endswith("/")]
+    if others:
+        return (
+            f"its binary for this platform is {', '.join(others)}; by its modelIdentifier it has to be called "
+            f"{place.name}. Export it again"
+        )
+    cure = f"Export it for {place.parent.name}"
+    if source_sets(model, place.stem):
+        cure = f"It brings its sources: twin drive info {file} --compile builds them, once"
+    return f"no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. {cure}"
 
 
 def _platform(major: int) -> str:
     """FMI's name of this platform's folder of binaries."""
-    if major == 2:
+    if major < 3:
         return platform
     system = {"linux": "linux", "darwin": "darwin", "win32": "windows"}.get(sys.platform, sys.platform)
     processor = {"AMD64": "x86_64", "arm64": "aarch64"}.get(machine.machine(), machine.machine())
@@ -192,42 +226,11 @@ def _platform(major: int) -> str:
 
 def _model(file: Path) -> Any:
     try:
-        return read_model_description(str(file), validate=False)
+        model = read_model_description(str(file), validate=False)
+        complete(model, file)
+        return model
     except KeyError:
         raise InputRefused(f"{file}: no modelDescription.xml inside; this is not an FMU") from None
     # FMPy raises bare Exception and lxml its own family: whatever it says of this file is the reason
     except Exception as problem:
         raise InputRefused(f"{file}: modelDescription.xml cannot be read: {problem}") from None
-
-
-def _variable(v: Any, model: Any) -> Variable:
-    declared = v.declaredType
-    unit = v.unit or (declared.unit if declared is not None else None) or ""
-    # Boolean is a type of both standards, four bytes wide in the one and one in the other
-    kind = (FMI2_KINDS if model.fmiVersion == "2.0" else FMI3_KINDS).get(v.type, v.type)
-    size = 1
-    for dimension in v.dimensions or ():
-        size *= int(dimension.start) if dimension.start is not None else int(dimension.variable.start)
-    return Variable(
-        name=v.name,
-        causality=v.causality or "local",
-        description=v.description or "",
-        type=v.type,
-        kind=KINDS.index(kind) if kind in KINDS else -1,
-        reference=v.valueReference,
-        size=size,
-        unit=unit,
-        conversion=conversion(unit, model.unitDefinitions) if unit else None,
-        start=_number(v.start),
-        low=_number(v.min),
-        high=_number(v.max),
-    )
-
-
-def _number(text: Any) -> float:
-    if text in ("true", "false"):
-        return float(text == "true")
-    try:
-        return float(text)
-    except (TypeError, ValueError):
-        return math.nan

@@ -2,16 +2,38 @@
 
 import numpy as np
 from llvmlite import ir
-from numba import types
+from numba import carray, from_dtype, njit, types
 from numba.extending import intrinsic
 
-from twin.cosim.native import step_function
+from twin.cosim.native import bytes_at, pointer_to, step_function
+from twin.drive.status import RESTORE, SAVE
 
-MEMORY = np.dtype([("instance", "i8"), ("get", "i8"), ("set", "i8"), ("cell", "i8"), ("state", "i8")], align=True)
-"""Addresses of instance, fmiNGetFMUState, fmiNSetFMUState and of the field `state`, where the FMU's own pointer is."""
+MEMORY = np.dtype(
+    [
+        ("instance", "i8"),
+        ("get", "i8"),
+        ("set", "i8"),
+        ("cell", "i8"),
+        ("state", "i8"),
+        ("pieces", "i8"),
+        ("piece_table", "i8"),
+    ],
+    align=True,
+)
+"""Addresses of instance, fmiNGetFMUState, fmiNSetFMUState and of the field `state`, where the FMU's own pointer is; how
+many pieces of our own memory go back with it, and the address of their table."""
 
-SAVE, RESTORE = 80, 96
-"""What a bad status starts with, so that the sentence can name the function."""
+PIECE = np.dtype([("array", "i8"), ("copy", "i8"), ("size", "i8")])
+"""Addresses of a piece and of its copy, and their bytes."""
+
+_pieces_at = pointer_to(from_dtype(PIECE))
+
+
+@njit(cache=True)
+def _copy(source, target, size):
+    from_, to = carray(bytes_at(source), size), carray(bytes_at(target), size)
+    for i in range(size):
+        to[i] = from_[i]
 
 
 @intrinsic
@@ -31,10 +53,16 @@ def _call(typingctx, function, instance, state):
 @step_function(MEMORY)
 def save(m, t, h, u, y):
     status = _call(m.get, m.instance, m.cell)
+    pieces = carray(_pieces_at(m.piece_table), m.pieces)
+    for i in range(m.pieces):
+        _copy(pieces[i].array, pieces[i].copy, pieces[i].size)
     return SAVE + status if status > 1 else 0
 
 
 @step_function(MEMORY)
 def restore(m, t, h, u, y):
     status = _call(m.set, m.instance, m.state)
+    pieces = carray(_pieces_at(m.piece_table), m.pieces)
+    for i in range(m.pieces):
+        _copy(pieces[i].copy, pieces[i].array, pieces[i].size)
     return RESTORE + status if status > 1 else 0

@@ -2,21 +2,29 @@
 
 import ctypes
 import os
-import weakref
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
-from ctypes import byref, c_void_p
+from ctypes import c_void_p
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from fmpy import fmi2
 
-from twin.drive.adapter import KINDS
 from twin.drive.announcement import announced
-from twin.drive.description import FmuDescription, Variable
-from twin.drive.slave import FMU2Drive, FMU3Drive
+from twin.drive.clocks import clocks
+from twin.drive.description import FmuDescription
+from twin.drive.events import CLOCK
+from twin.drive.ramp import RAMP
+from twin.drive.setting import Setting
+from twin.drive.standards import fmi1, fmi2, fmi3
+from twin.drive.variable import TEXTS, Variable
 from twin.errors import ComponentFailed, InputRefused
+
+if TYPE_CHECKING:
+    from twin.drive.stepping import Stepping
+
+STEP = ctypes.CFUNCTYPE(ctypes.c_int32, c_void_p, ctypes.c_double, ctypes.c_double, c_void_p, c_void_p)
+"""A component's step."""
 
 
 class Setup(NamedTuple):
@@ -25,32 +33,20 @@ class Setup(NamedTuple):
     Attributes:
         tolerance: relative, of its solver; None: nothing is said.
         stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
+        step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
+        ramped: whether those of its inputs that can be are given as lines over a step.
     """
 
     tolerance: float | None = None
     stop: float | None = None
+    step: float | None = None
+    ramped: bool = False
 
-
-Setting = tuple[Variable, float | np.ndarray]
-"""A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
 
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""
 
-_SPEAKERS: weakref.WeakValueDictionary[int, "Instance"] = weakref.WeakValueDictionary()
-"""Instances by the environment that their FMU hands back when it logs."""
-
-
-@fmi2.fmi2CallbackLoggerTYPE
-def _logged(environment: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
-    """What an FMI 2 FMU says goes to its own instance.
-
-    FMPy's proxy calls the logger that it was given last, whichever FMU speaks: it has to be one that serves them all
-    and that outlives each of them.
-    """
-    speaker = _SPEAKERS.get(environment or 0)
-    if speaker is not None:
-        speaker.hear(status, message)
+STANDARDS: Mapping[int, Any] = {1: fmi1, 2: fmi2, 3: fmi3}
 
 
 class Instance:
@@ -68,7 +64,12 @@ class Instance:
         handle: address of the instance.
         messages: the last things it logged as warnings or errors.
         clock: its first element is the tick at which it is stepped.
-        folder, settings: the arguments.
+        folder, settings, inputs, setup: the arguments.
+        standard: how its version of the FMI is spoken.
+        fmu: what FMPy made of it; None once it is freed.
+        ramp: `ramp.RAMP` of its inputs that are lines over a step.
+        clocks, planned, returned, events: `events.CLOCK` of each, time of the next event, and what `events.EVENTS`
+            else points to, or None.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -88,28 +89,56 @@ class Instance:
         self.messages: list[str] = []
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
-        self.folder, self.settings, self._inputs, self._setup = folder, settings, inputs, setup
-        self._fmu = self._loaded()
+        self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
+        self.standard = STANDARDS[description.version]
+        self.ramp = np.zeros(1, dtype=RAMP)
+        self.clocks = np.zeros(0, dtype=CLOCK)
+        self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
+        self.events: np.ndarray | None = None
+        self._alone: Stepping | None = None
+        self.fmu = self._loaded()
         self._instantiate()
         self._initialise()
 
     @property
     def handle(self) -> int:
-        return int(self._fmu.component)
+        return int(self.fmu.component)
 
     def address(self, function: str) -> int:
         """Of one of its FMI functions, without prefix: `DoStep`."""
-        function = f"fmi{self.description.version}{function}"
-        return ctypes.cast(getattr(self._fmu.dll, function), c_void_p).value or 0
+        function = self.description.exported(function)
+        return ctypes.cast(getattr(self.fmu.dll, function), c_void_p).value or 0
+
+    def ramps(self, variable: Variable) -> bool:
+        """Whether it takes an input as a line over a step, and is given such."""
+        abilities = self.description.model.coSimulation
+        if not self.setup.ramped or variable.causality != "input" or variable.variability != "continuous":
+            return False
+        if self.description.version < 3:
+            return abilities.canInterpolateInputs and variable.type == "Real"
+        return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
+
+    def clock_bits(self, variable: Variable) -> int:
+        """The clocks with which alone `variable` changes, a bit for each."""
+        return sum(1 << int(i) for i in np.flatnonzero(np.isin(self.clocks["reference"], variable.clocks)))
+
+    def clock_name(self, index: int) -> str:
+        """Of a clock of `clocks`."""
+        return next((clock.name for clock in clocks(self.description)[index : index + 1]), "?")
+
+    @property
+    def schedule(self) -> list[np.ndarray]:
+        """When its events and the ticks of its clocks are due: what steps change beside its own state."""
+        return [self.clocks, self.planned]
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units."""
-        with self._calling("Get"):
-            return np.array([value for v in variables for value in self._get(v)], dtype=float)
+        with self.calling("Get"):
+            return np.array([value for v in variables for value in self.standard.values(self.fmu, v)], dtype=float)
 
     def write(self, settings: Sequence[Setting]) -> None:
         """Set variables; the FMU decides whether it may be done now."""
-        with self._calling("Set"):
+        with self.calling("Set"):
             for variable, value in settings:
                 self._set(variable, value)
 
@@ -119,7 +148,16 @@ class Instance:
         Raises:
             ComponentFailed: it returned more than a warning.
         """
-        self._called("DoStep", lambda: self._fmu.doStep(t, h, False))
+        from twin.drive.stepping import Stepping
+
+        if self._alone is None:
+            self._alone = Stepping(self)
+            self._alone.repeat_steps()
+        stepping = self._alone
+        with self.calling("DoStep"):
+            status = STEP(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)
+        if status not in (0, 1):
+            raise ComponentFailed(f"{self.description.path.name}: {stepping.explain(status)}")
 
     def reset(self) -> None:
         """FMI's reset, then initialised as the first time.
@@ -127,7 +165,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self._called("Reset", self._fmu.reset)
+        self._called("Reset", self.fmu.reset)
         self._initialise()
 
     def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting], setup: Setup) -> None:
@@ -136,7 +174,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
         """
-        self.settings, self._inputs, self._setup = settings, inputs, setup
+        self.settings, self.inputs, self.setup = settings, inputs, setup
         self.clock = np.zeros(1, dtype=np.int64)
         self.messages.clear()
         self._unheard.clear()
@@ -148,7 +186,7 @@ class Instance:
         Raises:
             ComponentFailed: it refuses.
         """
-        return self._called("GetFMUstate", self._fmu.getFMUState)
+        return self._called("GetFMUstate", self.fmu.getFMUState), [array.copy() for array in self.schedule]
 
     def restore(self, state: Any) -> None:
         """Go back to `state` and free that.
@@ -156,8 +194,11 @@ class Instance:
         Raises:
             ComponentFailed: it refuses.
         """
-        self._called("SetFMUstate", lambda: self._fmu.setFMUState(state))
-        self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(state))
+        its, schedule = state
+        self._called("SetFMUstate", lambda: self.fmu.setFMUState(its))
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(its))
+        for array, copy in zip(self.schedule, schedule, strict=True):
+            array[:] = copy
 
     def forget(self, state: int) -> None:
         """Free the state at address `state`.
@@ -165,7 +206,7 @@ class Instance:
         Raises:
             ComponentFailed: the FMU does not.
         """
-        self._called("FreeFMUstate", lambda: self._fmu.freeFMUState(c_void_p(state)))
+        self._called("FreeFMUstate", lambda: self.fmu.freeFMUState(c_void_p(state)))
 
     def unheard(self) -> list[tuple[int, str]]:
         """(tick, text) of what it logged since this was last asked, at most `MOST_UNHEARD` of them."""
@@ -174,20 +215,18 @@ class Instance:
 
     def close(self) -> None:
         """Free it; safe to call twice."""
-        if self._fmu is not None and self._fmu.component:
-            with self._calling("FreeInstance"):
-                self._fmu.freeInstance()
-        self._fmu = None
+        if self.fmu is not None and self.fmu.component:
+            self.standard.free(self)
+        self.fmu = None
 
-    def _calling(self, function: str) -> AbstractContextManager[None]:
-        return announced(self.description.path.name, self.name, f"fmi{self.description.version}{function}")
+    def calling(self, function: str) -> AbstractContextManager[None]:
+        return announced(self.description.path.name, self.name, f"{self.description.prefix}{function}")
 
     def _loaded(self) -> Any:
         description, here = self.description, os.getcwd()
-        kind = FMU2Drive if description.version == 2 else FMU3Drive
         try:
             with announced(description.path.name, self.name, "the loading of its binary"):
-                return kind(
+                return self.standard.SLAVE(
                     guid=description.model.guid,
                     unzipDirectory=str(self.folder),
                     modelIdentifier=description.identifier,
@@ -201,81 +240,41 @@ class Instance:
             os.chdir(here)
 
     def _instantiate(self) -> None:
-        heard: dict[str, Any] = {"logMessage": lambda environment, status, category, said: self.hear(status, said)}
         try:
-            if self.description.version == 2:
-                from fmpy.logging import addLoggerProxy
-
-                callbacks = fmi2.fmi2CallbackFunctions()
-                callbacks.logger = _logged
-                callbacks.componentEnvironment = id(self)
-                _SPEAKERS[id(self)] = self
-                callbacks.allocateMemory = fmi2.defaultCallbacks.allocateMemory
-                callbacks.freeMemory = fmi2.defaultCallbacks.freeMemory
-                addLoggerProxy(byref(callbacks))
-                heard = {"callbacks": callbacks}
-            with self._calling("Instantiate"):
-                self._fmu.instantiate(**heard, loggingOn=False)
+            self.standard.instantiate(self)
         # FMPy turns a NULL instance into a bare Exception
         except Exception:
-            self._fmu.component = None
-        if not self._fmu.component:
-            clocks = [v.name for v in self.description.variables.values() if v.type == "Clock"]
-            why = (
-                f"it may want its clocks ({', '.join(clocks[:3])}) served in event mode, which twin does not do"
-                if clocks
-                else f"the GUID {self.description.model.guid} in modelDescription.xml may not be the binary's own: "
-                "export it again"
-            )
+            self.fmu.component = None
+        if not self.fmu.component:
             raise InputRefused(
-                f"{self.description.path}: fmi{self.description.version}Instantiate refused{self._said()}; {why}"
+                f"{self.description.path}: {self.description.prefix}Instantiate refused{self._said()}; "
+                f"{self.standard.why_refused(self)}"
             )
 
     def _initialise(self) -> None:
-        start = {"tolerance": self._setup.tolerance, "startTime": 0.0, "stopTime": self._setup.stop}
+        self._alone = None
         try:
-            self.write(self.settings)
-            if self.description.version == 2:
-                with self._calling("SetupExperiment"):
-                    self._fmu.setupExperiment(**start)
-                start = {}
-            with self._calling("EnterInitializationMode"):
-                self._fmu.enterInitializationMode(**start)
-            self.write(self._inputs)
-            with self._calling("ExitInitializationMode"):
-                self._fmu.exitInitializationMode()
+            self.standard.initialise(self)
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
         except Exception as problem:
             self.close()
             raise InputRefused(f"{self.description.path}: cannot be initialised: {problem}{self._said()}") from None
 
-    def _set(self, variable: Variable, value: float | np.ndarray) -> None:
-        values = np.broadcast_to(value, variable.size).tolist()
+    def _set(self, variable: Variable, value: Any) -> None:
+        values = value if variable.is_text else np.broadcast_to(value, variable.size).tolist()
         if variable.type == "Boolean":
             values = [v > 0.5 for v in values]
-        elif variable.type not in ("Real", "Float64", "Float32"):
+        elif variable.type not in ("Real", "Float64", "Float32", *TEXTS):
             values = [round(v) for v in values]
-        getattr(self._fmu, f"set{self.type_name(variable)}")([variable.reference], values)
-
-    def _get(self, variable: Variable) -> Sequence[float]:
-        read = getattr(self._fmu, f"get{self.type_name(variable)}")
-        if self.description.version == 2:
-            return read([variable.reference])
-        return read([variable.reference], nValues=variable.size)
-
-    def type_name(self, variable: Variable) -> str:
-        """What the FMI's set and get functions of this variable are called after."""
-        if self.description.version == 2:
-            return "Integer" if variable.type == "Enumeration" else variable.type
-        return KINDS[variable.kind]
+        getattr(self.fmu, f"set{self.standard.type_name(variable)}")([variable.reference], values)
 
     def _called(self, function: str, call: Callable[[], Any]) -> Any:
         try:
-            with self._calling(function):
+            with self.calling(function):
                 return call()
         # FMPy's FMICallException, or ctypes where the binary lacks the function
         except Exception as problem:
-            name = f"fmi{self.description.version}{function}"
+            name = f"{self.description.prefix}{function}"
             raise ComponentFailed(f"{self.description.path.name}: {name} failed: {problem}{self._said()}") from None
 
     def _said(self) -> str:

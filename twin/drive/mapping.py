@@ -4,10 +4,11 @@ What the user maps is taken as said, if it can be right; what is left is propose
 descriptions, and only if there is one answer. Otherwise the error is the TOML to paste.
 """
 
+import difflib
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Literal
+from typing import Literal, NamedTuple
 
 from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, TAU_MOTOR, THETA_M, Command, Role, contract
@@ -18,6 +19,10 @@ from twin.units import NUMBER
 
 ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
 """rad, degree, turn: what tells an angle from any other pure number."""
+
+
+class RolesUnclear(InputRefused):
+    """A required role has no or several answers; the sentence says which."""
 
 
 @dataclass(frozen=True)
@@ -76,6 +81,20 @@ class Binding:
         return f"{self.port.name} {arrow} {self.said}{unit}"
 
 
+class Choice(NamedTuple):
+    """Who plays which role.
+
+    Attributes:
+        chosen: role -> variable.
+        turned: roles whose variable alone counts the other way.
+        unsure: required roles with no or several answers.
+    """
+
+    chosen: dict[str, str]
+    turned: set[str]
+    unsure: list[Role]
+
+
 def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tuple[Binding, ...]:
     """Every role of the contract that the drive fills: inputs first, in the contract's order.
 
@@ -87,27 +106,56 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
     Raises:
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
     """
-    found = filled(file, variables, wiring, contract(wiring.command, wiring.rotor))
+    roles = contract(wiring.command, wiring.rotor)
+    _refuse_unknown_roles(file, wiring, roles, "drive")
+    chosen, turned, unsure = choice(file, variables, wiring, roles)
+    if unsure:
+        raise RolesUnclear(_to_paste(file, variables, roles, chosen, unsure, wiring))
+    found = _all_bound(variables, wiring, roles, chosen, turned)
     _refuse_odd_widths(file, found)
     return found
 
 
 def filled(
-    file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str = "drive"
+    file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
 ) -> tuple[Binding, ...]:
-    """Those of `roles` that variables play, in their order.
+    """Those of `roles`, none of them required, that variables play, in their order.
 
     Args:
         file: what an error calls the FMU.
         variables: of the FMU, by the name the user knows them by.
         wiring: what the user says.
-        roles: inputs first.
+        roles: inputs or outputs of a part of the robot.
         table: of the experiment that says it.
 
     Raises:
         InputRefused: see `bindings`.
     """
     _refuse_unknown_roles(file, wiring, roles, table)
+    chosen, turned, _ = choice(file, variables, wiring, roles)
+    return _all_bound(variables, wiring, roles, chosen, turned)
+
+
+def _all_bound(
+    variables: Mapping[str, Variable],
+    wiring: Wiring,
+    roles: Sequence[Role],
+    chosen: Mapping[str, str],
+    turned: Collection[str],
+) -> tuple[Binding, ...]:
+    return tuple(
+        _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
+        for role in roles
+        if role.port.name in chosen
+    )
+
+
+def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> Choice:
+    """What the user says, and of the other `roles` those that have one answer.
+
+    Raises:
+        InputRefused: unknown variable, wrong causality or unit, or one for two roles.
+    """
     chosen: dict[str, str] = {}
     turned: set[str] = set()
     for role in roles:
@@ -128,13 +176,7 @@ def filled(
                 chosen[role.port.name] = best[0]
             elif role.required:
                 unsure.append(role)
-    if unsure:
-        raise InputRefused(_to_paste(file, variables, roles, chosen, unsure, wiring))
-    return tuple(
-        _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
-        for role in roles
-        if role.port.name in chosen
-    )
+    return Choice(chosen, turned, unsure)
 
 
 def _refuse_two_roles(file: str, chosen: Mapping[str, str]) -> None:
@@ -147,7 +189,9 @@ def _refuse_two_roles(file: str, chosen: Mapping[str, str]) -> None:
 def _bound(role: Role, variable: Variable, name: str, wiring: Wiring, turned: bool) -> Binding:
     _, factor, offset = variable.conversion or Conversion(role.dimension)
     ratio = wiring.sign * wiring.gear_ratio
-    mechanical = {1: 1.0 / ratio, -1: ratio, 0: 1.0}[role.mechanical] * (-1.0 if turned else 1.0)
+    # no gear changes a voltage or a current, but the shaft turns with its sign
+    electrical = float(wiring.sign) if role in COMMANDS.values() else 1.0
+    mechanical = {1: 1.0 / ratio, -1: ratio, 0: electrical}[role.mechanical] * (-1.0 if turned else 1.0)
     return Binding(role, variable, name, factor * mechanical, offset * mechanical, turned)
 
 
@@ -204,7 +248,36 @@ def measures(variable: Variable, role: Role) -> bool:
 
 
 def _plays(variable: Variable, role: Role) -> bool:
-    return variable.causality == role.causality and variable.kind >= 0 and measures(variable, role)
+    return variable.causality == role.causality and _can_be(variable, role)
+
+
+def _can_be(variable: Variable, role: Role) -> bool:
+    """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
+    counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
+    return counted and measures(variable, role)
+
+
+def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
+    """Those not `taken` whose causality, type and unit allow `role`, most similar names first.
+
+    Locals if no output does; those that state a unit if any does.
+    """
+    causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
+    offered = [
+        [n for n, v in variables.items() if n not in taken and v.causality == causality and _can_be(v, role)]
+        for causality in causalities
+    ]
+    fitting = next((found for found in offered if found), [])
+    fitting = [n for n in fitting if variables[n].unit] or fitting
+    names = (role.port.name, *role.synonyms)
+    return sorted(fitting, key=lambda n: -max(difflib.SequenceMatcher(None, n.lower(), name).ratio() for name in names))
+
+
+def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
+    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others."""
+    free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
+    stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
+    return next(iter([*stated, *(command for command, names in free.items() if names)]), "velocity")
 
 
 def _proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
@@ -233,16 +306,14 @@ def _score(name: str, variable: Variable, role: Role) -> int:
 
 def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken: set[str]) -> Command | None:
     """What the drive seems to be commanded with, if nothing in it takes a speed."""
-    if COMMANDS["velocity"] not in unsure or _proposals(variables, COMMANDS["velocity"], taken):
-        return None
-    others = (command for command in COMMANDS if command != "velocity")
-    return next((command for command in others if _proposals(variables, COMMANDS[command], taken)), None)
+    likely = likely_command(variables, taken) if COMMANDS["velocity"] in unsure else "velocity"
+    return likely if likely != "velocity" else None
 
 
 def _to_paste(
     file: str,
     variables: Mapping[str, Variable],
-    roles: Sequence[Role],
+    roles: tuple[Role, ...],
     chosen: Mapping[str, str],
     unsure: list[Role],
     wiring: Wiring,
@@ -271,8 +342,8 @@ def _to_paste(
         for role in roles:
             if role.causality != causality or not (role.required or role.port.name in chosen):
                 continue
-            offered = [n for n, v in variables.items() if v.causality == causality and measures(v, role)]
-            offered = offered or [n for n, v in variables.items() if v.causality == causality]
+            others = {name for port, name in chosen.items() if port != role.port.name}
+            offered = candidates(variables, role, others)
             name = chosen.get(role.port.name, offered[0] if offered else "?")
             doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
             lines.append(f'{role.port.name} = "{name}"{doubt}')

@@ -1,4 +1,6 @@
-"""The step of the commonest drive: FMI 2.0, all Real, SI units, the contract's order. Nothing is converted or copied.
+"""The step of the commonest drive: FMI 2.0 or 1.0, all Real, SI units, the contract's order.
+
+Nothing is converted or copied.
 
 It does what `adapter.step` does for such a drive, in a third of the time around the FMU's own.
 """
@@ -7,7 +9,9 @@ import numpy as np
 from numba import carray
 
 from twin.cosim.native import address_of, step_function
-from twin.drive.adapter import DO_STEP, GET, SET, access_2, do_step_2
+from twin.drive.calls import access_2, do_step_2
+from twin.drive.shorter import go_on
+from twin.drive.status import DISCARD, DO_STEP, GET, SET
 
 MEMORY = np.dtype(
     [
@@ -22,11 +26,12 @@ MEMORY = np.dtype(
         ("output_references", "i8"),
         ("shifted", "i8"),
         ("shift", "f8"),
+        ("shorter", "i8"),
     ],
     align=True,
 )
 """Addresses of instance and functions, counts and addresses of value references; which output is
-shifted, and by how much."""
+shifted, and by how much; address of what `shorter` works on."""
 
 
 @step_function(MEMORY)
@@ -35,6 +40,10 @@ def step(m, t, h, u, y):
     if status > 1:
         return SET + status
     status = do_step_2(m.do_step, m.instance, t, h, m.final)
+    if status == DISCARD:
+        status = go_on(m.shorter, 0, m.do_step, m.instance, t, h, m.final)
+        if status != 0:
+            return status
     if status > 1:
         return DO_STEP + status
     status = access_2(m.get_real, m.instance, m.output_references, m.outputs, address_of(y))

@@ -9,11 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from twin.drive.description import FmuDescription
-from twin.drive.instance import Instance, Setting, Setup
+from twin.drive.instance import Instance, Setup
+from twin.drive.setting import Setting
 from twin.errors import TwinError
 
-_Kind = tuple[str, Path, frozenset[str]]
-"""Name, folder of the unpacked FMU, names of what is set: a reset might leave alone what the next run does not set."""
+_Kind = tuple[str, Path, frozenset[str], bool]
+"""Name, folder of the unpacked FMU, names of what is set: a reset might leave alone what the next run does not set; and
+whether its inputs are lines over a step, which is said when it is made."""
 
 
 class _Shelf:
@@ -66,7 +68,7 @@ def instance(
         InputRefused: it cannot be loaded, instantiated or initialised.
         ComponentFailed: it refuses to be reset.
     """
-    kept = _shelf.instances[_kind(name, folder, settings)]
+    kept = _shelf.instances[_kind(name, folder, settings, setup)]
     if not kept:
         return Instance(name, description, folder, settings, inputs, setup)
     found = kept.pop()
@@ -80,8 +82,8 @@ def instance(
 
 def let_go(instance: Instance) -> None:
     """Its run is over: keep it, or free it."""
-    kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings)]
-    if _shelf.left and not instance.description.model.coSimulation.canBeInstantiatedOnlyOncePerProcess:
+    kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings, instance.setup)]
+    if _shelf.left and not instance.description.lives_once:
         _shelf.never_freed.append(instance)
     elif not _shelf.open:
         instance.close()
@@ -89,5 +91,5 @@ def let_go(instance: Instance) -> None:
         kept.append(instance)
 
 
-def _kind(name: str, folder: Path, settings: Sequence[Setting]) -> _Kind:
-    return name, folder, frozenset(variable.name for variable, _ in settings)
+def _kind(name: str, folder: Path, settings: Sequence[Setting], setup: Setup) -> _Kind:
+    return name, folder, frozenset(variable.name for variable, _ in settings), setup.ramped

@@ -10,12 +10,15 @@ from pathlib import Path
 from typing import Literal
 
 from twin.cosim.port import Port
-from twin.drive.component import FmuComponent, FmuPort
+from twin.drive.component import FmuComponent
 from twin.drive.contract import Role
-from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.instance import Setting, Setup
+from twin.drive.description import FmuDescription, described
+from twin.drive.instance import Setup
 from twin.drive.mapping import Binding, Wiring, filled
+from twin.drive.ports import FmuPort
+from twin.drive.setting import Setting
 from twin.drive.unpacked import unpacked
+from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest
 from twin.units import NUMBER, known_unit
 
@@ -56,7 +59,7 @@ class SampledFmu:
         last = ticks // period * period
         stop = max((last + period) * tick, last * tick + period * tick)
         folder = unpacked(self.description.path, self.description.sha256)
-        setup = Setup(self.tolerance, stop)
+        setup = Setup(self.tolerance, stop, period * tick)
         made = FmuComponent(name, self.description, folder, inputs, outputs, self.settings, setup=setup, sampled=True)
         made.inputs, made.outputs, made.period = self.inputs, self.outputs, period
         return made

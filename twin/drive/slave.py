@@ -1,7 +1,9 @@
 """FMPy's slaves, loaded quickly: what they find out about their functions is the same for every instance."""
 
+from ctypes import c_char_p, c_int
 from typing import Any, ClassVar
 
+from fmpy.fmi1 import FMU1Slave
 from fmpy.fmi2 import FMU2Slave
 from fmpy.fmi3 import FMU3Slave
 
@@ -20,15 +22,37 @@ class _Remembering:
     def _loadFunctions(self) -> None:
         known = type(self)._signatures
         for name, (names, kinds, result) in known.items():
-            function = getattr(self.dll, name)
+            function = getattr(self.dll, self._exported(name))
             function.argnames, function.argtypes, function.restype = names, kinds, result
             self._functions[name] = function
         if not known:
             super()._loadFunctions()  # type: ignore[misc]
-            known.update({name: (f.argnames, f.argtypes, f.restype) for name, f in self._functions.items()})
+            known.update({name: self._signature(name, f) for name, f in self._functions.items()})
+
+    def _exported(self, name: str) -> str:
+        """What the binary calls the function `name` of FMPy's."""
+        return name
+
+    def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
+        return function.argnames, function.argtypes, function.restype
 
 
 # FMPy tells the standard by how the class is called
+class FMU1Drive(_Remembering, FMU1Slave):
+    """An FMI 1.0 slave, whose functions have the model's name before theirs."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+    def _exported(self, name: str) -> str:
+        return f"{self.modelIdentifier}_{name.replace('fmi1', 'fmi')}"
+
+    def _signature(self, name: str, function: Any) -> tuple[Any, ...]:
+        # FMPy has several return text that return a status: read as an address, every bad one would crash
+        if not name.endswith(("Version", "TypesPlatform")) and function.restype is c_char_p:
+            function.restype = c_int
+        return super()._signature(name, function)
+
+
 class FMU2Drive(_Remembering, FMU2Slave):
     """An FMI 2.0 slave."""
 

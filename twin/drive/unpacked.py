@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
 from twin.drive.archive import place
+from twin.drive.compiling import supply
 from twin.errors import InputRefused, disk_refusals
 
 HOME = "unpacked"
@@ -62,6 +63,7 @@ def unpacked(file: Path, digest: str) -> Path:
             _make(file, folder)
             hold(folder)
             mended = ["all"]
+        supply(digest, folder / CONTENT)
     if mended:
         listed = ", ".join(mended[:3]) + (f" and {len(mended) - 3} more" if len(mended) > 3 else "")
         told = f"twin: {file.name}: unpacked files had been changed ({listed}): taken from the FMU again"

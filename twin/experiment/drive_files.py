@@ -14,6 +14,8 @@ from twin.experiment.source import laid_over, located, names_drive, read_source
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")
+FILE = "file:"
+"""Before the name of a file that is a parameter of a drive, as seen from the file that says it."""
 MOST_MAPPINGS = 8
 """Mappings that name another mapping as their drive."""
 
@@ -80,13 +82,31 @@ def completed(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS
             table = laid_over(named, _by_part(table, named.get("parts")))
         else:
             table["fmu"] = str(_archive(path, folder))
+    _find_files(table, folder)
     parts = table.get("parts")
     if isinstance(parts, dict):
         table = _by_part(table, parts)
         for part in table["parts"].values():
+            _find_files(part, folder)
             if isinstance(part, dict) and isinstance(part.get("fmu"), str):
                 part["fmu"] = str(_archive(located(part["fmu"], folder), folder))
     return table
+
+
+def _find_files(table: Any, folder: Path) -> None:
+    """Make the paths of files among the parameters of `table` absolute."""
+    given = table.get("parameters") if isinstance(table, dict) else None
+    if not isinstance(given, dict):
+        return
+    for name, value in given.items():
+        many = isinstance(value, (list, tuple))
+        given[name] = [_found(text, folder) for text in value] if many else _found(value, folder)
+
+
+def _found(value: Any, folder: Path) -> Any:
+    if not (isinstance(value, str) and value.startswith(FILE)):
+        return value
+    return FILE + str(located(value.removeprefix(FILE), folder))
 
 
 def _by_part(table: dict[str, Any], parts: Any) -> dict[str, Any]:

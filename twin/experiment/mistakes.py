@@ -17,6 +17,7 @@ _EXPECTED = {
     "dict_type": "a table",
     "model_type": "a table",
     "finite_number": "a finite number",
+    "parameter_type": "a number, text in quotes, or an array of either",
 }
 _BOUNDS = {
     "greater_than": ("gt", ">"),

@@ -1,8 +1,10 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
-from typing import Literal
+import math
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
 
@@ -114,6 +116,22 @@ class Rotor(Section):
     b: float = quantity("b_Nm_s_per_rad", "viscous friction", 0.0, ge=0)
 
 
+def _of_one_kind(value: Any) -> Any:
+    """`value`, if it can be that of a parameter: else pydantic would say of each kind why it is not that one."""
+    many = isinstance(value, (list, tuple))
+    values = tuple(value) if many else (value,)
+    kinds = {str if isinstance(v, str) else float if type(v) in (int, float) else None for v in values}
+    if len(kinds) != 1 or None in kinds:
+        raise PydanticCustomError("parameter_type", "no parameter")
+    if kinds == {float} and not all(math.isfinite(v) for v in values):
+        raise PydanticCustomError("finite_number", "no finite number")
+    return values if many else value
+
+
+Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeValidator(_of_one_kind)]
+PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
+
+
 TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
 
 
@@ -122,7 +140,7 @@ class Part(Section):
 
     fmu: str = Field(description="an .fmu file")
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
 
 
@@ -142,7 +160,7 @@ class Drive(Section):
     substeps: int = Field(1, ge=1, le=10_000, description="steps of the FMU per tick")
     inputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's own names and units")
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None

@@ -4,13 +4,14 @@ from collections.abc import Sequence
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.runs.guard.limits import LONG, duration_text
 
 SECONDS_PER_TICK = 20e-6
 """Stepping and recording with a drive of compiled code; one written in Python takes ten times as long."""
 BYTES_PER_TICK = 350
 """Of a recording; the shipped experiments and drives take 300 to 410. Half of it at the controller's rate."""
-LONG, LARGE = 3600.0, 5e9
-"""Time (s) and size (bytes) beyond which nobody starts without having been asked."""
+LARGE = 5e9
+"""Size (bytes) beyond which nobody starts without having been asked."""
 
 
 def estimate(experiment: Experiment) -> tuple[float, float]:
@@ -38,13 +39,6 @@ def refuse_endless(experiments: Sequence[Experiment], factor: float | None = Non
         return
     ticks = sum(experiment.duration_ticks for experiment in experiments)
     raise InputRefused(
-        f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about {_time(seconds)} "
-        f"and {size / 1e9:,.0f} GB; shorten duration_s, or say --yes if that is meant"
+        f"{', '.join(experiment.name for experiment in experiments)}: {ticks:.3g} ticks take about "
+        f"{duration_text(seconds)} and {size / 1e9:,.0f} GB; shorten duration_s, or say --yes if that is meant"
     )
-
-
-def _time(seconds: float) -> str:
-    for name, length in (("years", 365.25 * 86400.0), ("days", 86400.0), ("hours", 3600.0)):
-        if seconds >= 2.0 * length:
-            return f"{seconds / length:.2g} {name}"
-    return f"{seconds / 60.0:.0f} minutes"

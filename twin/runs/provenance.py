@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.controller.phase import PhaseKind
+from twin.drive.setting import FILE, told
 from twin.experiment.experiment import Experiment
 from twin.experiment.source import KEPT, NAMING
 from twin.runs.assembly.assemble import Assembly
@@ -22,12 +23,13 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
             {
                 "file": fmu.path.name,
                 "sha256": fmu.sha256,
+                **({"compiled_with": fmu.compiler} if fmu.compiler else {}),
                 "model": fmu.model.modelName,
                 "fmi": fmu.model.fmiVersion,
                 "generation_tool": fmu.model.generationTool,
                 "tolerance": plan.tolerance(part),
                 "stop_time": experiment.duration_ticks * experiment.cosim.tick,
-                "set": {variable.name: value for variable, value in plan.settings[part]},
+                "set": {variable.name: told(value) for variable, value in plan.settings[part]},
                 "mapped": [str(binding) for binding in plan.bindings],
             }
         )
@@ -62,8 +64,15 @@ def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
 
 
 def _named_files(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with FMUs and Python files by name only: where they lie on this machine is nobody's business."""
-    return {
-        key: _named_files(value) if isinstance(value, dict) else Path(value).name if key in NAMING else value
-        for key, value in values.items()
-    }
+    """`values` with FMUs, Python and other files by name only: where they lie on this machine is nobody's business."""
+    return {key: _named(key, value) for key, value in values.items()}
+
+
+def _named(key: str, value: Any) -> Any:
+    if isinstance(value, dict):
+        return _named_files(value)
+    if isinstance(value, (list, tuple)):
+        return [_named("", v) for v in value]
+    if isinstance(value, str) and value.startswith(FILE):
+        return FILE + Path(value.removeprefix(FILE)).name
+    return Path(value).name if key in NAMING else value

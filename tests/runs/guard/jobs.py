@@ -52,3 +52,17 @@ def linger(reporter: Reporter, farewell: str, stubborn: bool = False) -> None:
 def variable(reporter: Reporter, name: str) -> str | None:
     """What its environment says."""
     return os.environ.get(name)
+
+
+def crawl(reporter: Reporter, ticks: int) -> None:
+    """Simulates so many `ticks` of what takes 5 ms for each."""
+    # no other job waits for compiled code
+    from tests.cosim.models import continuous
+    from twin.cosim.simulation import Simulation
+    from twin.cosim.system import System
+
+    def step(t: float, h: float, u: object) -> float:
+        time.sleep(5e-3)
+        return 0.0
+
+    Simulation(System([continuous("crawler", step)], [], 1e-3), ticks).run()

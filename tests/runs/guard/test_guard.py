@@ -11,7 +11,7 @@ import pytest
 
 from twin.errors import TwinError
 from twin.runs.guard import guard
-from twin.runs.guard.guard import JobEndedLoading, guarded
+from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits
 from twin.studies.identify.identification import NotIdentifiable
 
@@ -52,6 +52,15 @@ def test_exit_code_0_without_a_result_is_a_death():
 def test_a_job_is_ended_at_its_time_limit():
     with pytest.raises(JobEndedLoading, match="the time limit of 2 s was over"):
         guarded(f"{JOBS}:linger", {"farewell": ""}, Limits(wall=2.0))
+
+
+def test_a_simulation_that_would_take_too_long_is_ended_as_soon_as_that_is_known(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(guard, "PATIENCE", 0.5)
+    began = time.monotonic()
+    with pytest.raises(JobEnded, match=r"\(crawler\) was at work when .* take about \d\d hours .* Say --yes") as ended:
+        guarded(f"{JOBS}:crawl", {"ticks": 20_000_000}, Limits(expected=3600.0))
+    # 20 s of more than a day
+    assert time.monotonic() - began < 20.0 and ended.value.exit_code == 3
 
 
 @pytest.mark.parametrize("stubborn", [False, True])

@@ -6,16 +6,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.drive.archives import redescribed
 from tests.drive.faulty import faulty_drive
 from tests.runs.guard.hostile import HANG, HANG_IN_INITIALISATION, LEAK, NONE, SEGFAULT, SEGFAULT_IN_FREE, Command
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
+from twin.errors import ComponentFailed, InputRefused
 from twin.recording.reader import read
+from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.assembly.drive_component import drive as drive_here
 from twin.runs.assembly.drives import planned
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.guard import guarded
-from twin.runs.guard.isolated_drive import IsolatedDrives
+from twin.runs.guard.isolated_drive import IsolatedDrive, IsolatedDrives
 from twin.runs.guard.reporter import DirectReporter
 from twin.runs.guard.runs import recorded_runs
 
@@ -74,6 +77,60 @@ def test_a_run_with_interpolated_inputs_and_isolated_drives_gives_the_same_bytes
         recordings.append((command.folder / "x" / "run.mcap").read_bytes())
         (command.folder / "x").rename(command.folder / isolation)
     assert recordings[0] == recordings[1]
+
+
+@pytest.fixture(scope="module")
+def single(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drive that says it can live only once in a process."""
+    flagged = '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true" '
+    good, folder = root / "fmus" / "velocity_servo" / "velocity_servo.fmu", tmp_path_factory.mktemp("single")
+    return redescribed(good, folder / "single.fmu", "<CoSimulation ", flagged)
+
+
+def test_drives_that_fit_no_process_get_three_and_the_next_robot_gets_the_same(root: Path, single: Path):
+    file = root / "experiments" / "fig4_position.toml"
+
+    def ran(fmu: str) -> tuple[np.ndarray, list[int]]:
+        with assemble(load_experiment(file, [], fmu)) as assembly:
+            return simulation_of(assembly).run(), pids(assembly)
+
+    first, theirs = ran(str(single))
+    second, again = ran(str(single))
+    assert len(theirs) == 3 and set(again) == set(theirs)
+    assert np.array_equal(first, second)
+    assert np.array_equal(first, ran("velocity_servo")[0])
+
+
+def test_a_process_in_which_a_drive_has_failed_serves_no_other(root: Path, tmp_path: Path):
+    flagged = '<CoSimulation canBeInstantiatedOnlyOncePerProcess="true" '
+    fmu = redescribed(faulty_drive(root, tmp_path), tmp_path / "once.fmu", "<CoSimulation ", flagged)
+    experiment = load_experiment(root / "experiments" / "fig4_position.toml", ["drive.parameters.droop=1"], str(fmu))
+    with assemble(experiment) as assembly:
+        failed, simulation = pids(assembly)[0], simulation_of(assembly, 2000)
+        with pytest.raises(ComponentFailed, match=r"once.fmu \(drive_1\) fmi2DoStep returned fmi2Error"):
+            simulation.run()
+    with assemble(experiment) as assembly:
+        assert failed not in pids(assembly)
+
+
+def test_two_parts_of_one_drive_cannot_be_an_fmu_that_lives_once(root: Path, single: Path):
+    mapping = single.with_name("mapping.toml")
+    mapping.write_text(
+        '[parts]\na.fmu = "single.fmu"\nb.fmu = "single.fmu"\n'
+        '[inputs]\nomega_ref = "a.omega_ref"\ntau_load = "a.tau_load"\n'
+        '[outputs]\ntheta_m = "a.theta_m"\nomega_m = "b.omega_m"\n'
+    )
+    with pytest.raises(InputRefused, match="only once per process, and stands for two parts of one drive"):
+        assemble(load_experiment(root / "experiments" / "fig4_position.toml", [], str(mapping)))
+
+
+def simulation_of(assembly: Assembly, last_tick: int = 200) -> Simulation:
+    return Simulation(assembly.system, last_tick)
+
+
+def pids(assembly: Assembly) -> list[int]:
+    """Of the processes of its drives."""
+    return [c._process.pid for c in assembly.system.components if isinstance(c, IsolatedDrive)]
 
 
 def test_an_isolated_drive_looks_like_the_drive_itself(root: Path):

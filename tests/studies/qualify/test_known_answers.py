@@ -6,13 +6,18 @@ import numpy as np
 import pytest
 
 from tests.conftest import ROOT
+from twin.experiment.drive_files import lone_drive
+from twin.runs.assembly.drives import planned
 from twin.studies.qualify.definitions import CHECKS, MEASURES
 from twin.studies.qualify.qualification import Qualification
+from twin.studies.qualify.stall import overload, ramped_torque, stall_torque
 
 Done = Callable[[str], Qualification]
 DRIVES = sorted(folder.name for folder in (ROOT / "fmus").iterdir() if any(folder.glob("*.fmu")))
 T_M = 0.020
 """s. Time constant of velocity_servo."""
+BRUSHED_STALL = (0.0373 * 3.0 - 4.2e-3) * 19.7 * 0.8
+"""N m. (7), (8) of the README of brushed_dc at rest: (k_t i_max - tau_c) G eta."""
 
 
 def test_the_ideal_drive_does_what_it_is_told_within_one_tick_and_cannot_be_stalled(done: Done):
@@ -65,6 +70,23 @@ def test_pmsm_foc_is_as_fast_as_its_readme_says_and_has_no_droop(done: Done):
     assert machine.value("droop") == pytest.approx(0.0, abs=0.015)
     # i_max k_t = 5.7 A 0.105 N m/A, less 0.002 N m of friction; 2 % as above
     assert machine.value("stall_torque") == pytest.approx(0.5965, rel=0.02)
+
+
+def test_a_heavy_rotor_does_not_raise_the_stall_torque():
+    table = lone_drive("brushed_dc", ROOT)
+    plan = planned(table.model_copy(update={"parameters": {**table.parameters, "J_m": 7e-5}}))
+    growing, inertia = overload(plan), 7e-5 * 19.7**2
+    # sqrt(2 J omega r) too high when it has braked the shaft; half of that at least, with some friction
+    assert ramped_torque(growing) > BRUSHED_STALL + 0.5 * np.sqrt(2.0 * inertia * 0.45 * 0.25)
+    # 2 % as above, and 0.5 J of what a load that is held for 1 s does not stop
+    assert stall_torque(plan, growing).value == pytest.approx(BRUSHED_STALL, abs=0.02 * BRUSHED_STALL + 0.5 * inertia)
+
+
+def test_motors_stall_where_their_equations_say(done: Done):
+    # 2 % as above
+    assert done("brushed_dc").value("stall_torque") == pytest.approx(BRUSHED_STALL, rel=0.02)
+    # (8), (9) of its README at a tenth of the speed in use
+    assert done("smart_servo").value("stall_torque") == pytest.approx(3.0 * (1.0 - 0.05 / 8.06) - 0.05, rel=0.02)
 
 
 def test_quantised_and_stepping_drives_are_measured_or_say_why_not(done: Done):

@@ -14,7 +14,7 @@ from twin.studies.qualify.frequency import bandwidth
 from twin.studies.qualify.operating_range import TICK
 from twin.studies.qualify.qualification import Qualification
 from twin.studies.qualify.repetition import repetition_findings
-from twin.studies.qualify.stall import stall_torque
+from twin.studies.qualify.stall import LOAD_MOST, UNCERTAINTY, held_torque, ramped_torque, stall_torque
 from twin.studies.qualify.step import step_findings
 from twin.studies.qualify.work_cycle import COMMANDED, work_cycle
 
@@ -70,17 +70,26 @@ def test_ripple_within_the_band_is_no_overshoot():
 
 
 @given(st.floats(0.05, 3.5))
-def test_the_stall_torque_is_the_load_at_which_the_shaft_stops(limit: float):
+def test_a_growing_load_finds_the_one_at_which_the_shaft_stops(limit: float):
     tau_load = 0.25 * TICK * np.arange(round((limit + 0.2) / 0.25 / TICK))
     # half of the averaging window of 0.05 s at 0.25 N m/s
-    assert stall_torque(turning(np.where(tau_load < limit, 0.5, 0.0), tau_load)).value == pytest.approx(
-        limit, abs=0.0065
-    )
+    assert ramped_torque(turning(np.where(tau_load < limit, 0.5, 0.0), tau_load)) == pytest.approx(limit, abs=0.0065)
 
 
-def test_a_shaft_that_never_stops_has_no_stall_torque():
+@given(st.floats(0.02, 3.9), st.floats(0.5, 3.0))
+def test_held_loads_find_the_stall_torque_whatever_a_growing_one_said(limit: float, wrong: float):
+    # half of what lies between a load that is carried and one that is not; where the ramp was right it is kept
+    close = max(UNCERTAINTY * limit / (1.0 - UNCERTAINTY), 0.5 * 0.0125)
+    assert held_torque(wrong * limit, lambda load: load < limit) == pytest.approx(limit, abs=1.001 * close)
+
+
+def test_loads_that_are_all_carried_have_no_stall_torque():
+    assert held_torque(1.0, lambda load: True) == LOAD_MOST
+
+
+def test_a_shaft_that_never_stops_has_no_stall_torque(done: Callable[[str], Qualification]):
     tau_load = 0.25 * TICK * np.arange(16_000)
-    assert stall_torque(turning(np.full(16_000, 0.5), tau_load)).value is None
+    assert stall_torque(done("ideal_velocity").plan, turning(np.full(16_000, 0.5), tau_load)).value is None
 
 
 def test_a_difference_of_one_bit_is_no_repetition(done: Callable[[str], Qualification]):

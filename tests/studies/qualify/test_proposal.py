@@ -1,3 +1,4 @@
+import re
 import tomllib
 from pathlib import Path
 
@@ -5,6 +6,7 @@ import pytest
 
 from tests.drive.archives import redescribed
 from twin.drive.description import described
+from twin.drive.mapping import RolesUnclear, Wiring, bindings
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned
@@ -28,7 +30,7 @@ def test_a_motor_gets_its_roles_and_the_gains_of_our_loop_as_comments(root: Path
     proposed = tomllib.loads(text)
     assert not complete
     assert proposed["command"] == "voltage"
-    assert proposed["inputs"] == {"command": "u_cmd", "tau_load": "M_load"}
+    assert proposed["inputs"] == {"command": "u_cmd", "tau_load": "M_load", "v_bus": "v_bus"}
     assert proposed["outputs"]["theta_m"] == "phi"
     assert proposed["velocity_loop"] == {}
     assert "# kp = 0.1                # V per rad/s" in text
@@ -39,6 +41,46 @@ def test_every_doubtful_choice_stands_as_a_comment_and_no_choice_is_made(root: P
     assert not complete
     assert '# command = "v_a"' in text and '# command = "v_f"' in text
     assert tomllib.loads(text)["inputs"] == {"tau_load": "tau_load"}
+
+
+@pytest.mark.parametrize("drive", ["modelica_dc", "brushed_dc", "stepper", "torque_motor_fmi3"])
+def test_the_file_and_the_sentence_of_a_refusal_propose_the_same(root: Path, drive: str):
+    fmu = described(root / "fmus" / drive / f"{drive}.fmu")
+    text, _ = proposal(fmu)
+    try:
+        bound = bindings("a.fmu", fmu.variables, Wiring())
+    except RolesUnclear as unclear:
+        said = str(unclear).partition("experiment:\n")[2]
+        assert tomllib.loads(said)["drive"].get("command", "velocity") == tomllib.loads(text)["command"]
+        choices = dict(re.findall(r'^(\w+) = "(.*)"', said.partition("[drive.inputs]")[2], re.M))
+        others = {role: names.split(", ") for role, names in re.findall(r'^(\w+) = ".*"   # or: (.*)', said, re.M)}
+        offered = {role: {first, *others.get(role, [])} for role, first in choices.items()}
+    else:
+        offered = {b.port.name: {b.name} for b in bound}
+    written = re.findall(r'^(?:# )?(\w+) = "(.*?)"   #', text.partition("[inputs]")[2], re.M)
+    assert {role: {name for other, name in written if other == role} for role, _ in written} == offered
+
+
+def test_clocks_texts_and_currents_are_nobodys_angle(velocity_servo: Path, tmp_path: Path):
+    outputs = (
+        '<ScalarVariable name="angle_text" valueReference="90" causality="output" variability="discrete"><String/>'
+        '</ScalarVariable><ScalarVariable name="angle_is_known" valueReference="91" causality="output" '
+        'variability="discrete"><Boolean/></ScalarVariable></ModelVariables>'
+    )
+    more = redescribed(velocity_servo, tmp_path / "more.fmu", "</ModelVariables>", outputs)
+    bad = redescribed(more, tmp_path / "bad.fmu", 'unit="rad"', 'unit="A"')
+    text, complete = proposal(described(bad))
+    assert not complete and '# theta_m = "?"' in text
+    with pytest.raises(RolesUnclear, match=r'theta_m = "\?"'):
+        bindings("bad.fmu", described(bad).variables, Wiring())
+
+
+def test_a_description_of_several_lines_stays_a_comment(velocity_servo: Path, tmp_path: Path):
+    odd = redescribed(
+        velocity_servo, tmp_path / "odd.fmu", 'description="Motor angle', 'description="&#10;[x]&#10;Motor angle'
+    )
+    assert set(tomllib.loads(proposal(described(odd))[0])) >= {"inputs", "outputs"}
+    assert "x" not in tomllib.loads(proposal(described(odd))[0])
 
 
 def test_what_no_variable_can_be_is_said(velocity_servo: Path, tmp_path: Path):

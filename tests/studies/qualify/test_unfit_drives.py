@@ -1,5 +1,6 @@
 """Drives that are wrong on purpose, and what the qualification says of them."""
 
+import warnings
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from tests.drive.archives import redescribed
 from tests.drive.faulty import faulty_drive
 from tests.drive.three_axes import three_axes_drive
 from twin.experiment.drive_files import lone_drive
+from twin.studies.qualify.picture import draw_drive_check
 from twin.studies.qualify.qualification import Qualification, qualified
 
 COMMAND = ('Commanded motor speed, held over a step">', "rad/s", 'rad="1" s="-1"')
@@ -74,3 +76,23 @@ def test_three_axes_in_one_fmu_are_commanded_alike_and_the_first_is_measured(tmp
     assert "three axes" in judged.checks[0].detail
     # rounding of an angle after 2 s of turning
     assert judged.value("speed") == pytest.approx(0.5, abs=1e-6)
+
+
+def test_a_shaft_that_stands_still_follows_nothing_and_no_number_is_made_of_it(velocity_servo: Path, tmp_path: Path):
+    still = lone_drive(str(velocity_servo), ROOT).model_copy(update={"parameters": {"omega_max": 0.0}})
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        judged = qualified(still)
+        draw_drive_check(judged, tmp_path / "still.png")
+    assert "direction" in judged.failed
+    assert {m.name for m in judged.measures if m.value is None} >= {"bandwidth", "rise_time", "stall_torque"}
+    assert next(m.remark for m in judged.measures if m.name == "bandwidth") == "does not follow its command"
+
+
+def test_an_angle_that_no_shaft_has_ends_the_run_with_a_sentence(velocity_servo: Path, tmp_path: Path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        judged = checked(rescaled(velocity_servo, tmp_path, SPEED, 1e300))
+        draw_drive_check(judged, tmp_path / "odd.png")
+    runs = next(check for check in judged.checks if check.name == "runs")
+    assert runs.verdict == "FAIL" and "returned omega_m = " in runs.detail and "no shaft turns like that" in runs.detail

@@ -1,6 +1,6 @@
 """From an experiment to a system that can be simulated: every row of the robot's table made, joined, and broken."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from functools import partial
@@ -8,17 +8,11 @@ from typing import Any
 
 from twin.cosim.component import Component
 from twin.cosim.system import System
-from twin.cosim.wiring import wires
+from twin.cosim.wiring import End, Feeds, wires
+from twin.drive.ramp import AT_END
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.build import (
-    Build,
-    DriveMaker,
-    InThisProcess,
-    Makers,
-    planned_drives,
-    refuse_second_instances,
-)
+from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, Makers, need_processes, planned_drives
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.assembly.faults.inject import inject
 from twin.runs.assembly.mechanics import at_rest
@@ -37,12 +31,14 @@ class Assembly:
         system: ready to be simulated.
         drives: what stands behind the three joints.
         substituted: what took the place of the experiment's own components, by their names.
+        home: of drives that live elsewhere; it goes last.
         others: the experiment's parts of another make, by their names.
     """
 
     system: System
     drives: tuple[DrivePlan, ...]
     substituted: dict[str, str] = field(default_factory=dict)
+    home: ExitStack = field(default_factory=ExitStack)
     others: Mapping[str, OtherPart] = field(default_factory=dict)
 
     def __enter__(self) -> "Assembly":
@@ -52,8 +48,9 @@ class Assembly:
         self.close()
 
     def close(self) -> None:
-        for component in self.system.components:
-            component.close()
+        with self.home:
+            for component in self.system.components:
+                component.close()
 
 
 def assemble(
@@ -66,27 +63,33 @@ def assemble(
     Args:
         substitutes: what takes the place of the components with their names: a component of the same ports, or, of a
             part in `CONTRACTS`, a Python class or an instance of one.
-        maker: of the drives.
+        maker: of the drives. What cannot live in one process gets processes of its own in any case.
 
     Raises:
         InputRefused: a drive FMU or a part of another make does not fit; all are checked before any is loaded. Or a
             substitute for which there is no place.
     """
     plans = planned_drives(experiment)
-    if maker.one_process:
-        refuse_second_instances(plans)
+    crowded = need_processes(plans) and maker.one_process
     if experiment.monitor is not None:
         plans = tuple(plan.switchable() for plan in plans)
-    taken = dict(substitutes or {})
+    taken, home = dict(substitutes or {}), ExitStack()
     classes = {name: found for name, found in taken.items() if not isinstance(found, Component)}
     given = {role: given_part(role, found) for role, found in classes.items() if role in CONTRACTS}
     others = other_parts(experiment)
-    parts = _parts(Build(experiment, plans, maker, *at_rest(experiment, "body" in others | given), others | given))
-    _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
-    for name in classes.keys() - given.keys():
-        raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
-    made: dict[str, list[Component]] = {row: [] for row in parts}
     with ExitStack() as to_close:
+        to_close.push(home)
+        if crowded:
+            # its compiled code takes a while to load
+            from twin.runs.guard.isolated_drive import IsolatedDrives
+
+            maker = home.enter_context(IsolatedDrives(keep=True))
+        rest = at_rest(experiment, "body" in others | given)
+        parts = _parts(Build(experiment, plans, maker, *rest, others | given))
+        _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
+        for name in classes.keys() - given.keys():
+            raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
+        made: dict[str, list[Component]] = {row: [] for row in parts}
         for row, makers in parts.items():
             for name, make in makers.items():
                 component = taken[name] if name in taken and name not in given else make()
@@ -102,11 +105,18 @@ def assemble(
             experiment.controller.speed_limit,
         )
         cosim = experiment.cosim
-        joined = wires(feeds, components)
+        joined = wires(feeds | _at_end(feeds, components), components)
         system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         to_close.pop_all()
-    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, others)
+    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others)
+
+
+def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
+    """What feeds those inputs that are asked for at both ends of a step, at its end."""
+    asked = {(component.name, port.name) for component in components for port in component.inputs}
+    both = {End(t.component, t.port + AT_END, t.element): source for t, source in feeds.items()}
+    return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
 def _parts(build: Build) -> dict[str, Makers]:

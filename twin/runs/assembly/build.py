@@ -3,7 +3,7 @@
 These are one for each joint, or one FMU that turns all.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
+from twin.drive.description import FmuDescription
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
@@ -80,6 +81,8 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
     if len({plan.axes for plan in plans}) > 1 or (turns_all(plans[0]) and plans[1:] != plans[:1] * 2):
         label = next(plan.label for plan in plans if turns_all(plan))
         raise InputRefused(f"{label}: drives all three joints; [drive.joint_1] .. cannot differ then, remove them")
+    if experiment.cosim.inputs == "linear":
+        plans = [plan.with_lines() for plan in plans]
     return tuple(plan.until(experiment.duration_ticks) for plan in plans)
 
 
@@ -100,18 +103,24 @@ def joint_drives(build: Build) -> Makers:
     }
 
 
-def refuse_second_instances(plans: tuple[DrivePlan, ...]) -> None:
-    """Some FMUs can live only once in a process; three joints need three processes then.
+def need_processes(plans: tuple[DrivePlan, ...]) -> bool:
+    """Whether the joints' drives cannot live in one process: some FMUs exist only once in each.
 
     Raises:
-        InputRefused: one of them drives more than one joint.
+        InputRefused: two parts of one drive are the same such FMU.
     """
-    instances = plans[:1] if turns_all(plans[0]) else plans
-    fmus = [fmu for plan in instances for fmu in plan.parts.values()]
-    for fmu in fmus:
-        only_once = fmu.model.coSimulation.canBeInstantiatedOnlyOncePerProcess
-        if only_once and sum(other.sha256 == fmu.sha256 for other in fmus) > 1:
+    for plan in plans:
+        twice = _lonely(plan.parts.values())
+        if twice:
             raise InputRefused(
-                f"{fmu.path}: can be instantiated only once per process, and drives more than one joint; "
-                "use --isolate drive, which gives each joint's drive a process of its own"
+                f"{twice.path}: can be instantiated only once per process, and stands for two parts of one drive; "
+                "export it without that limit, or as one FMU"
             )
+    instances = plans[:1] if turns_all(plans[0]) else plans
+    return _lonely([fmu for plan in instances for fmu in plan.parts.values()]) is not None
+
+
+def _lonely(fmus: Collection[FmuDescription]) -> FmuDescription | None:
+    """One of `fmus` that stands there more than once, and can live only once in a process."""
+    digests = [fmu.sha256 for fmu in fmus]
+    return next((fmu for fmu in fmus if fmu.lives_once and digests.count(fmu.sha256) > 1), None)

@@ -11,17 +11,19 @@ from twin.controller.velocity_loop import DriveSpeedLoop
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.component import FmuComponent, FmuPort
+from twin.drive.component import FmuComponent
 from twin.drive.contract import COMMANDS, LOAD, SHAFT
 from twin.drive.description import FmuDescription
 from twin.drive.instance import Setup
+from twin.drive.ports import FmuPort
 from twin.drive.rotor import DriveRotor
+from twin.drive.steps import refuse_step
 from twin.drive.units import Conversion
 from twin.drive.unpacked import unpacked
 from twin.drive.unwrapped import Unwrapped
-from twin.errors import InputRefused
-from twin.experiment.schema import Drive, PositionCommand
+from twin.experiment.schema import PositionCommand
 from twin.runs.assembly.drives import ENABLE, DrivePlan, Start, belongs
+from twin.runs.assembly.rates import rates, stop_time
 from twin.units import NUMBER
 
 OMEGA_REF = COMMANDS["velocity"].port
@@ -39,43 +41,21 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
         InputRefused: an FMU cannot be loaded or initialised, or the rates do not fit the tick.
     """
     substeps, period = rates(name, plan.table, tick)
+    alone = plan.is_bare and len(plan.parts) == 1 and substeps == 1
     with ExitStack() as made:
         parts = []
         for part, description in plan.parts.items():
-            setup = Setup(plan.tolerance(part), _stop(plan, tick, substeps))
+            refuse_step(description, tick, substeps)
+            stop = stop_time(plan.ticks, tick, substeps)
+            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
             parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
             made.callback(parts[-1].close)
-        if plan.is_bare and len(parts) == 1 and substeps == 1:
+        if alone:
             component: Component = parts[0]
         else:
             component = _inner_system(name, plan, parts, tick, substeps, period, theta_m)
         made.pop_all()
     return component
-
-
-def rates(name: str, table: Drive, tick: float) -> tuple[int, int]:
-    """(inner ticks per tick, inner ticks per command of ours; where nothing is said of it, one command per tick)."""
-    key, loop = next(
-        ((key, found) for key in ("velocity_loop", "position_command") if (found := getattr(table, key))), ("", None)
-    )
-    if loop is None or loop.period is None:
-        return table.substeps, table.substeps
-    substeps = max(table.substeps, round(tick / loop.period))
-    period = round(loop.period / (tick / substeps))
-    if period < 1 or abs(period * tick / substeps - loop.period) > 1e-9 * loop.period:
-        raise InputRefused(
-            f"{name}: [drive.{key}] period_ms = {1e3 * loop.period:g} does not divide into the "
-            f"{substeps} steps per tick of {1e3 * tick:g} ms; choose a period or substeps that fit"
-        )
-    return substeps, period
-
-
-def _stop(plan: DrivePlan, tick: float, substeps: int) -> float | None:
-    """When the last step ends (s): the run's duration, or what t + h of that step is rounded to, if that is later."""
-    if plan.ticks is None:
-        return None
-    step = tick / substeps
-    return max(plan.ticks * tick, (plan.ticks * substeps - 1) * step + step)
 
 
 def _part(

@@ -9,8 +9,8 @@ import numpy as np
 from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, OMEGA_M, SHAFT, THETA_M
 from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.instance import Setting
 from twin.drive.mapping import Binding, Wiring, bindings
+from twin.drive.setting import Setting
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 
@@ -34,6 +34,7 @@ class DrivePlan:
         wires: (output, input) between parts, "part.variable" each.
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
         ticks: how many it will be stepped; None: nobody knows.
+        ramped: whether it is offered its inputs as lines over a step.
     """
 
     label: str
@@ -44,6 +45,7 @@ class DrivePlan:
     wires: tuple[tuple[str, str], ...]
     switched: bool = False
     ticks: int | None = None
+    ramped: bool = False
 
     def switchable(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
@@ -53,6 +55,10 @@ class DrivePlan:
     def until(self, ticks: int | None) -> "DrivePlan":
         """The same drive for a run of so many `ticks`; None: nobody knows."""
         return replace(self, ticks=ticks)
+
+    def with_lines(self) -> "DrivePlan":
+        """The same drive, offered its inputs as lines over a step."""
+        return replace(self, ramped=True)
 
     def tolerance(self, part: str) -> float | None:
         """Of the solver of a part, as the experiment says, or else the FMU itself."""
@@ -113,10 +119,9 @@ def planned(table: Drive) -> DrivePlan:
     Raises:
         InputRefused: an FMU, its hash, the mapping, a parameter or a wire is not right.
     """
-    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
-    files = files or {ALONE: (table.fmu or "", table.sha256)}
-    parts = {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
+    parts = fmus(table)
     given = {name: part.parameters for name, part in table.parts.items()} or {ALONE: table.parameters}
+    parts = {name: description.resized(given[name]) for name, description in parts.items()}
     variables = {
         qualified(part, v.name): v for part, description in parts.items() for v in description.variables.values()
     }
@@ -135,6 +140,17 @@ def planned(table: Drive) -> DrivePlan:
         ours = "rotor turns" if table.rotor else "loop drives"
         raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our {ours} one axis")
     return plan
+
+
+def fmus(table: Drive) -> dict[str, FmuDescription]:
+    """The FMUs of a drive by part.
+
+    Raises:
+        InputRefused: one cannot be used, or is not the one that was meant.
+    """
+    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256)}
+    return {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
 
 
 def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:

@@ -1,7 +1,7 @@
 """`python -m twin.runs.guard.child BOX PARENT`: the guarded process.
 
-Standard input brings the job's name, its arguments (a line each) and then orders; standard output takes the reports,
-so whatever is printed by FMUs or anybody else is sent to standard error first.
+Standard input brings the job's name, then its arguments, a line for each time that it is to be done, and orders;
+standard output takes the reports, so whatever is printed by FMUs or anybody else is sent to standard error first.
 """
 
 import contextlib
@@ -9,6 +9,7 @@ import ctypes
 import json
 import os
 import pickle
+import queue
 import signal
 import sys
 import threading
@@ -22,7 +23,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Run the one job of this process; ends it without cleaning up, because nothing of value is left to clean."""
+    """Do the one job of this process as often as is asked, until nobody is there or it could not be begun."""
     box, parent = map(int, sys.argv[1:])
     orders, reports = os.dup(0), os.fdopen(os.dup(1), "w", encoding="utf-8")
     with open(os.devnull) as nothing:
@@ -33,27 +34,34 @@ def main() -> None:
     _die_with(parent)
     lines = _lines(orders)
     name = next(lines)
-    try:
-        job = function_called(name)
-        # after the job's own imports: what it needs of them is loaded while the arguments are still being made
-        from twin.cosim.simulation import let_watch
-        from twin.drive.announcement import listen
-        from twin.runs.guard.reporter import PipeReporter
+    begun: queue.SimpleQueue[str] = queue.SimpleQueue()
+    reporter = None
+    while True:
+        try:
+            if reporter is None:
+                job = function_called(name)
+                # after the job's own imports: what it needs of them is loaded while the arguments are still being made
+                from twin.cosim.simulation import let_watch
+                from twin.drive.announcement import listen
+                from twin.runs.guard.reporter import PipeReporter, let_speak
 
-        reporter = PipeReporter(reports, box)
-        listen(reporter.announcer.tell)
-        let_watch(reporter.stepping)
-        arguments = pickle.loads(bytes.fromhex(next(lines)))
-        threading.Thread(target=_obey, args=(lines,), daemon=True).start()
-        last = {"finished": job(reporter, **arguments)}
-    except KeyboardInterrupt:
-        last = {"interrupted": None}
-    except Exception as problem:
-        last = {"failed": failure_report(problem)}
-    with contextlib.suppress(BrokenPipeError):
-        reports.write(json.dumps(last) + "\n")
-        reports.flush()
-    os._exit(0)
+                reporter = PipeReporter(reports, box)
+                listen(reporter.announcer.tell)
+                let_watch(reporter.stepping)
+                let_speak(reporter)
+                threading.Thread(target=_obey, args=(lines, begun), daemon=True).start()
+            arguments = pickle.loads(bytes.fromhex(begun.get()))
+            last = {"finished": job(reporter, **arguments)}
+        except KeyboardInterrupt:
+            last = {"interrupted": None}
+        except Exception as problem:
+            last = {"failed": failure_report(problem)}
+        with contextlib.suppress(BrokenPipeError):
+            reports.write(json.dumps(last) + "\n")
+            reports.flush()
+        # without cleaning up, because nothing of value is left to clean
+        if "finished" not in last:
+            os._exit(0)
 
 
 def _die_with(parent: int) -> None:
@@ -79,11 +87,13 @@ def _lines(fd: int) -> Iterator[str]:
         rest = line + more
 
 
-def _obey(lines: Iterator[str]) -> None:
+def _obey(lines: Iterator[str], begun: "queue.SimpleQueue[str]") -> None:
     for line in lines:
         if line == STOP:
             # a real signal, because it also ends a system call that waits
             signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+        else:
+            begun.put(line)
 
 
 if __name__ == "__main__":

@@ -35,8 +35,8 @@ def kernel() -> np.ndarray:
     """
     if sys.platform != "linux" or platform.machine() not in _NUMBERS:
         raise InputRefused(
-            f"--isolate drive: needs Linux on {' or '.join(_NUMBERS)}, this is {sys.platform} on {platform.machine()}; "
-            "use --isolate run"
+            f"drives in processes of their own need Linux on {' or '.join(_NUMBERS)}, this is {sys.platform} on "
+            f"{platform.machine()}; use --isolate run, and drives of which a process can hold three"
         )
     syscall = ctypes.cast(ctypes.CDLL(None).syscall, ctypes.c_void_p).value
     return np.array([syscall, *_NUMBERS[platform.machine()]], dtype=np.int64)

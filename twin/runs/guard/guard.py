@@ -9,7 +9,7 @@ from twin.errors import ComponentFailed, InputRefused, TwinError, visible
 from twin.runs.guard.account import Account
 from twin.runs.guard.child import STOP
 from twin.runs.guard.failure import error_of
-from twin.runs.guard.limits import Limits
+from twin.runs.guard.limits import PATIENCE, Limits, duration_text
 from twin.runs.guard.process import GuardedProcess, resident_memory
 from twin.runs.guard.sentence import failure_sentence, manner
 
@@ -112,6 +112,7 @@ class Watch:
         self.process, self.limits = process, limits
         self._doing: object = None
         self._since = time.monotonic()
+        self._stepped: object = None
 
     def raise_if_over(self) -> None:
         """Look once.
@@ -130,6 +131,11 @@ class Watch:
                 f"did not return within {limits.step:g} s",
                 "If it is slow rather than stuck, raise --limit-step; else choose another one.",
             )
+        if (seconds := self._expected()) > limits.expected:
+            raise self._failure(
+                f"was at work when the whole run was seen to take about {duration_text(seconds)}",
+                "Say --yes if that is meant, else simulate less; `twin drive check` says what a step of a drive costs.",
+            )
         for name, pid in self.account.helpers.items():
             if resident_memory(pid) > limits.memory:
                 raise self._failure(
@@ -147,6 +153,18 @@ class Watch:
                 f"was at work when the time limit of {limits.wall:g} s was over",
                 "Simulate less, or raise --limit-wall.",
             )
+
+    def _expected(self) -> float:
+        """How long the simulation takes as a whole (s), from what its ticks have taken; 0 if nothing can be said."""
+        stepped, now = self.account.stepped, time.monotonic()
+        if stepped is None:
+            return 0.0
+        tick = self.process.box.mark()[0]
+        # what is compiled or loaded before the first step is no part of it
+        if stepped is not self._stepped or tick == 0:
+            self._stepped, self._first = stepped, now
+        taken = now - self._first
+        return taken * stepped.last_tick / tick if tick and taken > PATIENCE else 0.0
 
     def _failure(self, manner: str, remedy: str | None = None, culprit: str | None = None) -> TwinError:
         """The error that tells of the end of the process; ends it first, so that nothing changes any more."""

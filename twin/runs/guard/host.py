@@ -1,4 +1,4 @@
-"""The job of a process that has one drive: makes it, then answers for it until nobody asks any more."""
+"""The job of a process that has one drive at a time: makes it, then answers for it until nobody asks any more."""
 
 import base64
 import os
@@ -21,6 +21,7 @@ def hosted_drive(
     table: Drive,
     switched: bool,
     ticks: int | None,
+    ramped: bool,
     tick: float,
     theta_m: Start,
     tau_load: Start,
@@ -35,6 +36,7 @@ def hosted_drive(
         table: of its `DrivePlan`.
         switched: see `DrivePlan`.
         ticks: see `DrivePlan`.
+        ramped: see `DrivePlan`.
         tick: see `drive`.
         theta_m: see `drive`.
         tau_load: see `drive`.
@@ -44,8 +46,10 @@ def hosted_drive(
         InputRefused: the drive cannot be made.
     """
     plan = planned(table).until(ticks)
-    component = drive(name, plan.switchable() if switched else plan, tick, theta_m, tau_load)
+    plan = plan.switchable() if switched else plan
+    component = drive(name, plan.with_lines() if ramped else plan, tick, theta_m, tau_load)
     page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
+    page.clear()
     # no question: compiles, or loads from the cache, before the first one comes
     number = _served(page, component, 1)[0]
     reporter.note(ports=_described(component))

@@ -5,10 +5,12 @@ share one processor: switching between two processes there costs 2.5 microsecond
 as much.
 """
 
+import atexit
 import base64
 import ctypes
 import os
 import pickle
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -24,19 +26,22 @@ from twin.runs.guard.guard import POLL, JobEnded, Watch, raise_failure
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask
 from twin.runs.guard.process import GuardedProcess
-from twin.runs.guard.reporter import Reporter
+from twin.runs.guard.reporter import Reporter, own_reporter
 from twin.runs.guard.sentence import manner
 
 JOB = "twin.runs.guard.host:hosted_drive"
+_spare: list[GuardedProcess] = []
+"""Processes that have been kept: starting one takes a second, and a study may need three of them a hundred times."""
 
 
 class IsolatedDrives:
-    """Makes drives that live elsewhere; a context manager at whose exit their processes are gone.
+    """Makes drives that live elsewhere; a context manager at whose exit their processes are gone, or kept.
 
     Args:
-        reporter: told of each process, so that the supervisor watches its memory.
+        reporter: told of each process, so that the supervisor watches its memory; None: this process' own.
         step: longest time of one call into a drive (s).
         count: processes to start at once, because they take a while.
+        keep: processes whose drives have ended well serve the next ones that this process makes so.
 
     Raises:
         InputRefused: this system has no futex.
@@ -44,12 +49,13 @@ class IsolatedDrives:
 
     one_process = False
 
-    def __init__(self, reporter: Reporter, step: float, count: int = 3):
+    def __init__(self, reporter: Reporter | None = None, step: float = Limits.step, count: int = 3, keep: bool = False):
         # raises where this cannot work, before anything is started
         kernel()
-        self._reporter, self._limits = reporter, Limits(step=step)
+        self._reporter, self._limits, self._keep = reporter or own_reporter(), Limits(step=step), keep
         self._processors = os.sched_getaffinity(0)
-        self._idle = [GuardedProcess(JOB, helper=True) for _ in range(count)]
+        self._idle = _kept(count) if keep else []
+        self._idle += [GuardedProcess(JOB, helper=True) for _ in range(count - len(self._idle))]
         self._all = list(self._idle)
 
     def __enter__(self) -> Self:
@@ -58,8 +64,10 @@ class IsolatedDrives:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        _spare.extend(self._idle if self._keep else ())
         for process in self._all:
-            process.close()
+            if process not in _spare:
+                process.close()
         os.sched_setaffinity(0, self._processors)
 
     def drive(self, name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Start) -> Component:
@@ -73,6 +81,7 @@ class IsolatedDrives:
         process = self._idle.pop(0)
         self._reporter.helper(name, process.pid)
         told = {"name": name, "table": plan.table, "switched": plan.switched, "ticks": plan.ticks}
+        told["ramped"] = plan.ramped
         process.start({**told, "tick": tick, "theta_m": theta_m, "tau_load": tau_load, "processor": processor})
         watch = Watch(process, self._limits)
         try:
@@ -81,25 +90,56 @@ class IsolatedDrives:
                     watch.account.take(report)
                     raise_failure(report)
                     if "note" in report:
-                        return IsolatedDrive(name, plan.label, watch, report["note"]["ports"])
+                        return IsolatedDrive(name, plan, watch, report["note"]["ports"], self._over)
                 watch.raise_if_over()
         except BaseException:
             process.end()
             raise
+
+    def _over(self, process: GuardedProcess) -> None:
+        """A drive has ended well in `process`."""
+        if self._keep and process.memory < 0.5 * self._limits.memory:
+            self._idle.append(process)
+        else:
+            process.end()
+
+
+def _kept(most: int) -> list[GuardedProcess]:
+    """Up to `most` of the spare processes; those that have died meanwhile are closed."""
+    found: list[GuardedProcess] = []
+    while _spare and len(found) < most:
+        process = _spare.pop()
+        process.reports(0.0)
+        if process.gone:
+            process.close()
+        else:
+            found.append(process)
+    return found
+
+
+@atexit.register
+def _end_spare() -> None:
+    for process in _spare:
+        process.close()
 
 
 class IsolatedDrive(Elsewhere):
     """Stands for a drive in another process.
 
     Args:
-        name, label: of the drive.
+        name: of the drive.
+        plan: of the drive.
         watch: of its process.
         described: see `host`.
+        over: told of its process when the drive has ended well.
     """
 
-    def __init__(self, name: str, label: str, watch: Watch, described: str):
+    def __init__(
+        self, name: str, plan: DrivePlan, watch: Watch, described: str, over: Callable[[GuardedProcess], None]
+    ):
         inputs, outputs, initial, self.function = pickle.loads(base64.b64decode(described))
-        self._watch = watch
+        self._watch, self._over, self._plan = watch, over, plan
+        self._failed = self._closed = False
         self._process = process = watch.process
         self._page = page = Page(process.box.fd, width(inputs), width(outputs))
         info = np.zeros(128, dtype=np.uint8)
@@ -116,17 +156,19 @@ class IsolatedDrive(Elsewhere):
             step_address=ask.address,
             self_address=memory.ctypes.data,
             initial_outputs=initial,
-            label=label,
+            label=plan.label,
             keep=(memory, info, page),
         )
 
     def rewind(self) -> None:
+        alone = any(fmu.lives_once for fmu in self._plan.parts.values())
         raise InputRefused(
             f"{self.label}: a drive in a process of its own cannot go back to the start of a step, which iterations "
-            "above 1 need; use iterations = 1, or --isolate run"
+            f"above 1 need; use iterations = 1{'' if alone else ', or --isolate run'}"
         )
 
     def explain(self, status: int) -> str:
+        self._failed = True
         if status == STUCK:
             self._process.end()
             limit = f"{self._watch.limits.step:g} s"
@@ -145,8 +187,9 @@ class IsolatedDrive(Elsewhere):
         Raises:
             JobEnded: it crashed or hung while being freed.
         """
-        if self._process.gone or self._process.ended:
+        if self._closed or self._process.gone or self._process.ended:
             return
+        self._closed = True
         self._page.close()
         self._watch.account.unstepped = "after the last step"
         while True:
@@ -154,7 +197,7 @@ class IsolatedDrive(Elsewhere):
                 self._watch.account.take(report)
                 raise_failure(report)
                 if "finished" in report:
-                    self._process.end()
+                    self._process.end() if self._failed else self._over(self._process)
                     return
             try:
                 self._watch.raise_if_over()

@@ -55,6 +55,10 @@ class Page:
         self.inputs, self.outputs = inputs, outputs
         self.kernel, self.nap = kernel(), timespec(NAP)
 
+    def clear(self) -> None:
+        """Forget what another drive left; for the host, before anybody asks."""
+        self._bytes[INPUTS_AT:] = 0
+
     def close(self) -> None:
         """Let the host's `serve` return STOPPED."""
         self._bytes[CLOSED] = 1

@@ -52,6 +52,19 @@ class DirectReporter:
         """Nothing to say: its memory is not limited."""
 
 
+_of_process: list[Reporter] = []
+
+
+def let_speak(reporter: Reporter) -> None:
+    """From now on `reporter` is that of this process."""
+    _of_process[:] = [reporter]
+
+
+def own_reporter() -> Reporter:
+    """That of this process, for what no job hands on; where nobody listens, one that nobody hears."""
+    return _of_process[0] if _of_process else DirectReporter(lambda note: None)
+
+
 class PipeReporter:
     """For a job in a guarded process: a JSON object per line, and the black box.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from twin.errors import ComponentFailed, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.recording.folder import claim_run_folder, create_run_folder
+from twin.runs.assembly.build import need_processes, planned_drives
 from twin.runs.assembly.load import load_experiment
 from twin.runs.estimate import refuse_endless
 from twin.runs.guard.guard import JobEnded
@@ -61,7 +62,8 @@ def recorded_runs(
         # absolute: an FMU may change the working directory
         folder = folder.absolute()
         reporter.note(experiment=experiment.name, folder=str(folder), duration=duration)
-        if isolate_drives:
+        # here, because a limit is given; whoever gives none leaves it to `assemble`
+        if isolate_drives or need_processes(planned_drives(experiment)):
             run = _with_isolated_drives(reporter, experiment, folder, limit_step, factor, viewer)
         else:
             run = execute(experiment, folder, reporter.progress, timed=True, factor=factor, viewer=viewer)

@@ -24,7 +24,7 @@ from twin.errors import InputRefused
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.analyse.linear.drive_model import DriveModel, fitted_drive
 from twin.studies.metrics.response import Curve
-from twin.studies.qualify.bench import on_bench
+from twin.studies.qualify.bench import on_bench, refuse_impossible
 from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE
 
 PERIOD = 1.0
@@ -129,4 +129,5 @@ def _advance(plan: DrivePlan, tick: float, inputs: Curve) -> Curve:
     """Advance of the shaft in each tick (n,) rad for `inputs` (n, 2) of a fresh instance; of three axes the first."""
     with on_bench(plan, tick, inputs) as system:
         rows = Simulation(system, len(inputs), len(inputs) + 1).run()
+        refuse_impossible(plan, system, rows)
         return np.diff(rows[:, system.columns("drive.theta_m").start])

@@ -62,7 +62,8 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
         if name == "ideal_velocity":
             found.append((0.0, 0.0, np.inf, np.inf, np.inf, 0.0))
         elif name == "velocity_servo" and fmu is not None:
-            given = {v: float(fmu.variables[v].start) for v in Servos.__annotations__} | table.parameters
+            given = {v: float(fmu.variables[v].start) for v in Servos.__annotations__}
+            given |= {v.name: value for v, value in plan.settings[ALONE] if isinstance(value, float)}
             found.append(tuple(given[v] for v in Servos.__annotations__))
         else:
             return None

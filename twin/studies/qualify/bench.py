@@ -14,12 +14,17 @@ from twin.cosim.port import Port, width
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.contract import LOAD
+from twin.errors import ComponentFailed
 from twin.runs.assembly.drive_component import OMEGA_REF, drive
 from twin.runs.assembly.drives import DrivePlan
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.operating_range import TICK
 
-SLICE_TICKS = 500
+SLICE_TICKS = 100
+LOOK = 500
+"""Ticks after which it is asked whether a run has seen enough."""
+MOST = 1e9
+"""rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
 MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
 
 
@@ -51,6 +56,20 @@ class Response:
         part = self.window(start, end)
         t = self.t[part] - np.mean(self.t[part])
         return float(t @ (self.theta_m[part] - self.theta_m[part.start]) / (t @ t))
+
+
+Hear = Callable[[int, float], None]
+_hear: list[Hear] = []
+
+
+@contextmanager
+def told(hear: Hear) -> Iterator[None]:
+    """Within the block `hear` is told how many ticks are over, and how long they took (s), as they come."""
+    _hear.append(hear)
+    try:
+        yield
+    finally:
+        _hear.remove(hear)
 
 
 @contextmanager
@@ -92,7 +111,7 @@ def response(
 
     Raises:
         InputRefused: the drive cannot be loaded or initialised, or does not take a tick of `TICK`.
-        ComponentFailed: it returned an error, NaN or infinity.
+        ComponentFailed: it returned an error, NaN, infinity, or what no shaft can do.
     """
     with on_bench(plan, TICK, np.column_stack([omega_ref, tau_load])) as system:
         simulation = Simulation(system, len(omega_ref) - 1, SLICE_TICKS, timed=True)
@@ -103,13 +122,17 @@ def response(
             first = simulation.next_tick
             began = time.perf_counter()
             slice_ = simulation.advance()
-            elapsed += time.perf_counter() - began
+            taken = time.perf_counter() - began
+            elapsed += taken
             rows[first : simulation.next_tick] = slice_
-            if enough(rows[: simulation.next_tick, theta_m]):
+            for hear in _hear:
+                hear(len(slice_), taken)
+            if simulation.next_tick % LOOK == 0 and enough(rows[: simulation.next_tick, theta_m]):
                 break
         if simulation.failure:
             raise simulation.failure
     rows = rows[: simulation.next_tick]
+    refuse_impossible(plan, system, rows)
     of_drive = simulation.cycles[system.components.index(system.component("drive"))] / simulation.cycles.sum()
     return Response(
         t=TICK * np.arange(len(rows), dtype=float),
@@ -119,6 +142,29 @@ def response(
         omega_m=rows[:, system.columns("drive.omega_m").start],
         cost=float(of_drive * elapsed / len(rows)),
     )
+
+
+def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
+    """Refuse numbers of which no others can be made.
+
+    Args:
+        plan: the drive.
+        system: of `on_bench`.
+        rows: of its outputs (ticks, outputs), finite.
+
+    Raises:
+        ComponentFailed: angle or speed are beyond all measure.
+    """
+    motion = rows[:, [system.columns(f"drive.{name}").start for name in ("theta_m", "omega_m")]]
+    beyond = np.abs(motion) > MOST
+    if beyond.any():
+        k = int(np.flatnonzero(beyond.any(axis=1))[0])
+        name, unit = (("theta_m", "rad"), ("omega_m", "rad/s"))[int(np.argmax(beyond[k]))]
+        value = motion[k, int(np.argmax(beyond[k]))]
+        raise ComponentFailed(
+            f"{plan.label} returned {name} = {value:.3g} {unit} at t = {k * TICK:.6g} s; no shaft turns like that, "
+            "look at its units, or at its step size"
+        )
 
 
 @step_function(MEMORY)

@@ -1,9 +1,11 @@
 """The same experiment with one drive after the other, judged on what is true."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
@@ -30,8 +32,10 @@ class DriveTrial:
     failure: str = ""
 
 
-def trials(experiment: Path, drives: list[str]) -> tuple[DriveTrial, ...]:
-    """Run `experiment` with each of `drives` in all three joints, in this process.
+def trials(
+    experiment: Path, drives: list[str], say: Callable[[str], None] = lambda what: None
+) -> tuple[DriveTrial, ...]:
+    """Run `experiment` with each of `drives` in all three joints, in this process; `say` is told which one is on.
 
     Raises:
         InputRefused: the experiment or a drive has a mistake; no experiment has been run.
@@ -39,7 +43,11 @@ def trials(experiment: Path, drives: list[str]) -> tuple[DriveTrial, ...]:
     experiments = [load_experiment(experiment, (), drive) for drive in drives]
     for loaded in experiments:
         assemble(loaded).close()
-    return tuple(_trial(loaded, drive) for loaded, drive in zip(experiments, drives, strict=True))
+    done: list[DriveTrial] = []
+    for loaded, drive in zip(experiments, drives, strict=True):
+        say(f"{drive}, {len(done) + 1} of {len(drives)}")
+        done.append(_trial(loaded, drive))
+    return tuple(done)
 
 
 def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str, Any]:
@@ -60,10 +68,12 @@ def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str
 
 def _trial(experiment: Experiment, name: str) -> DriveTrial:
     trace = Trace()
-    with assemble(experiment) as assembly:
-        done = simulate(assembly, experiment.duration_ticks, [trace], timed=True)
-    run = TrueRun(trace)
-    if done.failure:
+    try:
+        with assemble(experiment) as assembly:
+            done = simulate(assembly, experiment.duration_ticks, [trace], timed=True).completed()
+    # also one that crashes when it is freed, if it has a process of its own
+    except ComponentFailed as failure:
         lost = tuple(Measure(measure, None, "the run failed") for measure in COMPARED)
-        return DriveTrial(name, run, lost, str(done.failure))
+        return DriveTrial(name, TrueRun(trace), lost, str(failure))
+    run = TrueRun(trace)
     return DriveTrial(name, run, run.measures(sum(cost for c, cost in done.costs.items() if c.startswith("drive"))))

@@ -25,7 +25,8 @@ def draw_drive_compare(trials: Sequence[DriveTrial], title: str, path: Path) -> 
         runs = [trial.run for trial in trials]
         touching = any(np.any(run.F_z > 0.0) for run in runs)
         longest = max(runs, key=lambda run: len(run.t))
-        end = float(longest.t[-1])
+        # where all have failed in the first step there is no time to be drawn
+        end = float(longest.t[-1]) or longest.run.tick
         for axes in (whole, start):
             axes.plot(longest.t, _wanted(longest, touching), color=GREY, lw=1.4, label="reference" * (axes is whole))
         for i, trial in enumerate(trials):

@@ -69,8 +69,8 @@ MEASURES = {
     ),
     "stall_torque": Definition(
         "stall torque", "N m",
-        f"load beyond which the shaft, commanded with {SPEED_IN_USE:g} rad/s, no longer makes a tenth of that, while "
-        "the load grows by 0.25 N m/s",
+        f"load beyond which the shaft, commanded with {SPEED_IN_USE:g} rad/s, no longer makes a tenth of that: found "
+        "by a load that grows by 0.25 N m/s, then held for 1 s",
     ),
     "step_error": Definition(
         "step-size error", "rad",

@@ -17,6 +17,8 @@ LEAD_IN, PERIODS = 0.25, 1.0
 """Periods run before, and looked at, at each frequency."""
 LEAST_LEAD_IN, LEAST_TIME = 0.1, 0.2
 """Of each, at least that long (s): a drive's own transient, and ripple that has to average out."""
+NOTHING = 1e-6
+"""Of the amplitude at the lowest frequency: what has fallen so far may have fallen to nothing."""
 HALF_POWER = 1.0 / np.sqrt(2.0)
 
 
@@ -50,12 +52,14 @@ def bandwidth(frequencies: Curve, gain: Curve, steady_gain: float) -> Measure:
     """
     if gain[0] < HALF_POWER * abs(steady_gain):
         return Measure("bandwidth", None, f"less than {LOWEST:g} Hz")
+    if not gain[0] > 0.0:
+        return Measure("bandwidth", None, "does not follow its command")
     below = np.flatnonzero(gain < HALF_POWER * gain[0])
     if len(below) == 0:
         return Measure("bandwidth", None, f"more than {HIGHEST:g} Hz")
     last, first = below[0] - 1, below[0]
     # between two neighbours a gain over frequency is nearly straight on logarithmic axes
-    falling = np.log(gain[[first, last]])
+    falling = np.log(np.maximum(gain[[first, last]], NOTHING * gain[0]))
     at = np.interp(np.log(HALF_POWER * gain[0]), falling, np.log(frequencies[[first, last]]))
     return Measure("bandwidth", float(np.exp(at)))
 

@@ -6,7 +6,8 @@ from dataclasses import asdict
 import numpy as np
 
 from twin.drive.description import FmuDescription, Variable
-from twin.drive.instance import Instance, Setting
+from twin.drive.instance import Instance, Setup
+from twin.drive.setting import Setting
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
 from twin.experiment.schema import Drive
@@ -19,6 +20,7 @@ from twin.studies.qualify.operating_range import LOAD_IN_USE, SPEED_IN_USE, TICK
 JOB = "twin.studies.qualify.lifecycle:examined"
 TICKS = 50
 """Long enough for every sampled loop inside to have come round."""
+SETUP = Setup(stop=2 * TICKS * TICK, step=TICK)
 SHARE_OF_LIMIT = 0.1
 """Of the velocity loop's limit, as the command of a drive that takes no speed."""
 
@@ -62,7 +64,7 @@ def _told(name: str, plan: DrivePlan) -> Check:
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
         folder = unpacked(description.path, description.sha256)
-        instance = Instance(part or "drive", description, folder, plan.settings[part], inputs)
+        instance = Instance(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
         try:
             problem = TRIED[name](instance, inputs, outputs)
         except TwinError as refusal:
@@ -117,11 +119,12 @@ def _excitation(plan: DrivePlan, part: str) -> list[Setting]:
     return [
         (b.variable, (wanted[b.port.name] - b.offset) / b.gain)
         for b in plan.bindings
-        if b.port.name in wanted and belongs(part, b.name)
+        if b.port.name in wanted and belongs(part, b.name) and not b.variable.clocks
     ]
 
 
 def _watched(plan: DrivePlan, part: str, description: FmuDescription) -> list[Variable]:
     """The outputs of `part`, and whatever else of it plays a role."""
     roles = [b.variable for b in plan.bindings if b.role.causality == "output" and belongs(part, b.name)]
-    return list({v.name: v for v in (*roles, *description.offered("output"))}.values())
+    # what a clock updates can only be read while that ticks
+    return [v for v in {v.name: v for v in (*roles, *description.offered("output"))}.values() if not v.clocks]

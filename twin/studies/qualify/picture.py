@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 
 from twin.studies.figure import GREY, INK, PAPER_BLUE, picture
 from twin.studies.qualify.bench import Response
+from twin.studies.qualify.frequency import NOTHING
 from twin.studies.qualify.operating_range import LOAD_IN_USE, LOAD_PEAK, SPEED_IN_USE, TICK
 from twin.studies.qualify.qualification import Qualification
 from twin.studies.qualify.step import BAND
@@ -66,7 +67,10 @@ def _draw_load_step(axes: Axes, cycle: Response) -> None:
 
 def _draw_frequency_response(axes: Axes, done: Qualification) -> None:
     f, gain = done.curves.frequencies, done.curves.gain
-    decibel = 20.0 * np.log10(np.maximum(gain / gain[0], 1e-6))
+    if not gain[0] > 0.0:
+        axes.text(0.5, 0.5, "it does not follow its command", ha="center", va="center", transform=axes.transAxes)
+        return
+    decibel = 20.0 * np.log10(np.maximum(gain / gain[0], NOTHING))
     axes.semilogx(f, decibel, color=SPEED, lw=1.6, marker="o", ms=3)
     axes.axhline(-3.0, color=MARK, lw=0.9, ls=":")
     bandwidth = done.value("bandwidth")

@@ -1,12 +1,13 @@
 """A mapping.toml to start from: complete where an FMU leaves no doubt, else with the doubtful lines commented."""
 
-import difflib
-from collections.abc import Sequence
+import json
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
 
-from twin.drive.contract import COMMANDS, LOAD, OUTPUTS, Command, Role
+from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
 from twin.drive.description import FmuDescription, Variable
-from twin.drive.mapping import Binding, Wiring, bindings, measures
-from twin.errors import InputRefused
+from twin.drive.mapping import Choice, Wiring, bindings, candidates, choice, likely_command
+from twin.errors import InputRefused, visible
 
 LOOP = """
 [velocity_loop]           # ours, in front of a drive that takes no speed; tune it, then remove the #
@@ -22,67 +23,74 @@ def proposal(description: FmuDescription) -> tuple[str, bool]:
 
     It pins the FMU by its hash.
     """
-    command, bound = _understood(description)
-    doubt = "" if bound else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
+    command, found, sure = understood(description.path.name, description.variables)
+    doubt = "" if sure else "   # or one of: " + ", ".join(f'"{other}"' for other in COMMANDS if other != command)
     head = [
-        f"# How the drive contract's roles are filled by {description.path.name}, in its own names and units.",
-        f'fmu = "{description.path.name}"',
+        f"# How the drive contract's roles are filled by {visible(description.path.name)}, in its own names and units.",
+        f"fmu = {quoted(description.path.name)}",
         f'sha256 = "{description.sha256}"',
         f'command = "{command}"{doubt}',
         "sign = 1                  # -1 if it turns the other way: twin drive check tells",
         "gear_ratio = 1.0          # turns of its shaft per turn of the robot's motor shaft",
     ]
-    roles = (COMMANDS[command], LOAD, *OUTPUTS)
-    tables = [_table(description, bound, roles, side) for side in ("input", "output")]
-    text = "\n".join(head) + "\n" + "".join(tables)
+    text = "\n".join(head) + "\n" + roles_text(description.variables, found, command)
     if command not in ("velocity", "position"):
         text += LOOP.format(unit=COMMANDS[command].port.unit)
-    return text, bool(bound) and command in ("velocity", "position")
+    return text, sure and command in ("velocity", "position")
 
 
-def _understood(description: FmuDescription) -> tuple[Command, tuple[Binding, ...]]:
-    """The command with which every required role has one answer, and the answers; none if there is no such command."""
+def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, Choice, bool]:
+    """(what a drive is commanded with, who plays which role, whether nothing is in doubt).
+
+    Args:
+        file: what an error would call it.
+        variables: by the name the user knows them by.
+    """
     for command in COMMANDS:
-        try:
-            return command, bindings(description.path.name, description.variables, Wiring(command))
-        except InputRefused:
-            continue
-    load = _candidates(description, LOAD)
-    # the only torque that goes in is the load
-    free = {command: [v for v in _candidates(description, role) if [v] != load] for command, role in COMMANDS.items()}
-    return next((command for command, left in free.items() if left), "velocity"), ()
+        with suppress(InputRefused):
+            bindings(file, variables, Wiring(command))
+            return command, _choice(file, variables, command), True
+    command = likely_command(variables, _choice(file, variables, "velocity").chosen.values())
+    return command, _choice(file, variables, command), False
 
 
-def _table(description: FmuDescription, bound: Sequence[Binding], roles: Sequence[Role], side: str) -> str:
+def roles_text(variables: Mapping[str, Variable], found: Choice, command: Command) -> str:
+    """The tables [inputs] and [outputs]."""
+    return "".join(_table(variables, found, _roles(command), side) for side in ("input", "output"))
+
+
+def _choice(file: str, variables: Mapping[str, Variable], command: Command) -> Choice:
+    return choice(file, variables, Wiring(command), _roles(command))
+
+
+def _roles(command: Command) -> tuple[Role, ...]:
+    return COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS
+
+
+def _table(variables: Mapping[str, Variable], found: Choice, roles: Sequence[Role], side: str) -> str:
     lines = ["", f"[{side}s]"]
     for role in roles:
         if role.causality == side:
-            known = [_line(role, b.variable) for b in bound if b.role == role]
-            lines += known if bound else _doubtful_lines(role, _candidates(description, role))
+            name = found.chosen.get(role.port.name)
+            lines += [_line(role, name, variables[name])] if name else _doubtful_lines(variables, found, role)
     return "\n".join(lines) + "\n"
 
 
-def _doubtful_lines(role: Role, candidates: list[Variable]) -> list[str]:
-    """The only candidate as it is, several as comments; optional roles only if there is exactly one named like them."""
+def _doubtful_lines(variables: Mapping[str, Variable], found: Choice, role: Role) -> list[str]:
+    """The only candidate as it is, several as comments; optional roles not at all."""
     if not role.required:
-        return [_line(role, v) for v in candidates if v.name == role.port.name]
-    if not candidates:
+        return []
+    offered = candidates(variables, role, found.chosen.values())
+    if not offered:
         return [f'# {role.port.name} = "?"   # {role.port.meaning}: no {role.causality} measures {role.port.unit}']
-    return [("# " if len(candidates) > 1 else "") + _line(role, v) for v in candidates]
+    return [("# " if len(offered) > 1 else "") + _line(role, name, variables[name]) for name in offered]
 
 
-def _line(role: Role, variable: Variable) -> str:
-    text = " ".join(filter(None, (f"[{variable.unit or 'no unit'}]", variable.description)))
-    return f'{role.port.name} = "{variable.name}"   # {text}'
+def _line(role: Role, name: str, variable: Variable) -> str:
+    text = " ".join(filter(None, (f"[{variable.unit or 'no unit'}]", *variable.description.split())))
+    return f"{role.port.name} = {quoted(name)}   # {visible(text)}"
 
 
-def _candidates(description: FmuDescription, role: Role) -> list[Variable]:
-    """Variables whose causality and unit allow `role`, most similar names first; locals if no output does."""
-    causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
-    offered = [[v for v in description.offered(causality) if measures(v, role)] for causality in causalities]
-    fitting = next((found for found in offered if found), [])
-    fitting = [v for v in fitting if v.unit] or fitting
-    names = (role.port.name, *role.synonyms)
-    return sorted(
-        fitting, key=lambda v: -max(difflib.SequenceMatcher(None, v.name.lower(), name).ratio() for name in names)
-    )
+def quoted(name: str) -> str:
+    """A name as a TOML string."""
+    return json.dumps(name, ensure_ascii=False)

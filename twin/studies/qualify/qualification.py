@@ -121,7 +121,7 @@ def _qualification(plan: DrivePlan, apart: bool) -> Qualification:
         steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
         attempts.findings.append(bandwidth(*swept, steady_gain))
     if stalled:
-        attempts.findings.append(stall_torque(stalled))
+        attempts.found(lambda: [stall_torque(plan, stalled)])
     return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
 
 

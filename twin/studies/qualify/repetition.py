@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from twin.errors import ComponentFailed, InputRefused
-from twin.runs.assembly.drive_component import rates
 from twin.runs.assembly.drives import DrivePlan
+from twin.runs.assembly.rates import rates
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import Check, Finding, Measure, judged
 from twin.studies.qualify.operating_range import RESOLUTION, TICK

@@ -30,9 +30,15 @@ def step_findings(cycle: Response) -> list[Finding]:
     hidden = f"hidden by a ripple of {ripple / final:.0%}" if ripple > BAND * final else ""
     peak = overshoot(omega_m, final)
     seen = peak if peak * final > 1.05 * ripple + ROUNDING else 0.0
+    settled = settling_time(t, omega_m, final, BAND * final)
     return [
         Measure("ripple", ripple),
-        Measure("rise_time", rise, "within one tick" if rise == 0.0 else ""),
-        Measure("settling_time", None if hidden else settling_time(t, omega_m, final, BAND * final), hidden),
+        _in_time("rise_time", rise, "within one tick" if rise == 0.0 else ""),
+        Measure("settling_time", None, hidden) if hidden else _in_time("settling_time", settled),
         Measure("overshoot", None if hidden else 100.0 * seen, hidden),
     ]
+
+
+def _in_time(name: str, value: float, remark: str = "") -> Measure:
+    """A measure of time (s) if the speed ever came so far."""
+    return Measure(name, value, remark) if np.isfinite(value) else Measure(name, None, "omega_m does not get there")

@@ -6,15 +6,17 @@ from pathlib import Path
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.named import experiment_file
 from twin.studies.answer import Answer
+from twin.studies.qualify.bench import told
 from twin.studies.qualify.comparison import comparison_facts, trials
 from twin.studies.qualify.comparison_picture import draw_drive_compare
 from twin.studies.qualify.picture import draw_drive_check
 from twin.studies.qualify.qualification import qualified
 from twin.studies.qualify.text import check_text, compare_text
+from twin.studies.qualify.workload import Workload
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], None]) -> Answer:
     """What a drive does on the bench, and its picture in `out`.
 
     Exit code 1: it does not qualify.
@@ -23,6 +25,7 @@ def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Ans
         fmu: see `lone_drive`, from here.
         out: folder.
         apart: see `qualified`.
+        sure: whether a check that takes more than an hour is meant.
         say: told what is being done.
 
     Raises:
@@ -30,7 +33,8 @@ def qualify(fmu: str, out: Path, apart: bool, say: Callable[[str], None]) -> Ans
         NotWritten: the disk refuses.
     """
     folder = made_folder(out)
-    done = qualified(lone_drive(fmu, Path.cwd()), apart)
+    with told(Workload(Path(fmu).stem, say, sure).take):
+        done = qualified(lone_drive(fmu, Path.cwd()), apart)
     picture = folder / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, picture)
     facts = done.facts() | {"picture": str(picture)}
@@ -53,7 +57,7 @@ def compare_drives(fmus: Sequence[str], experiment: Path, out: Path, say: Callab
         NotWritten: the disk refuses.
     """
     folder, file = made_folder(out), experiment_file(experiment)
-    done = trials(file, list(fmus))
+    done = trials(file, list(fmus), say)
     picture = folder / f"{file.stem}.png"
     draw_drive_compare(done, f"Drives compared in {file.name}", picture)
     facts = comparison_facts(file, done) | {"picture": str(picture)}

@@ -58,3 +58,10 @@ def test_noise_is_no_drive():
     noise = random.normal(size=(len(Z), 2)) + 1j * random.normal(size=(len(Z), 2))
     with pytest.raises(InputRefused, match=r"^acme: no linear model describes it: .* simulate instead"):
         fitted_drive(FREQUENCIES, noise, CERTAIN, TICK, "acme")
+
+
+@pytest.mark.parametrize("gain", [0.0, 1e-300])
+def test_a_shaft_that_stands_still_is_no_drive(gain: float):
+    response = np.full((len(Z), 2), gain * TICK, dtype=complex)
+    with pytest.raises(InputRefused, match=r"^acme: .* does not answer small commands; `twin drive check`"):
+        fitted_drive(FREQUENCIES, response, CERTAIN, TICK, "acme")

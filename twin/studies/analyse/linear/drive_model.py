@@ -28,6 +28,8 @@ CENTRE = 20.0
 MOST_STATES = 8
 GOOD = 0.003
 """Residual with which no more states are tried, if the measurement is certain."""
+NOTHING = 1e-9
+"""Speed per commanded speed of a shaft that stands still but for rounding."""
 WORST = 0.3
 """Residual beyond which there is no linear model to speak of."""
 ITERATIONS = 12
@@ -81,6 +83,11 @@ def fitted_drive(
     z = np.exp(2j * np.pi * tick * frequencies)
     p = np.exp(-2.0 * np.pi * CENTRE * tick)
     size = np.abs(response)
+    if not size[:, 0].max() > NOTHING * tick:
+        raise InputRefused(
+            f"{label}: no linear model describes it: its shaft does not answer small commands; "
+            "`twin drive check` says what it does"
+        )
     # a drive that no load can move has nothing to be relative to
     largest = np.maximum(size.max(axis=0), 1e-9 * size.max())
     weight = 1.0 / np.maximum(np.maximum(size, 0.1 * largest), 10.0 * uncertainty)

@@ -1,0 +1,245 @@
+"""Event mode of FMI 3.0 (2.3.5, 4.2.1): clocks that are due are ticked, discrete inputs set, clocked outputs read."""
+
+import numpy as np
+from numba import carray, from_dtype, njit, types
+
+from twin.cosim.native import doubles_at, pointer_to
+from twin.drive.adapter import access, fill, groups_at
+from twin.drive.calls import access_2, access_pairs, enter, update_states
+from twin.drive.status import (
+    ENDLESS,
+    EVENT_MODE,
+    GET,
+    GET_CLOCK,
+    INTERVAL,
+    MOST_UPDATES,
+    PAST,
+    PERIOD,
+    SET,
+    SET_CLOCK,
+    STEP_MODE,
+    TERMINATE,
+    UPDATE,
+)
+
+PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
+"""What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
+the FMU itself ticks it."""
+
+NEVER = 1 << 62
+"""Step at which a clock ticks of which nobody knows when."""
+
+CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next", "i8")], align=True)
+"""Value reference, one of the four kinds, period in steps, and the step at whose beginning it ticks next."""
+
+CLOCK_BYTES = CLOCK.itemsize
+
+EVENTS = np.dtype(
+    [
+        ("instance", "i8"),
+        ("enter_event_mode", "i8"),
+        ("update", "i8"),
+        ("enter_step_mode", "i8"),
+        ("set_clock", "i8"),
+        ("get_clock", "i8"),
+        ("get_interval", "i8"),
+        ("returned", "i8"),
+        ("clocks", "i8"),
+        ("clock_table", "i8"),
+        ("discrete", "i8"),
+        ("discrete_groups", "i8"),
+        ("held", "i8"),
+        ("held_groups", "i8"),
+        ("next", "i8"),
+        ("step", "f8"),
+        ("value", "f8"),
+        ("culprit", "i8"),
+    ],
+    align=True,
+)
+"""Addresses of instance and functions, and of 40 bytes for what these return; counts and addresses of clocks, of groups
+of discrete inputs and of groups of clocked outputs; address of the time of the next event (s, infinity: none is
+planned); step (s); what the FMU told when it went wrong, and about which clock."""
+
+_events_at, _clocks_at = pointer_to(from_dtype(EVENTS)), pointer_to(from_dtype(CLOCK))
+_u1, _i4 = pointer_to(types.uint8), pointer_to(types.int32)
+
+_VALUE, _ANSWER = 16, 24
+"""Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
+
+
+@njit(cache=True)
+def tick_due(address, t, h):
+    """The step that begins at `t`, if a clock ticks there; else -1."""
+    e = carray(_events_at(address), 1)[0]
+    n = np.int64(np.floor(t / h + 0.5))
+    clocks = carray(_clocks_at(e.clock_table), e.clocks)
+    for c in range(e.clocks):
+        if clocks[c].kind != OUTPUT and clocks[c].next == n:
+            return n
+    return -1
+
+
+@njit(cache=True)
+def inputs_change(address, u):
+    """Put the discrete inputs at address `u` into their buffers; whether one is another than the last that was set."""
+    e = carray(_events_at(address), 1)[0]
+    groups = carray(groups_at(e.discrete_groups), e.discrete)
+    changed = False
+    for i in range(e.discrete):
+        g = groups[i]
+        fill(g, u)
+        new, last = carray(_u1(g.buffer), g.bytes), carray(_u1(g.last), g.bytes)
+        for j in range(g.bytes):
+            changed |= g.clocks == 0 and new[j] != last[j]
+    return changed
+
+
+@njit(cache=True)
+def _set_discrete(e, active):
+    """Set the discrete inputs whose clocks are active, or that have none; they lie in their buffers."""
+    groups = carray(groups_at(e.discrete_groups), e.discrete)
+    for i in range(e.discrete):
+        g = groups[i]
+        if g.clocks == 0 or g.clocks & active:
+            status = access(3, e.instance, g)
+            if status > 1:
+                return SET + status
+            new, last = carray(_u1(g.buffer), g.bytes), carray(_u1(g.last), g.bytes)
+            for j in range(g.bytes):
+                last[j] = new[j]
+    return 0
+
+
+@njit(cache=True)
+def _tick(e, clocks, n):
+    """(bits of the clocks that are due at step `n` and are ticked, first bad status)."""
+    active = 0
+    flag = carray(_u1(e.returned + _VALUE), 1)
+    for c in range(e.clocks):
+        if clocks[c].kind != OUTPUT and clocks[c].next == n:
+            flag[0] = 1
+            status = access_2(e.set_clock, e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE)
+            if status > 1:
+                return active, SET_CLOCK + status
+            active |= 1 << c
+    return active, 0
+
+
+@njit(cache=True)
+def _ticked_by_fmu(e, clocks):
+    """(bits of the output clocks that are active, first bad status)."""
+    active = 0
+    flag = carray(_u1(e.returned + _VALUE), 1)
+    for c in range(e.clocks):
+        if clocks[c].kind == OUTPUT:
+            flag[0] = 0
+            status = access_2(e.get_clock, e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE)
+            if status > 1:
+                return active, GET_CLOCK + status
+            if flag[0]:
+                active |= 1 << c
+    return active, 0
+
+
+@njit(cache=True)
+def _read_held(e, active):
+    groups = carray(groups_at(e.held_groups), e.held)
+    for i in range(e.held):
+        if groups[i].clocks & active:
+            status = access(3, e.instance, groups[i])
+            if status > 1:
+                return GET + status
+    return 0
+
+
+@njit(cache=True, error_model="numpy")
+def _plan_clocks(e, clocks, ticked, n, t):
+    """When the input clocks tick next, of which `ticked` have just done so at `t`, the beginning of step `n`."""
+    answer = carray(_i4(e.returned + _ANSWER), 1)
+    interval = carray(doubles_at(e.returned + _VALUE), 1)
+    for c in range(e.clocks):
+        kind, done = clocks[c].kind, ticked >> c & 1
+        if kind == PERIODIC:
+            if done:
+                clocks[c].next = n + clocks[c].period
+        elif kind == COUNTDOWN or (kind == CHANGING and done):
+            if done:
+                clocks[c].next = NEVER
+            answer[0], interval[0] = 0, np.nan
+            reference = e.clock_table + c * CLOCK_BYTES
+            status = access_pairs(e.get_interval, e.instance, reference, 1, e.returned + _VALUE, e.returned + _ANSWER)
+            if status > 1:
+                return INTERVAL + status
+            if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING):
+                steps = (t + interval[0]) / e.step
+                e.value, e.culprit = interval[0], c
+                # two of the first thousand million steps are told apart
+                if not (interval[0] > 0.0 and steps < 1e9 and abs(steps - np.floor(steps + 0.5)) < 1e-6):
+                    return PERIOD
+                clocks[c].next = np.int64(np.floor(steps + 0.5))
+    return 0
+
+
+@njit(cache=True)
+def pass_events(address, n, t):
+    """Step mode to event mode and back, at time `t`; 0, or the status that ends the run.
+
+    Discrete inputs that are set lie in their buffers.
+
+    Args:
+        address: of an `EVENTS`.
+        n: the step that begins there, whose clocks tick; -1: no clock of ours does.
+    """
+    e = carray(_events_at(address), 1)[0]
+    clocks = carray(_clocks_at(e.clock_table), e.clocks)
+    status = enter(e.enter_event_mode, e.instance)
+    if status > 1:
+        return EVENT_MODE + status
+    active, status = _tick(e, clocks, n)
+    if status != 0:
+        return status
+    status = _set_discrete(e, active)
+    if status != 0:
+        return status
+    status = settle(address, active, n, t)
+    if status != 0:
+        return status
+    status = enter(e.enter_step_mode, e.instance)
+    return STEP_MODE + status if status > 1 else 0
+
+
+@njit(cache=True)
+def settle(address, active, n, t):
+    """Update the discrete states until they need it no more, in event mode, with the clocks `active`."""
+    e = carray(_events_at(address), 1)[0]
+    clocks = carray(_clocks_at(e.clock_table), e.clocks)
+    flags, next_time = carray(_u1(e.returned), 16), carray(doubles_at(e.returned), 1)
+    ticked = active
+    for _ in range(MOST_UPDATES):
+        raised, status = _ticked_by_fmu(e, clocks)
+        if status != 0:
+            return status
+        status = _read_held(e, active | raised)
+        if status != 0:
+            return status
+        for i in range(8, 13):
+            flags[i] = 0
+        status = update_states(e.update, e.instance, e.returned)
+        if status > 1:
+            return UPDATE + status
+        if flags[9]:
+            return TERMINATE
+        active = 0
+        if not flags[8]:
+            break
+    else:
+        return ENDLESS
+    planned = carray(doubles_at(e.next), 1)
+    planned[0] = np.inf
+    if flags[12]:
+        e.value = next_time[0]
+        if not next_time[0] > t - 1e-9 * e.step:
+            return PAST
+        planned[0] = next_time[0]
+    return _plan_clocks(e, clocks, ticked, n, t)

@@ -1,0 +1,98 @@
+"""Values that are set before an FMU is initialised: numbers, arrays, text, and files by their names."""
+
+import hashlib
+import math
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.drive.archive import sha256
+from twin.drive.enumeration import valued
+from twin.drive.variable import Variable
+from twin.errors import InputRefused
+from twin.files import read_bytes
+
+Value = float | str | Sequence[float] | Sequence[str]
+"""Of a parameter as an experiment says it: an array takes one value for all elements, or one for each."""
+
+Setting = tuple[Variable, float | np.ndarray | list[str] | list[bytes]]
+"""A variable and what to set it to, in its own unit; an array takes one value for all elements or one for each."""
+
+FILE = "file:"
+"""Before the path of a file, for text that names one and for a Binary that holds what is in it."""
+
+MOST_BYTES = 64 << 20
+"""Of a file that is handed over as a Binary."""
+
+
+class FilePath(str):
+    """Text that is the path of a file."""
+
+
+def told(value: float | np.ndarray | list[str] | list[bytes]) -> Any:
+    """What a variable is set to, as JSON has it: a file or its content by SHA-256, and not by where it lies."""
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if not isinstance(value, list):
+        return value
+    texts = [_identified(v) for v in value]
+    return texts[0] if len(texts) == 1 else texts
+
+
+def _identified(value: str | bytes) -> str:
+    if isinstance(value, bytes):
+        return f"{len(value)} bytes, sha256 {hashlib.sha256(value).hexdigest()}"
+    return f"{Path(value).name}, sha256 {sha256(Path(value))}" if isinstance(value, FilePath) else value
+
+
+def set_to(file: Path, variable: Variable, value: Value) -> float | np.ndarray | list[str] | list[bytes]:
+    """`value` as `variable` of the FMU `file` takes it.
+
+    Raises:
+        InputRefused: it is of another type, out of range, none of an enumeration or not finite, there are too many
+            or too few, no such file.
+    """
+    where = f"{file}: parameter {variable.name}"
+    given: list[float | str] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [value]
+    if len(given) not in (1, variable.size):
+        raise InputRefused(f"{where}: {len(given)} values; expected {variable.size}, or one for all of them")
+    if variable.is_text:
+        texts = [_text(where, text) for text in given] * (variable.size // len(given))
+        if variable.type == "String":
+            return [_path(where, text) for text in texts]
+        return [_bytes(where, text) for text in texts]
+    numbers = [_number(where, variable, number) for number in given]
+    return numbers[0] if len(numbers) == 1 else np.array(numbers)
+
+
+def _number(where: str, variable: Variable, value: float | str) -> float:
+    value = valued(where, variable.items, value)
+    low = variable.low if not math.isnan(variable.low) else -math.inf
+    high = variable.high if not math.isnan(variable.high) else math.inf
+    if not (low <= value <= high and math.isfinite(value)):
+        raise InputRefused(f"{where} = {value:g}: expected {low:g} .. {high:g} {variable.unit}".rstrip())
+    return float(value)
+
+
+def _text(where: str, value: object) -> str:
+    if not isinstance(value, str):
+        raise InputRefused(f'{where} = {value}: expected text, or "{FILE}NAME" for a file')
+    return value
+
+
+def _path(where: str, text: str) -> str:
+    if not text.startswith(FILE):
+        return text
+    path = FilePath(text.removeprefix(FILE))
+    if not os.path.isfile(path):
+        raise InputRefused(f"{where}: {path}: no such file")
+    return path
+
+
+def _bytes(where: str, text: str) -> bytes:
+    if not text.startswith(FILE):
+        return text.encode()
+    return read_bytes(Path(text.removeprefix(FILE)), MOST_BYTES)

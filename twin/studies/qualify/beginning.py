@@ -1,0 +1,103 @@
+"""A foreign drive brought in: the mapping.toml to start from, beside its FMUs."""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from twin.drive.description import described
+from twin.drive.ssp import fmu_content, structure
+from twin.errors import InputRefused
+from twin.experiment.drive_files import MAPPING, lone_drive
+from twin.files import open_regular
+from twin.studies.qualify.parts_proposal import part_names, parts_proposal
+from twin.studies.qualify.proposal import proposal
+from twin.writing import made_folder, write_bytes, write_text
+
+
+class Begun(NamedTuple):
+    """A mapping that has been written, and whether it is complete as it is."""
+
+    mapping: Path
+    complete: bool
+
+
+def begun(named: Sequence[str], start: Path) -> Begun:
+    """Write the mapping of an FMU, of several that make one drive, or of the system in an SSP archive.
+
+    It stands beside the first FMU; what is in an SSP is put into a folder of its name beside it.
+
+    Args:
+        named: FMUs, as `lone_drive` takes them, or one SSP.
+        start: folder from which names are looked up.
+
+    Raises:
+        InputRefused: a file cannot be used, or there is a mapping.
+        NotWritten: the folder or the disk refuses.
+    """
+    if any(name.endswith(".ssp") for name in named):
+        if len(named) > 1:
+            raise InputRefused(f"{' '.join(named)}: an SSP is a whole drive; name it alone")
+        return _from_system(Path(named[0]))
+    files = [_fmu(name, start) for name in named]
+    folder = files[0].parent
+    mapping = _unwritten(folder)
+    if len(files) == 1:
+        return _written(mapping, *proposal(described(files[0])))
+    parts = dict(zip(part_names(files), map(described, files), strict=True))
+    return _written(mapping, *parts_proposal(parts, folder))
+
+
+def _from_system(file: Path) -> Begun:
+    if not os.path.isfile(file):
+        raise InputRefused(f"{file}: no such SSP")
+    found = structure(file)
+    folder = file.with_suffix("")
+    mapping = _unwritten(folder)
+    made_folder(folder)
+    names = dict(zip(found.parts, part_names(Path(part) for part in found.parts), strict=True))
+    parts = {}
+    for part, entry in found.parts.items():
+        fmu = folder / f"{names[part]}.fmu"
+        _put(fmu, fmu_content(file, entry))
+        parts[names[part]] = described(fmu)
+    renamed = [
+        wire._replace(source=_renamed(wire.source, names), target=_renamed(wire.target, names))
+        for wire in found.connections
+    ]
+    return _written(mapping, *parts_proposal(parts, folder, renamed))
+
+
+def _renamed(end: str, names: dict[str, str]) -> str:
+    """A connection's end, "part.variable", with the part as the mapping calls it; parts of an SSP may have dots."""
+    part = max((part for part in names if end.startswith(f"{part}.")), key=len, default="")
+    return f"{names[part]}.{end.removeprefix(f'{part}.')}" if part else end
+
+
+def _put(fmu: Path, content: bytes) -> None:
+    if os.path.lexists(fmu):
+        with open_regular(fmu, max(1, len(content))) as there:
+            if there.read() == content:
+                return
+        raise InputRefused(f"{fmu}: exists, and is another file; move it away")
+    write_bytes(fmu, content)
+
+
+def _fmu(name: str, start: Path) -> Path:
+    file = lone_drive(name, start).fmu
+    if file is None:
+        raise InputRefused(f"{name}: is made of several FMUs already; name .fmu files")
+    return Path(file)
+
+
+def _unwritten(folder: Path) -> Path:
+    """The mapping in `folder`, which is not there yet."""
+    mapping = Path(os.path.relpath(folder / MAPPING))
+    if os.path.lexists(mapping):
+        raise InputRefused(f"{mapping}: exists, and is never overwritten; move it away for a new one")
+    return mapping
+
+
+def _written(mapping: Path, text: str, complete: bool) -> Begun:
+    write_text(mapping, text)
+    return Begun(mapping, complete)
