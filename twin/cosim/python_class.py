@@ -218,7 +218,7 @@ def wanted_of(
     return found
 
 
-def made(label: str, kind: type, parameters: Mapping[str, float]) -> Any:
+def made(label: str, kind: type, parameters: Mapping[str, Any]) -> Any:
     """An instance.
 
     Raises:

@@ -16,7 +16,7 @@ from twin.drive.description import FmuDescription, described
 from twin.drive.instance import Setup
 from twin.drive.mapping import Binding, Wiring, filled
 from twin.drive.ports import FmuPort
-from twin.drive.setting import Setting
+from twin.drive.setting import Setting, Value
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest
@@ -75,7 +75,7 @@ def sampled_fmu(
     ports: tuple[Sequence[Port], Sequence[Port]],
     required: Sequence[str],
     said: tuple[Said, Said],
-    parameters: Mapping[str, float],
+    parameters: Mapping[str, Value],
     tolerance: float | None,
 ) -> SampledFmu:
     """The FMU `file` for a part of the robot.

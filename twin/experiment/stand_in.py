@@ -10,7 +10,7 @@ from twin.errors import InputRefused
 from twin.experiment.drive_files import completed
 from twin.experiment.mistakes import checked, keys
 from twin.experiment.quantity import Section
-from twin.experiment.schema import TOLERANCE, Controller, Scale
+from twin.experiment.schema import TOLERANCE, Controller, Parameter, Scale
 from twin.experiment.source import KEPT, NAMING, located, names_stand_in
 
 Names = dict[str, str | tuple[str, ...]]
@@ -29,7 +29,7 @@ class StandIn(Section):
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
     inputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
     outputs: Names = Field(default_factory=dict, description="our name = the FMU's, or one for each value")
-    parameters: dict[str, float] = Field(default_factory=dict, description="the FMU's or the class's own names")
+    parameters: dict[str, Parameter] = Field(default_factory=dict, description="the FMU's or the class's own names")
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
 
     @model_validator(mode="after")

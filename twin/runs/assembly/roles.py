@@ -19,6 +19,7 @@ from twin.cosim.python_class import ClassComponent, PythonSource, Wanted, made, 
 from twin.drive.announcement import announced
 from twin.drive.description import FmuDescription
 from twin.drive.sampled import SampledFmu, port_of, sampled_fmu
+from twin.drive.setting import told
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.stand_in import StandIn
@@ -166,7 +167,7 @@ def _fmu_part(role: str, table: StandIn) -> OtherPart:
         "fmi": fmu.model.fmiVersion,
         "generation_tool": fmu.model.generationTool,
         "tolerance": plan.tolerance,
-        "set": {variable.name: value for variable, value in plan.settings},
+        "set": {variable.name: told(value) for variable, value in plan.settings},
         "mapped": [*_mapped(plan, plan.inputs, "input", "<-"), *_mapped(plan, plan.outputs, "output", "->")],
     }
     return OtherPart(
