@@ -10,6 +10,7 @@ from pathlib import Path
 
 from benchmarks import (
     dask,
+    exchange,
     figure_4,
     fmi_versions,
     isolation,
@@ -30,6 +31,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     lambda: macro_step.measurements(ROOT / "fmus" / "ideal_velocity"),
     lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
     fmi_versions.measurements,
+    exchange.measurements,
     lambda: figure_4.measurements(EXPERIMENT),
     lambda: other_parts.measurements(EXPERIMENT),
     lambda: tasks.measurements(ROOT / "experiments"),

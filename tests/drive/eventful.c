@@ -141,6 +141,8 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean *again, fmi3Bool
     }
     if (kind == SAMPLES && shaft->ticked)
         V(IN_USE) = V(OMEGA_REF), V(STATUS) += 1.0, V(NEXT) = t;
+    if (kind == BOUNCES && shaft->raised)
+        V(SIGN) = -V(SIGN);
     if (kind == SWITCHES)
         V(IN_USE) = V(OMEGA_REF), V(HANDLED) += 1.0;
     *again = kind == ENDLESS || (kind == ENDLESS_LATER && t > 0.0095);
@@ -207,7 +209,7 @@ fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
         const double speed = V(SIGN) * V(OMEGA_REF), to_go = ((speed > 0.0 ? V(STOP) : 0.0) - V(THETA_M)) / speed;
         if (to_go <= h) {
             integrate(shaft, t, to_go);
-            V(SIGN) = -V(SIGN), V(STATUS) += 1.0, shaft->raised = true;
+            V(STATUS) += 1.0, shaft->raised = true;
             *early = to_go < h, *event = true, *last = t + to_go;
             shaft->slave.state.time = *early ? *last : t + h;
             return fmi3OK;

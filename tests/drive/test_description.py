@@ -77,7 +77,7 @@ def test_a_binary_of_another_name_than_the_description_says_is_told_of(tmp_path:
     ("old", "new", "said"),
     [
         ('canGetAndSetFMUstate="true"', 'needsExecutionTool="true"', "needs its authoring tool"),
-        ("<CoSimulation", "<ModelExchange", "without co-simulation"),
+        ("<CoSimulation", "<ScheduledExecution", "without co-simulation and model exchange"),
     ],
 )
 def test_what_is_no_co_simulation_of_its_own_is_refused(tmp_path: Path, servo: Path, old: str, new: str, said: str):

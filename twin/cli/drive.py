@@ -186,13 +186,17 @@ def _facts(plan: "DrivePlan") -> dict[str, object]:
                 "file": str(fmu.path),
                 "sha256": fmu.sha256,
                 "fmi_version": fmu.model.fmiVersion,
+                "kind": fmu.kind,
+                "kinds": list(fmu.kinds),
+                "solver": solver._asdict() if (solver := plan.solver(part)) else None,
+                "tolerance": plan.tolerance(part),
                 "model_name": fmu.model.modelName,
                 "description": fmu.model.description,
                 "generation_tool": fmu.model.generationTool,
                 "platforms": list(fmu.platforms),
-                "get_set_state": bool(fmu.model.coSimulation.canGetAndSetFMUstate),
                 "abilities": [f"{name}: {text}" for name, text in abilities(fmu)],
                 "parameters": {v.name: _parameter(v) for v in fmu.parameters},
+                "get_set_state": bool(fmu.interface.canGetAndSetFMUstate),
                 "validation": fmu.warnings(),
             }
             for part, fmu in plan.parts.items()
@@ -215,6 +219,7 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def _table(plan: "DrivePlan") -> str:
+    from twin.drive.description import KIND_NAMES
     from twin.drive.setting import told
     from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
@@ -223,12 +228,13 @@ def _table(plan: "DrivePlan") -> str:
     for part, fmu in plan.parts.items():
         lines += [
             f"{part + ': ' if part else ''}{fmu.path.name}  {fmu.model.modelName}, "
-            f"FMI {fmu.model.fmiVersion} co-simulation",
+            f"FMI {fmu.model.fmiVersion} {KIND_NAMES[fmu.kind]}",
             *textwrap.wrap(fmu.model.description or "", WIDTH, initial_indent="  ", subsequent_indent="  "),
             f"  sha256     {fmu.sha256}",
             f"  binaries   {', '.join(fmu.platforms)}",
             f"  made with  {fmu.model.generationTool or 'not stated'}",
             *(f"  {name:<9}  {text}" for name, text in abilities(fmu)),
+            *_solver_lines(plan, part),
             "",
         ]
     lines.append(f"Commanded with a {plan.table.command}; mapped by name, unit and causality:")
@@ -273,3 +279,14 @@ def _build(table: "Drive") -> None:
         built = build(Path(fmu))
         if built is not None:
             print(f"{fmu}: built with {built.compiler}; kept in {built.library.parents[2]}", file=sys.stderr)
+
+
+def _solver_lines(plan: "DrivePlan", part: str) -> list[str]:
+    """Who solves its equations, where that is said or could be chosen."""
+    fmu, solver = plan.parts[part], plan.solver(part)
+    if solver is None:
+        return ['  offers     model exchange too: kind = "model_exchange"'] if len(fmu.kinds) > 1 else []
+    step = "one step per step of the drive" if solver.step is None else f"steps of {1e3 * solver.step:g} ms at most"
+    how = f"relative tolerance {plan.tolerance(part):g}" if solver.method == "cvode" else step
+    size = f"{fmu.model.numberOfContinuousStates} states, {fmu.model.numberOfEventIndicators} event indicators"
+    return [f"  solver     ours, {solver.method}, {how}; {size}"]

@@ -7,7 +7,7 @@ import time
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
@@ -20,6 +20,10 @@ from twin.errors import InputRefused, nearest
 
 MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
+
+Kind = Literal["co_simulation", "model_exchange"]
+KIND_NAMES: dict[Kind, str] = {"co_simulation": "co-simulation", "model_exchange": "model exchange"}
+"""What an FMU is used as, and how people call that; the first is taken where nothing is said and both are offered."""
 
 STRUCTURAL = "structuralParameter"
 
@@ -36,6 +40,7 @@ class FmuDescription:
         sha256: of its bytes.
         compiler: what made its library on this machine; empty: it came with one.
         version: 1, 2 or 3, FMI's.
+        kind: as which it is used.
         identifier: of the binary.
         platforms: folders of binaries inside.
         variables: by name.
@@ -46,10 +51,27 @@ class FmuDescription:
     sha256: str
     compiler: str
     version: int
+    kind: Kind
     identifier: str
     platforms: tuple[str, ...]
     variables: dict[str, Variable]
     model: Any
+
+    @property
+    def interface(self) -> Any:
+        """What it says of itself as an FMU of its `kind`."""
+        return _interface(self.model, self.kind)
+
+    @property
+    def standard(self) -> str:
+        """What it is made to, for people; of kinds only the one that is not the usual is told."""
+        usual = self.kind == "co_simulation"
+        return f"FMI {self.model.fmiVersion}" + ("" if usual else f" {KIND_NAMES[self.kind]}")
+
+    @property
+    def kinds(self) -> tuple[Kind, ...]:
+        """All that it can be used as."""
+        return _kinds(self.model)
 
     def offered(self, causality: str) -> list[Variable]:
         """Numeric variables of a causality, in the FMU's order."""
@@ -90,6 +112,8 @@ class FmuDescription:
     @property
     def returns_early(self) -> bool:
         """Whether it may end a step before its time, if that is allowed."""
+        if self.kind == "model_exchange":
+            return False
         abilities = self.model.coSimulation
         return abilities.mightReturnEarlyFromDoStep or abilities.canReturnEarlyAfterIntermediateUpdate
 
@@ -117,7 +141,7 @@ class FmuDescription:
     @property
     def lives_once(self) -> bool:
         """Whether a process can hold only one instance of it."""
-        return bool(getattr(self.model.coSimulation, "canBeInstantiatedOnlyOncePerProcess", False))
+        return bool(getattr(self.interface, "canBeInstantiatedOnlyOncePerProcess", False))
 
     def warnings(self) -> list[str]:
         """What FMPy's validation finds; validators disagree with each other, so nothing here refuses the FMU."""
@@ -126,31 +150,35 @@ class FmuDescription:
         return [" ".join(problem.split()) for problem in validate_fmu(str(self.path))]
 
 
-_known: dict[Path, tuple[tuple[int, ...], FmuDescription]] = {}
+_known: dict[tuple[Path, Kind | None], tuple[tuple[int, ...], FmuDescription]] = {}
 """What `described` has found, and the state of the file in which it did."""
 
 
-def described(file: Path) -> FmuDescription:
+def described(file: Path, kind: Kind | None = None) -> FmuDescription:
     """Read and check the FMU `file`; once in a process, for as long as the file stays what it is.
 
+    Args:
+        file: the FMU.
+        kind: as which it is to be used; None: co-simulation, or else what it offers.
+
     Raises:
-        InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0,
-            needs a tool, or no binary for this platform.
+        InputRefused: not a whole zip, no readable model description, no co-simulation of FMI 1.0, 2.0 or 3.0 and no
+            model exchange of 2.0 or 3.0, not of that kind, needs a tool, or no binary for this platform.
     """
     if not file.is_file():
         raise InputRefused(f"{file}: no such FMU")
     facts = file.stat()
     stamp = (facts.st_dev, facts.st_ino, facts.st_size, facts.st_mtime_ns, facts.st_ctime_ns)
-    known, description = _known.get(file, (None, None))
+    known, description = _known.get((file, kind), (None, None))
     if description is None or known != stamp:
-        description = _read(file)
+        description = _read(file, kind)
         # the next change of a file that has just been written might get the same time
         if time.time_ns() - max(facts.st_mtime_ns, facts.st_ctime_ns) > SETTLED:
-            _known[file] = stamp, description
+            _known[file, kind] = stamp, description
     return description
 
 
-def _read(file: Path) -> FmuDescription:
+def _read(file: Path, kind: Kind | None) -> FmuDescription:
     names = entries(file)
     if names.get(DESCRIPTION, 0) > MOST_DESCRIPTION:
         raise InputRefused(f"{file}: {DESCRIPTION} has {names[DESCRIPTION] / 1e6:.0f} MB; do not trust this file")
@@ -158,12 +186,12 @@ def _read(file: Path) -> FmuDescription:
     version = model.fmiVersion
     if version not in ("1.0", "2.0") and not version.startswith("3."):
         raise InputRefused(f"{file}: FMI {version}; export it as FMI 2.0 or 3.0 for co-simulation")
-    if model.coSimulation is None:
-        raise InputRefused(f"{file}: FMI {version} without co-simulation; export it for co-simulation")
-    if model.coSimulation.needsExecutionTool:
+    kind = _chosen(file, model, kind)
+    interface = _interface(model, kind)
+    if interface.needsExecutionTool:
         raise InputRefused(f"{file}: needs its authoring tool while running; export it self-contained")
     major = int(version[0])
-    identifier = model.coSimulation.modelIdentifier
+    identifier = interface.modelIdentifier
     binary = _binary(major, identifier)
     # an empty folder has an entry, too
     inside = [n for n in names if n.startswith("binaries/") and n.count("/") > 1 and not n.endswith("/")]
@@ -177,6 +205,7 @@ def _read(file: Path) -> FmuDescription:
         sha256=digest,
         compiler=made.compiler if made else "",
         version=major,
+        kind=kind,
         identifier=identifier,
         platforms=tuple(platforms),
         variables={v.name: variable_of(v, model) for v in model.modelVariables},
@@ -191,8 +220,31 @@ def build(file: Path) -> Compiled | None:
         InputRefused: not an FMU, or as `compile_sources`.
     """
     names, model = entries(file), _model(file)
-    binary = _binary(int(model.fmiVersion[0]), model.coSimulation.modelIdentifier)
+    binary = _binary(int(model.fmiVersion[0]), _interface(model, _chosen(file, model, None)).modelIdentifier)
     return None if binary in names else compile_sources(file, sha256(file), model, binary)
+
+
+def _interface(model: Any, kind: Kind) -> Any:
+    return model.coSimulation if kind == "co_simulation" else model.modelExchange
+
+
+def _kinds(model: Any) -> tuple[Kind, ...]:
+    # nobody asked for the model exchange of FMI 1.0, whose functions are others
+    known: Mapping[Kind, str] = KIND_NAMES if model.fmiVersion != "1.0" else {"co_simulation": ""}
+    return tuple(kind for kind in known if _interface(model, kind) is not None)
+
+
+def _chosen(file: Path, model: Any, kind: Kind | None) -> Kind:
+    """`kind`, or the first that the FMU offers."""
+    kinds = _kinds(model)
+    if not kinds:
+        other = "" if model.fmiVersion == "1.0" else " and model exchange"
+        raise InputRefused(f"{file}: FMI {model.fmiVersion} without co-simulation{other}; export it for co-simulation")
+    if kind is not None and kind not in kinds:
+        raise InputRefused(
+            f'{file}: offers {KIND_NAMES[kinds[0]]} alone; remove kind = "{kind}", or export it for {KIND_NAMES[kind]}'
+        )
+    return kind or kinds[0]
 
 
 def _binary(major: int, identifier: str) -> str:

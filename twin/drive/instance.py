@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from ctypes import c_void_p
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -75,6 +75,8 @@ class Instance:
         InputRefused: it cannot be loaded, instantiated or initialised.
     """
 
+    _standards: ClassVar[Mapping[int, Any]] = STANDARDS
+
     def __init__(
         self,
         name: str,
@@ -90,7 +92,7 @@ class Instance:
         self.clock = np.zeros(1, dtype=np.int64)
         self._unheard: list[tuple[int, str]] = []
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
-        self.standard = STANDARDS[description.version]
+        self.standard = self._standards[description.version]
         self.ramp = np.zeros(1, dtype=RAMP)
         self.clocks = np.zeros(0, dtype=CLOCK)
         self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)

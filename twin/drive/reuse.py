@@ -10,12 +10,13 @@ from pathlib import Path
 
 from twin.drive.description import FmuDescription
 from twin.drive.instance import Instance, Setup
+from twin.drive.opened import opened
 from twin.drive.setting import Setting
 from twin.errors import TwinError
 
-_Kind = tuple[str, Path, frozenset[str], bool]
-"""Name, folder of the unpacked FMU, names of what is set: a reset might leave alone what the next run does not set; and
-whether its inputs are lines over a step, which is said when it is made."""
+_Kind = tuple[str, Path, str, frozenset[str], bool]
+"""Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave alone what the next run does not
+set; and whether its inputs are lines over a step, which is said when it is made."""
 
 
 class _Shelf:
@@ -68,9 +69,9 @@ def instance(
         InputRefused: it cannot be loaded, instantiated or initialised.
         ComponentFailed: it refuses to be reset.
     """
-    kept = _shelf.instances[_kind(name, folder, settings, setup)]
+    kept = _shelf.instances[_kind(name, folder, description, settings, setup)]
     if not kept:
-        return Instance(name, description, folder, settings, inputs, setup)
+        return opened(name, description, folder, settings, inputs, setup)
     found = kept.pop()
     try:
         found.begin_again(settings, inputs, setup)
@@ -82,7 +83,9 @@ def instance(
 
 def let_go(instance: Instance) -> None:
     """Its run is over: keep it, or free it."""
-    kept = _shelf.instances[_kind(instance.name, instance.folder, instance.settings, instance.setup)]
+    kept = _shelf.instances[
+        _kind(instance.name, instance.folder, instance.description, instance.settings, instance.setup)
+    ]
     if _shelf.left and not instance.description.lives_once:
         _shelf.never_freed.append(instance)
     elif not _shelf.open:
@@ -91,5 +94,5 @@ def let_go(instance: Instance) -> None:
         kept.append(instance)
 
 
-def _kind(name: str, folder: Path, settings: Sequence[Setting], setup: Setup) -> _Kind:
-    return name, folder, frozenset(variable.name for variable, _ in settings), setup.ramped
+def _kind(name: str, folder: Path, description: FmuDescription, settings: Sequence[Setting], setup: Setup) -> _Kind:
+    return name, folder, description.kind, frozenset(variable.name for variable, _ in settings), setup.ramped

@@ -92,9 +92,9 @@ def sampled_fmu(
         InputRefused: the FMU, the mapping or a parameter is not right; or it has an input that nothing feeds.
     """
     description = described(file)
-    if description.model.coSimulation is None:
+    if description.kind != "co_simulation":
         raise InputRefused(
-            f"{file}: without co-simulation; a sampled part is called at its samples, export it for that"
+            f"{file}: model exchange alone; a part is called at its samples, export it for co-simulation"
         )
     settings = description.settings(parameters)
     # an input that has been given a value keeps it

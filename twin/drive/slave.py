@@ -1,11 +1,11 @@
-"""FMPy's slaves, loaded quickly: what they find out about their functions is the same for every instance."""
+"""FMPy's instances, loaded quickly: what they find out about their functions is the same for every one of a kind."""
 
 from ctypes import c_char_p, c_int
 from typing import Any, ClassVar
 
 from fmpy.fmi1 import FMU1Slave
-from fmpy.fmi2 import FMU2Slave
-from fmpy.fmi3 import FMU3Slave
+from fmpy.fmi2 import FMU2Model, FMU2Slave
+from fmpy.fmi3 import FMU3Model, FMU3Slave
 
 
 class _Remembering:
@@ -63,3 +63,29 @@ class FMU3Drive(_Remembering, FMU3Slave):
     """An FMI 3.0 slave."""
 
     _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+class FMU2Exchange(_Remembering, FMU2Model):
+    """An FMI 2.0 model."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+
+_OF_OTHER_KINDS = {
+    "fmi3ActivateModelPartition",
+    "fmi3DoStep",
+    "fmi3EnterStepMode",
+    "fmi3GetOutputDerivatives",
+    "fmi3InstantiateCoSimulation",
+    "fmi3InstantiateScheduledExecution",
+}
+
+
+class FMU3Exchange(_Remembering, FMU3Model):
+    """An FMI 3.0 model."""
+
+    _signatures: ClassVar[dict[str, tuple[Any, ...]]] = {}
+
+    def __dir__(self) -> list[str]:
+        # FMPy looks here for the functions that a binary has to have, and these it need not have (FMI 3.0, 2.1.2)
+        return [name for name in super().__dir__() if name not in _OF_OTHER_KINDS]

@@ -13,6 +13,8 @@ CLOSE = 1e-6
 
 def abilities(description: FmuDescription) -> list[tuple[str, str]]:
     """(what, how) of its stepping, for people; nothing of what every FMU does."""
+    if description.kind == "model_exchange":
+        return []
     said, its = [], description.model.coSimulation
     if not its.canHandleVariableCommunicationStepSize:
         stated = _stated(description)
@@ -37,6 +39,9 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
     Raises:
         InputRefused: it has a fixed step of its own, takes no varying ones, and these are no multiples of it.
     """
+    # the steps of its equations are ours
+    if description.kind == "model_exchange":
+        return
     abilities, step = description.model.coSimulation, tick / substeps
     fixed = number(abilities.fixedInternalStepSize)
     if description.version < 3 or abilities.canHandleVariableCommunicationStepSize or not 0.0 < fixed < math.inf:

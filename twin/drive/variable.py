@@ -75,6 +75,8 @@ class Variable:
         Raises:
             InputRefused: it would have no values, or too many.
         """
+        if not self.dimensions:
+            return self
         sizes = [structure[d] if isinstance(d, str) else d for d in self.dimensions]
         size = math.prod(sizes)
         if not 1 <= size <= MOST_VALUES:

@@ -31,7 +31,10 @@ class RecordedFmu(BaseModel):
     generation_tool: str | None
     set: dict[str, Any]
     mapped: list[str]
-    # older recordings do not say
+    # older recordings do not say, and only model exchange has a solver of ours
+    kind: str = "co_simulation"
+    solver: str | None = None
+    solver_step: float | None = None
     tolerance: float | None = None
     stop_time: float | None = None
 

@@ -132,7 +132,14 @@ Parameter = Annotated[float | str | tuple[float, ...] | tuple[str, ...], BeforeV
 PARAMETERS = 'the FMU\'s own names and units; values of enumerations by name, text, arrays, files as "file:NAME"'
 
 
-TOLERANCE = "relative, of the FMU's own solver; without it, what the FMU states"
+TOLERANCE = "relative, of the solver, the FMU's own or ours for model exchange; without it, what the FMU states"
+
+
+Kind = Literal["co_simulation", "model_exchange"]
+KIND = "as which the FMU is used; without it, co-simulation if it offers that"
+Method = Literal["cvode", "rk4"]
+METHOD = "of model exchange: holds the tolerance, or goes in steps of one length; without it, cvode"
+SOLVER_STEP = "longest step of rk4; without it, one per step of the drive"
 
 
 class Part(Section):
@@ -142,6 +149,9 @@ class Part(Section):
     sha256: str | None = Field(None, examples=["00000000..."], description="refuse any other file")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    kind: Kind | None = Field(None, examples=["model_exchange"], description=KIND)
+    solver: Method | None = Field(None, examples=["rk4"], description=METHOD)
+    solver_step: float | None = quantity("solver_step_ms", SOLVER_STEP, None, gt=0, examples=[0.1])
 
 
 class Drive(Section):
@@ -162,6 +172,9 @@ class Drive(Section):
     outputs: dict[str, str] = Field(default_factory=dict, description="our name = the FMU's")
     parameters: dict[str, Parameter] = Field(default_factory=dict, description=PARAMETERS)
     tolerance: float | None = Field(None, gt=0, examples=[1e-9], description=TOLERANCE)
+    kind: Kind | None = Field(None, examples=["model_exchange"], description=KIND)
+    solver: Method | None = Field(None, examples=["rk4"], description=METHOD)
+    solver_step: float | None = quantity("solver_step_ms", SOLVER_STEP, None, gt=0, examples=[0.1])
     velocity_loop: VelocityLoop | None = None
     position_command: PositionCommand | None = None
     rotor: Rotor | None = None
@@ -180,6 +193,12 @@ class Drive(Section):
             )
         if self.position_command and self.command != "position":
             raise ValueError(f'command = "{self.command}" takes no position_command')
+        for method, step in [
+            (self.solver, self.solver_step),
+            *((p.solver, p.solver_step) for p in self.parts.values()),
+        ]:
+            if step is not None and "rk4" not in (method, self.solver):
+                raise ValueError('solver_step_ms is of solver = "rk4"; say that, or remove it')
         return self
 
 

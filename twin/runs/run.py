@@ -164,7 +164,7 @@ def _recorded(
 
 def _told(plan: DrivePlan) -> str:
     """A drive in a few lines: files, FMI versions and hashes, foreign names, warnings."""
-    lines = [f"{d.path.name}  FMI {d.model.fmiVersion}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
+    lines = [f"{d.path.name}  {d.standard}  sha256 {d.sha256[:12]}" for d in plan.parts.values()]
     lines += [f"  {binding}" for binding in plan.bindings if binding.name != binding.port.name]
     return "\n".join([*lines, *(f"  warning: {text}" for text in plan.warnings())])
 

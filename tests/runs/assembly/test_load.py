@@ -91,7 +91,7 @@ def test_all_mistakes_are_told_at_once(fig4: Path):
         ("recording.rate='fast'", "[recording] rate = \"fast\": expected 'tick' or 'controller'"),
         ("sead=1", "unknown key 'sead'; did you mean 'seed'?"),
         ("controller=3", "[controller] "),
-        ("drive.parameters.droop='much'", "expected a number"),
+        ("drive.gear_ratio='much'", "expected a number"),
     ],
 )
 def test_a_mistake_is_one_clear_sentence(fig4: Path, override: str, said: str):

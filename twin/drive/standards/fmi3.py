@@ -80,7 +80,7 @@ def initialise(instance: "Instance") -> None:
     with instance.calling("EnterInitializationMode"):
         fmu.enterInitializationMode(tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop)
     instance.write(_unclocked(instance.inputs))
-    events = instance.description.model.coSimulation.hasEventMode
+    events = getattr(instance.description.interface, "hasEventMode", False)
     if events:
         with instance.calling("GetIntervalDecimal"):
             instance.clocks = clock_table(instance)

@@ -61,13 +61,15 @@ def drives(run: ReportRun) -> Markup:
     for text, names in joints.items():
         fmu = json.loads(text)
         given = fmu["set"] | ({"tolerance of its solver": fmu["tolerance"]} if fmu["tolerance"] else {})
+        given |= {"solver": fmu["solver"]} if fmu["solver"] else {}
+        given |= {"longest step of the solver (s)": fmu["solver_step"]} if fmu["solver_step"] else {}
         settings = ", ".join(f"{key} = {told(value)}" for key, value in given.items())
         rows.append(
             (
                 ", ".join(names),
                 fmu["file"],
                 fmu["model"],
-                fmu["fmi"],
+                fmu["fmi"] + (" model exchange" if fmu["kind"] == "model_exchange" else ""),
                 fmu["generation_tool"] or "not said",
                 element("code", fmu["sha256"]),
                 settings or "nothing",

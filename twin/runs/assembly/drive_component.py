@@ -4,6 +4,7 @@ import math
 from collections.abc import Sequence
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 
 from twin.controller.pid import Gains
 from twin.controller.position_command import DriveSpeedIntegrator, Servo
@@ -14,6 +15,7 @@ from twin.cosim.subsystem import INLET, Subsystem
 from twin.drive.component import FmuComponent
 from twin.drive.contract import COMMANDS, LOAD, SHAFT
 from twin.drive.description import FmuDescription
+from twin.drive.exchange.component import ExchangeComponent
 from twin.drive.instance import Setup
 from twin.drive.ports import FmuPort
 from twin.drive.rotor import DriveRotor
@@ -80,7 +82,8 @@ def _part(
     inputs += [_wire_port(part, description, target) for _, target in plan.wires if belongs(part, target)]
     sources = dict.fromkeys(source for source, _ in plan.wires if belongs(part, source))
     outputs += [_wire_port(part, description, source) for source in sources]
-    return FmuComponent(
+    solver = plan.solver(part)
+    return (FmuComponent if solver is None else partial(ExchangeComponent, solver=solver))(
         name,
         description,
         unpacked(description.path, description.sha256),

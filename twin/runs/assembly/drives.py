@@ -9,6 +9,7 @@ import numpy as np
 from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, OMEGA_M, SHAFT, THETA_M
 from twin.drive.description import FmuDescription, Variable, described
+from twin.drive.exchange.solver import USUAL_TOLERANCE, Solver
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.setting import Setting
 from twin.errors import InputRefused
@@ -61,10 +62,20 @@ class DrivePlan:
         return replace(self, ramped=True)
 
     def tolerance(self, part: str) -> float | None:
-        """Of the solver of a part, as the experiment says, or else the FMU itself."""
+        """Of the solver of a part, as the experiment says, or else the FMU itself; for a CVODE of ours there is one."""
         own = self.table.parts[part].tolerance if part else None
         said = self.table.tolerance if own is None else own
-        return self.parts[part].tolerance if said is None else said
+        said = self.parts[part].tolerance if said is None else said
+        solver = self.solver(part)
+        return USUAL_TOLERANCE if said is None and solver is not None and solver.method == "cvode" else said
+
+    def solver(self, part: str) -> Solver | None:
+        """Of ours, for the equations of a part; None: it brings its own, being for co-simulation."""
+        if self.parts[part].kind == "co_simulation":
+            return None
+        own = self.table.parts[part] if part else self.table
+        step = self.table.solver_step if own.solver_step is None else own.solver_step
+        return Solver(own.solver or self.table.solver or "cvode", step)
 
     @property
     def is_bare(self) -> bool:
@@ -136,6 +147,7 @@ def planned(table: Drive) -> DrivePlan:
         bindings=bindings(label, free, wiring),
         wires=tuple(_checked_wire(label, variables, source, target) for target, source in table.wires.items()),
     )
+    _refuse_idle_solvers(plan)
     if plan.axes > 1 and not plan.is_bare:
         ours = "rotor turns" if table.rotor else "loop drives"
         raise InputRefused(f"{label}: three axes in one FMU with a {table.command} command; our {ours} one axis")
@@ -148,9 +160,21 @@ def fmus(table: Drive) -> dict[str, FmuDescription]:
     Raises:
         InputRefused: one cannot be used, or is not the one that was meant.
     """
-    files = {name: (part.fmu, part.sha256) for name, part in table.parts.items()}
-    files = files or {ALONE: (table.fmu or "", table.sha256)}
-    return {name: _pinned(described(Path(fmu)), digest) for name, (fmu, digest) in files.items()}
+    files = {name: (part.fmu, part.sha256, part.kind or table.kind) for name, part in table.parts.items()}
+    files = files or {ALONE: (table.fmu or "", table.sha256, table.kind)}
+    return {name: _pinned(described(Path(fmu), kind), digest) for name, (fmu, digest, kind) in files.items()}
+
+
+def _refuse_idle_solvers(plan: DrivePlan) -> None:
+    """A solver that is named has to have equations to solve."""
+    named = {name: part.solver for name, part in plan.table.parts.items()}
+    if plan.table.solver and all(fmu.kind == "co_simulation" for fmu in plan.parts.values()):
+        named[next(iter(plan.parts))] = plan.table.solver
+    for part, method in named.items():
+        fmu = plan.parts[part]
+        if method and fmu.kind == "co_simulation":
+            remedy = 'say kind = "model_exchange"' if len(fmu.kinds) > 1 else "remove it"
+            raise InputRefused(f'{fmu.path}: solver = "{method}", and it brings its own for co-simulation; {remedy}')
 
 
 def _pinned(description: FmuDescription, digest: str | None) -> FmuDescription:

@@ -18,7 +18,7 @@ class Elsewhere(Component):
 def called_function(component: Component) -> str:
     """The FMI function that a step of `component` calls, empty if it calls none."""
     if isinstance(component, FmuComponent):
-        return f"{component.instance.description.prefix}DoStep"
+        return component.called
     if isinstance(component, Subsystem):
         return ", ".join(dict.fromkeys(filter(None, map(called_function, component.system.components))))
     return component.function if isinstance(component, Elsewhere) else ""

@@ -25,7 +25,7 @@ FOLDER = Path("tests/baselines")
 """Where baselines are written to and looked for, one folder per experiment."""
 _UNTOLD = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are told of one by one."""
-_LATER = ("tolerance", "position_command", "rotor")
+_LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step")
 """Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
 _ANEW = "remove it and write it anew with --update"
 

@@ -141,7 +141,7 @@ def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
             yield Check("reset", "ok" if same else "note", _sameness("after a reset it", same, again))
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
-    if not bench.part.fmu.model.coSimulation.canGetAndSetFMUstate:
+    if not bench.part.fmu.interface.canGetAndSetFMUstate:
         yield Check("state", "note", "cannot be saved and restored, which a run does not need")
         return
     with bench.made() as component:

@@ -7,6 +7,7 @@ import numpy as np
 
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.instance import Instance, Setup
+from twin.drive.opened import opened
 from twin.drive.setting import Setting
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
@@ -64,7 +65,7 @@ def _told(name: str, plan: DrivePlan) -> Check:
     for part, description in plan.parts.items():
         inputs, outputs = _excitation(plan, part), _watched(plan, part, description)
         folder = unpacked(description.path, description.sha256)
-        instance = Instance(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
+        instance = opened(part or "drive", description, folder, plan.settings[part], inputs, SETUP)
         try:
             problem = TRIED[name](instance, inputs, outputs)
         except TwinError as refusal:
@@ -85,7 +86,7 @@ def _reset(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -
 
 def _state(instance: Instance, inputs: list[Setting], outputs: list[Variable]) -> str:
     """What is wrong with saving and restoring its state; empty if nothing is."""
-    if not instance.description.model.coSimulation.canGetAndSetFMUstate:
+    if not instance.description.interface.canGetAndSetFMUstate:
         return "not offered"
     _exercised(instance, inputs, outputs)
     state = instance.saved_state()

@@ -74,7 +74,15 @@ class Qualification:
             "failed": list(self.failed),
             "command": self.plan.table.command,
             "fmus": [
-                {"part": part, "file": fmu.path.name, "sha256": fmu.sha256, "fmi_version": fmu.model.fmiVersion}
+                {
+                    "part": part,
+                    "file": fmu.path.name,
+                    "sha256": fmu.sha256,
+                    "fmi_version": fmu.model.fmiVersion,
+                    "standard": fmu.standard,
+                    "kind": fmu.kind,
+                    "solver": solver.method if (solver := self.plan.solver(part)) else None,
+                }
                 for part, fmu in self.plan.parts.items()
             ],
             "checks": {

@@ -22,7 +22,7 @@ def check_text(facts: Mapping[str, Any]) -> str:
         facts: of `Qualification.facts`.
     """
     verdict = "QUALIFIED" if facts["qualified"] else "NOT QUALIFIED: " + ", ".join(facts["failed"])
-    versions = " + ".join(f"FMI {fmu['fmi_version']}" for fmu in facts["fmus"])
+    versions = " + ".join(fmu["standard"] for fmu in facts["fmus"])
     lines = [f"{facts['drive']}  {verdict}", f"  {versions}, commanded with a {facts['command']}", ""]
     for name, check in facts["checks"].items():
         lines += _hanging(f"  {check['verdict']:4}  {name:10} ", check["detail"])

@@ -114,3 +114,19 @@ def test_parts_of_another_make_travel_with_what_names_them(root: Path, tmp_path:
     there = arrived(path, task(None, fmu), tmp_path / "other")
     assert there.stand_ins["controller"].inputs == {"p_ref_B": ("way_1", "way_2", "way_3")}
     assert str(there.stand_ins["controller"].file).startswith(str(tmp_path / "other"))
+
+
+def test_files_among_a_drives_parameters_travel_with_it(root: Path, tmp_path: Path):
+    servo = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    mapping = tmp_path / "supplier" / "mapping.toml"
+    mapping.parent.mkdir()
+    (tmp_path / "supplier" / "curve.csv").write_text("0,1")
+    (tmp_path / "map.bin").write_bytes(b"\x07")
+    mapping.write_text(f'fmu = "{servo}"\n[parameters]\ncurves = ["file:curve.csv", "none"]\n')
+    setting = f'drive.parameters.map="file:{tmp_path / "map.bin"}"'
+    path = root / "experiments" / "fig4_force_position.toml"
+    drive = arrived(path, task(str(mapping), setting), tmp_path / "there").drives[0]
+    (curve, text), blob = drive.parameters["curves"], drive.parameters["map"]  # type: ignore[misc,str-unpack]
+    there = [Path(str(name).removeprefix("file:")) for name in (curve, blob)]
+    assert text == "none" and all(file.is_relative_to(tmp_path / "there") for file in there)
+    assert [file.read_bytes() for file in there] == [b"0,1", b"\x07"]

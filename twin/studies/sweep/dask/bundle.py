@@ -11,8 +11,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+from twin.drive.setting import MOST_BYTES
 from twin.experiment.body_files import FOLDERS
-from twin.experiment.drive_files import JOINTS, MAPPING, joint_tables, shelved
+from twin.experiment.drive_files import FILE, JOINTS, MAPPING, joint_tables, shelved
 from twin.experiment.source import KEPT, located, read_source, source_text
 from twin.files import read_bytes
 from twin.studies.sweep.plan import Task
@@ -94,6 +95,8 @@ class Bundle:
             elif key.startswith("drive.") and key.endswith(".fmu"):
                 part = ".parts." in key
                 new = self._fmu(name, self._folder, "") if part else self._drive(located(name, self._folder), "")
+            elif isinstance(name, str) and name.startswith(FILE):
+                new = self._file(name, self._folder, "")
             self._settings[text] = text if new is None else f"{key}={json.dumps(new)}"
         return self._settings[text]
 
@@ -108,10 +111,31 @@ class Bundle:
             return
         if isinstance(table.get("fmu"), str):
             table["fmu"] = self._drive(located(table["fmu"], folder), into)
+        self._pack_files(table, folder, into)
         parts = table.get("parts")
         for part in parts.values() if isinstance(parts, dict) else ():
             if isinstance(part, dict) and isinstance(part.get("fmu"), str):
                 part["fmu"] = self._fmu(part["fmu"], folder, into)
+                self._pack_files(part, folder, into)
+
+    def _pack_files(self, table: dict[str, Any], folder: Path, into: str) -> None:
+        """Likewise the files among the parameters of `table`."""
+        given = table.get("parameters")
+        if not isinstance(given, dict):
+            return
+        for name, value in given.items():
+            many = isinstance(value, (list, tuple))
+            given[name] = [self._file(v, folder, into) for v in value] if many else self._file(value, folder, into)
+
+    def _file(self, value: Any, folder: Path, into: str) -> Any:
+        """A parameter as seen from `into`, which changes nothing but the name of a file."""
+        if not (isinstance(value, str) and value.startswith(FILE)):
+            return value
+        path = located(value.removeprefix(FILE), folder)
+        if (into, path) not in self._names:
+            new = self._names[into, path] = self._free(path.name)
+            self._put(f"{into}{new}", read_bytes(path, MOST_BYTES), path)
+        return FILE + self._names[into, path]
 
     def _drive(self, path: Path, into: str) -> str:
         """The name, as seen from `into`, of the drive at `path`: an FMU, a mapping, or a folder with one of them."""

@@ -1,0 +1,1 @@
+"""Model-exchange FMUs: the equations are theirs, the solver is ours."""
