@@ -1,4 +1,4 @@
-"""Build the drive FMUs: `python fmus/build.py [drive ...]`. Needs `pip install .[fmus]` for the tools."""
+"""Build drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools."""
 
 import argparse
 from importlib.util import find_spec
@@ -6,7 +6,7 @@ from pathlib import Path
 
 from builder.archive import write_fmu
 from builder.compile import TARGETS, TARGETS_FMI3
-from builder.drive import FMUS, drive_names, load_drive
+from builder.drive import FMUS, drive_names, folder_of, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
 
@@ -24,14 +24,14 @@ def main() -> None:
         if missing:
             parser.error(f"drive '{name}' is made with {' and '.join(missing)}: pip install .[fmus]")
     for name in names:
-        target = FMUS / name / f"{name}.fmu"
+        target = folder_of(name) / f"{name}.fmu"
         build(name, FMUS / ".build" / name, target)
         print(target.relative_to(FMUS.parent))
 
 
 def _tools() -> dict[str, tuple[str, ...]]:
     """The packages each drive is made with, by its name."""
-    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0")], ("ziglang",))
+    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0"), *part_names()], ("ziglang",))
     in_python = dict.fromkeys(python_drive_names(), ("pythonfmu",))
     in_modelica = dict.fromkeys(modelica_drive_names(), ("rumoca", "ziglang"))
     return compiled | in_python | in_modelica

@@ -107,17 +107,47 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
     """
     roles = contract(wiring.command, wiring.rotor)
-    _refuse_unknown_roles(file, wiring, roles)
+    _refuse_unknown_roles(file, wiring, roles, "drive")
     chosen, turned, unsure = choice(file, variables, wiring, roles)
     if unsure:
         raise RolesUnclear(_to_paste(file, variables, roles, chosen, unsure, wiring))
-    found = tuple(
+    found = _all_bound(variables, wiring, roles, chosen, turned)
+    _refuse_odd_widths(file, found)
+    return found
+
+
+def filled(
+    file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
+) -> tuple[Binding, ...]:
+    """Those of `roles`, none of them required, that variables play, in their order.
+
+    Args:
+        file: what an error calls the FMU.
+        variables: of the FMU, by the name the user knows them by.
+        wiring: what the user says.
+        roles: inputs or outputs of a part of the robot.
+        table: of the experiment that says it.
+
+    Raises:
+        InputRefused: see `bindings`.
+    """
+    _refuse_unknown_roles(file, wiring, roles, table)
+    chosen, turned, _ = choice(file, variables, wiring, roles)
+    return _all_bound(variables, wiring, roles, chosen, turned)
+
+
+def _all_bound(
+    variables: Mapping[str, Variable],
+    wiring: Wiring,
+    roles: Sequence[Role],
+    chosen: Mapping[str, str],
+    turned: Collection[str],
+) -> tuple[Binding, ...]:
+    return tuple(
         _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
         for role in roles
         if role.port.name in chosen
     )
-    _refuse_odd_widths(file, found)
-    return found
 
 
 def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> Choice:
@@ -172,14 +202,14 @@ def _refuse_odd_widths(file: str, found: tuple[Binding, ...]) -> None:
         raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
 
 
-def _refuse_unknown_roles(file: str, wiring: Wiring, roles: tuple[Role, ...]) -> None:
+def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owner: str) -> None:
+    commanded = f' for command = "{wiring.command}"' if owner == "drive" else ""
     for table, given, causality in (("inputs", wiring.inputs, "input"), ("outputs", wiring.outputs, "output")):
         known = [role.port.name for role in roles if role.causality == causality]
         for name in given:
             if name not in known:
                 raise InputRefused(
-                    f"{file}: [drive.{table}] has no role '{name}' for command = \"{wiring.command}\"; "
-                    f"the roles are {', '.join(known)}"
+                    f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; the roles are {', '.join(known)}"
                 )
 
 
