@@ -1,4 +1,7 @@
-"""Build drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools."""
+"""Build drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools.
+
+`--references` only writes the reference files into FMUs that are there, and needs none of the tools.
+"""
 
 import argparse
 from importlib.util import find_spec
@@ -9,6 +12,7 @@ from builder.compile import TARGETS, TARGETS_FMI3
 from builder.drive import FMUS, drive_names, folder_of, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
+from builder.references import carry_references
 
 
 def main() -> None:
@@ -16,16 +20,21 @@ def main() -> None:
     tools = _tools()
     parser = argparse.ArgumentParser(description=main.__doc__)
     parser.add_argument("drive", nargs="*", help=f"which drives (default: all of {', '.join(sorted(tools))})")
-    names = parser.parse_args().drive or sorted(tools)
+    parser.add_argument("--references", action="store_true", help="only write the reference files anew")
+    asked = parser.parse_args()
+    names = asked.drive or sorted(set(tools) - set(part_names() if asked.references else ()))
     for unknown in sorted(set(names) - set(tools)):
         parser.error(f"there is no drive '{unknown}'; there are: {', '.join(sorted(tools))}")
-    for name in names:
+    for name in () if asked.references else names:
         missing = [tool for tool in tools[name] if find_spec(tool) is None]
         if missing:
             parser.error(f"drive '{name}' is made with {' and '.join(missing)}: pip install .[fmus]")
     for name in names:
         target = folder_of(name) / f"{name}.fmu"
-        build(name, FMUS / ".build" / name, target)
+        if asked.references:
+            carry_references(name, target)
+        else:
+            build(name, FMUS / ".build" / name, target)
         print(target.relative_to(FMUS.parent))
 
 
@@ -46,6 +55,8 @@ def build(name: str, scratch: Path, target: Path) -> None:
     else:
         drive = load_drive(name)
         write_fmu(drive, {"2.0": TARGETS, "3.0": TARGETS_FMI3}[drive.fmi], scratch, target)
+    if name not in part_names():
+        carry_references(name, target)
 
 
 if __name__ == "__main__":

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.errors import InputRefused
-from twin.files import LIMIT, json_of, read_bytes, read_toml, toml_of
+from twin.files import LIMIT, json_of, read_bytes, read_toml, toml_of, xml_of
 
 
 def refusal(path: Path) -> str:
@@ -75,3 +75,27 @@ def test_a_file_is_named_as_what_was_expected(tmp_path: Path) -> None:
     for path, said in ((tmp_path / "no", "no such sweep file"), (tmp_path, "a folder; expected a sweep file")):
         with pytest.raises(InputRefused, match=said):
             read_toml(path, "sweep file")
+
+
+@pytest.mark.parametrize(
+    ("content", "told"),
+    [
+        (b"", "no element found"),
+        (b"<a>", "no element found"),
+        (b"\x00", "not valid XML"),
+        (b'<?xml version="1.0" encoding="nonsense"?><a/>', "unknown encoding"),
+        (b"<a>&x;</a>", "undefined entity"),
+        (b'<!DOCTYPE a SYSTEM "file:///etc/passwd"><a/>', "DOCTYPE"),
+        (b'<!DOCTYPE a [<!ENTITY x "xx"><!ENTITY y "&x;&x;">]><a>&y;</a>', "DOCTYPE"),
+        (b"<a>" * 40 + b"</a>" * 40, "nested too deeply"),
+        (b"<a>" * 1_000_000, "nested too deeply"),
+    ],
+)
+def test_xml_that_grows_names_files_or_is_none_is_refused(content: bytes, told: str) -> None:
+    with pytest.raises(InputRefused, match="here: not valid XML") as refused:
+        xml_of(content, "here")
+    assert told in str(refused.value)
+
+
+def test_xml_as_deep_as_ours_is_read() -> None:
+    assert xml_of(b"<a>" * 30 + b"<b c='1'/>" + b"</a>" * 30, "here").find(".//b").attrib == {"c": "1"}  # type: ignore[union-attr]

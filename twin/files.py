@@ -5,6 +5,7 @@ import os
 import re
 import stat
 import tomllib
+import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -31,7 +32,7 @@ KINDS = (
 BOM = b"\xef\xbb\xbf"
 
 DEEPEST = 32
-"""Tables and arrays within each other, and parts of a dotted key, in a file that is read; ours have five."""
+"""Tables, arrays or elements within each other, and parts of a dotted key, in a file that is read; ours have five."""
 
 
 def read_bytes(path: Path, limit: int = LIMIT, kind: str = "file") -> bytes:
@@ -132,6 +133,45 @@ def json_of(text: str | bytes, where: str) -> Any:
         InputRefused: not JSON; the sentence begins with `where`.
     """
     return _parsed("JSON", json.loads, text, where)
+
+
+def xml_of(content: bytes, where: str) -> ET.Element:
+    """The root of the XML in `content`.
+
+    Raises:
+        InputRefused: not XML, deeper than `DEEPEST`, or with a document type, which may define entities that grow or
+            that name files; the sentence begins with `where`.
+    """
+    parser = ET.XMLParser(target=_Plain())
+    try:
+        parser.feed(content)
+        root: ET.Element = parser.close()
+    except RecursionError:
+        raise InputRefused(f"{where}: not valid XML: nested too deeply") from None
+    # also what is unknown of an encoding
+    except (ET.ParseError, ValueError, LookupError) as problem:
+        raise InputRefused(f"{where}: not valid XML: {problem}") from None
+    return root
+
+
+class _Plain(ET.TreeBuilder):
+    """Builds elements, and stops at what may make more of them than the text has."""
+
+    _depth = 0
+
+    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
+        """Told of a document type before any entity of it is used."""
+        raise ValueError("it has a document type (DOCTYPE); do not trust this file")
+
+    def start(self, tag: str, attrs: dict[str, str], /) -> ET.Element:
+        self._depth += 1
+        if self._depth > DEEPEST:
+            raise RecursionError
+        return super().start(tag, attrs)
+
+    def end(self, tag: str, /) -> ET.Element:
+        self._depth -= 1
+        return super().end(tag)
 
 
 def _parsed(language: str, parse: Callable[[Any], Any], text: str | bytes, where: str) -> Any:

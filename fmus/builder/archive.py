@@ -35,9 +35,14 @@ def write_fmu(drive: Drive, platforms: Iterable[str], scratch: Path, target: Pat
 
 def write_zip(target: Path, entries: dict[str, Path]) -> None:
     """Pack files by their name in the archive; the same content gives the same bytes."""
+    write_entries(target, {name: path.read_bytes() for name, path in entries.items()})
+
+
+def write_entries(target: Path, entries: dict[str, bytes]) -> None:
+    """The same of contents."""
     with zipfile.ZipFile(target, "w") as archive:
-        for name, path in sorted(entries.items()):
+        for name, content in sorted(entries.items()):
             entry = zipfile.ZipInfo(name, date_time=EPOCH)
             entry.compress_type = zipfile.ZIP_DEFLATED
             entry.external_attr = 0o644 << 16
-            archive.writestr(entry, path.read_bytes())
+            archive.writestr(entry, content)

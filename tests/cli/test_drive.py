@@ -36,6 +36,8 @@ def test_a_drive_that_does_not_fit_is_exit_code_2(root: Path, tmp_path: Path):
         done = twin("drive", command, bad, cwd=tmp_path, isolated=True)
         assert done.returncode == 2
         assert "omega_ref" in done.stderr and "Traceback" not in done.stderr
+    # what came with it was looked at before
+    assert "came with bad.fmu" in done.stdout
 
 
 def test_info_lists_what_there_is_where_roles_are_unclear(root: Path, tmp_path: Path):
@@ -68,6 +70,8 @@ def test_check_as_json_has_every_check_and_measure_with_its_unit(root: Path, tmp
     droop = facts["measures"]["droop"]
     assert droop["unit"] == "rad/s per N m" and abs(droop["value"] - 0.6) < 1e-6
     assert all(check["meaning"] for check in facts["checks"].values())
+    (came,) = facts["references"]
+    assert [one["word"] for one in came["experiments"]] == ["agrees"] and "of ours" in came["tolerance"]
     assert (tmp_path / facts["picture"]).is_file()
 
 

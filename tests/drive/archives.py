@@ -4,6 +4,8 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
+from twin.drive.related import HOME
+
 DESCRIPTION = "modelDescription.xml"
 
 
@@ -27,3 +29,12 @@ def redescribed(good: Path, bad: Path, old: str, new: str) -> Path:
         return name, content.decode().replace(old, new).encode()
 
     return altered(good, bad, change)
+
+
+def carrying(good: Path, file: Path, entries: dict[str, str | bytes]) -> Path:
+    """A copy of `good` with these `entries` in place of its reference files."""
+    altered(good, file, lambda name, content: None if name.startswith(HOME) else (name, content))
+    with zipfile.ZipFile(file, "a") as target:
+        for name, content in entries.items():
+            target.writestr(name, content)
+    return file

@@ -11,7 +11,9 @@ import typer
 
 from twin.cli.ask import answer_of, ask, show
 from twin.cli.completion import drive_names, experiment_files
+from twin.cli.drive_survey import survey
 from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
+from twin.errors import InputRefused
 from twin.runs.guard.limits import Limits
 from twin.writing import json_text
 
@@ -23,6 +25,7 @@ if TYPE_CHECKING:
 WIDTH = 80
 
 app = typer.Typer(help="Look at drive FMUs, qualify, compare and bring them in.", no_args_is_help=True)
+app.command("survey")(survey)
 
 Fmu = Annotated[
     str,
@@ -125,8 +128,11 @@ def check(
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
 
-    Exit code: 0 qualified, 1 not, 2 refused before it ran, 3 an FMU crashed, hung
-    or ended its process.
+    Reference experiments that came with an FMU (FMI-LS-REF, or NAME_ref.csv
+    beside it) are run first and held to its own results.
+
+    Exit code: 0 qualified, 1 not or other results, 2 refused before it ran, 3 an
+    FMU crashed, hung or ended its process.
 
     Example: twin drive check velocity_servo
     """
@@ -142,6 +148,8 @@ def check(
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
+        if "refused" in answer.facts:
+            raise InputRefused(answer.facts["refused"])
     if as_table and not as_json:
         from twin.studies.qualify.text import measures_table
 

@@ -95,13 +95,18 @@ def read_table(path: Path) -> CsvTable:
     """
     try:
         with open_regular(path, LARGEST_FILE) as file:
-            refuse_foreign(path, file)
-            head = head_of(path, text_of(file))
-            return _at_once(path, file, head) or _row_by_row(path, file, head)
+            return table_of(path, file)
     except LogRefused:
         raise
     except InputRefused as problem:
         raise LogRefused(str(problem)) from None
+
+
+def table_of(path: Path, file: BinaryIO) -> CsvTable:
+    """The CSV in `file`; `path` is what sentences call it. Errors as of `read_table`."""
+    refuse_foreign(path, file)
+    head = head_of(path, text_of(file))
+    return _at_once(path, file, head) or _row_by_row(path, file, head)
 
 
 def more(others: int, what: str) -> str:

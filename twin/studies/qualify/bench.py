@@ -6,11 +6,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numba import carray
 
-from twin.cosim.component import Component
-from twin.cosim.native import doubles_at, step_function
-from twin.cosim.port import Port, width
+from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.contract import LOAD
@@ -25,7 +22,6 @@ LOOK = 500
 """Ticks after which it is asked whether a run has seen enough."""
 MOST = 1e9
 """rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
-MEMORY = np.dtype([("rows", "i8"), ("count", "i8"), ("size", "i8"), ("next", "i8")], align=True)
 
 
 @dataclass(frozen=True)
@@ -165,33 +161,3 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
             f"{plan.label} returned {name} = {value:.3g} {unit} at t = {k * TICK:.6g} s; no shaft turns like that, "
             "look at its units, or at its step size"
         )
-
-
-@step_function(MEMORY)
-def step(m, t, h, u, y):
-    rows, y_ = carray(doubles_at(m.rows), m.count * m.size), carray(y, m.size)
-    row = min(m.next, m.count - 1)
-    for j in range(m.size):
-        y_[j] = rows[row * m.size + j]
-    m.next += 1
-    return 0
-
-
-def playback(ports: tuple[Port, ...], values: np.ndarray) -> Component:
-    """Sampled component without inputs: at tick k its outputs are row k of `values`, after the last row that one.
-
-    Args:
-        values: (ticks, width of `ports`).
-    """
-    rows = np.ascontiguousarray(values, dtype=float).reshape(-1, width(ports))
-    memory = np.array([(rows.ctypes.data, len(rows), rows.shape[1], 0)], dtype=MEMORY)
-    return Component(
-        name="signals",
-        inputs=(),
-        outputs=ports,
-        sampled=True,
-        step_address=step.address,
-        self_address=memory.ctypes.data,
-        initial_outputs=rows[0].copy(),
-        keep=(memory, rows),
-    )

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.named import experiment_file
 from twin.studies.answer import Answer
@@ -13,13 +14,16 @@ from twin.studies.qualify.picture import draw_drive_check
 from twin.studies.qualify.qualification import qualified
 from twin.studies.qualify.text import check_text, compare_text
 from twin.studies.qualify.workload import Workload
+from twin.studies.reference.drive import came_with, no_drive
+from twin.studies.reference.text import references_text
 from twin.writing import made_folder
 
 
 def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], None]) -> Answer:
-    """What a drive does on the bench, and its picture in `out`.
+    """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
 
-    Exit code 1: it does not qualify.
+    Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
+    drive.
 
     Args:
         fmu: see `lone_drive`, from here.
@@ -33,12 +37,20 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], N
         NotWritten: the disk refuses.
     """
     folder = made_folder(out)
-    with told(Workload(Path(fmu).stem, say, sure).take):
-        done = qualified(lone_drive(fmu, Path.cwd()), apart)
+    table = lone_drive(fmu, Path.cwd())
+    came = came_with(table, apart)
+    try:
+        with told(Workload(Path(fmu).stem, say, sure).take):
+            done = qualified(table, apart)
+    except InputRefused as refusal:
+        if not came:
+            raise
+        return no_drive(came, str(refusal))
     picture = folder / f"{Path(done.plan.label).stem}.png"
     draw_drive_check(done, picture)
-    facts = done.facts() | {"picture": str(picture)}
-    return Answer(f"{check_text(facts)}\n  picture  {picture}", facts, 0 if facts["qualified"] else 1)
+    facts = done.facts() | {"references": [one.facts() for one in came], "picture": str(picture)}
+    text = "\n".join([check_text(facts), *([references_text(came)] if came else []), f"  picture  {picture}"])
+    return Answer(text, facts, 0 if facts["qualified"] and all(one.holds for one in came) else 1)
 
 
 def compare_drives(fmus: Sequence[str], experiment: Path, out: Path, say: Callable[[str], None]) -> Answer:

@@ -1,0 +1,1 @@
+"""What the twin can do with the FMUs of others."""
