@@ -6,7 +6,7 @@ import pytest
 
 from tests.laws.runs import FORCE
 from twin.errors import InputRefused
-from twin.experiment.source import KEPT
+from twin.experiment.replaced import KEPT
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.roles import CONTRACTS
 

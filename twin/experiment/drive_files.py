@@ -10,7 +10,8 @@ from pydantic import ValidationError
 from twin.errors import InputRefused, nearest
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
-from twin.experiment.source import laid_over, located, names_drive, read_source
+from twin.experiment.replaced import names_drive
+from twin.experiment.source import laid_over, located, read_source
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")

@@ -19,7 +19,7 @@ from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.measure import KINDS as MEASURES
-from twin.experiment.source import KEPT
+from twin.experiment.replaced import KEPT
 from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
 

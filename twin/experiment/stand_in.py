@@ -10,8 +10,9 @@ from twin.errors import InputRefused
 from twin.experiment.drive_files import completed
 from twin.experiment.mistakes import checked, keys
 from twin.experiment.quantity import Section
+from twin.experiment.replaced import KEPT, NAMING, names_stand_in
 from twin.experiment.schema import TOLERANCE, Controller, Parameter, Scale
-from twin.experiment.source import KEPT, NAMING, located, names_stand_in
+from twin.experiment.source import located
 
 Names = dict[str, str | tuple[str, ...]]
 

@@ -16,7 +16,8 @@ from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import checked, keys, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.reference import WayPoints
-from twin.experiment.source import KEPT, Source, with_numbers
+from twin.experiment.replaced import KEPT
+from twin.experiment.source import Source, with_numbers
 from twin.experiment.stand_in import StandIn, checked_apart, role_named
 from twin.experiment.task import Task, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks

@@ -22,7 +22,8 @@ from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
-from twin.experiment.source import KEPT, Source, at, located, read_source, toml_value
+from twin.experiment.replaced import KEPT
+from twin.experiment.source import Source, at, located, read_source, toml_value
 from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
 

@@ -8,8 +8,9 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
+from twin.experiment.replaced import KEPT
 from twin.experiment.schema import Drive
-from twin.experiment.source import KEPT, Source, located
+from twin.experiment.source import Source, located
 from twin.files import json_of
 from twin.runs.assembly.load import checked_experiment
 

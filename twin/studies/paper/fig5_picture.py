@@ -10,7 +10,7 @@ from matplotlib.patches import Circle
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.monitor import Monitor
-from twin.experiment.source import names_stand_in
+from twin.experiment.replaced import names_stand_in
 from twin.experiment.task import Push, Roll, Tap
 from twin.studies.figure import GREEN, ORANGE, picture
 from twin.studies.metrics.path import along_and_off

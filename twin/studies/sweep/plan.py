@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.errors import InputRefused
-from twin.experiment.source import NAMING
+from twin.experiment.replaced import NAMING
 from twin.studies.sweep.definition import Definition, read_definition
 from twin.studies.sweep.design import Point, points
 from twin.studies.sweep.measures import checked_metric, metric_names
