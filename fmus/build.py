@@ -1,4 +1,4 @@
-"""Build the drive FMUs: `python fmus/build.py [drive ...]`. Needs `pip install .[fmus]` for the tools.
+"""Build drives and other parts: `python fmus/build.py [name ...]`. Needs `pip install .[fmus]` for the tools.
 
 `--references` only writes the reference files into FMUs that are there, and needs none of the tools.
 """
@@ -9,7 +9,7 @@ from pathlib import Path
 
 from builder.archive import write_fmu
 from builder.compile import TARGETS, TARGETS_FMI3
-from builder.drive import FMUS, drive_names, load_drive
+from builder.drive import FMUS, drive_names, folder_of, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
 from builder.references import carry_references
@@ -22,7 +22,7 @@ def main() -> None:
     parser.add_argument("drive", nargs="*", help=f"which drives (default: all of {', '.join(sorted(tools))})")
     parser.add_argument("--references", action="store_true", help="only write the reference files anew")
     asked = parser.parse_args()
-    names = asked.drive or sorted(tools)
+    names = asked.drive or sorted(set(tools) - set(part_names() if asked.references else ()))
     for unknown in sorted(set(names) - set(tools)):
         parser.error(f"there is no drive '{unknown}'; there are: {', '.join(sorted(tools))}")
     for name in () if asked.references else names:
@@ -30,7 +30,7 @@ def main() -> None:
         if missing:
             parser.error(f"drive '{name}' is made with {' and '.join(missing)}: pip install .[fmus]")
     for name in names:
-        target = FMUS / name / f"{name}.fmu"
+        target = folder_of(name) / f"{name}.fmu"
         if asked.references:
             carry_references(name, target)
         else:
@@ -40,7 +40,7 @@ def main() -> None:
 
 def _tools() -> dict[str, tuple[str, ...]]:
     """The packages each drive is made with, by its name."""
-    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0")], ("ziglang",))
+    compiled = dict.fromkeys([*drive_names("2.0"), *drive_names("3.0"), *part_names()], ("ziglang",))
     in_python = dict.fromkeys(python_drive_names(), ("pythonfmu",))
     in_modelica = dict.fromkeys(modelica_drive_names(), ("rumoca", "ziglang"))
     return compiled | in_python | in_modelica
@@ -55,7 +55,8 @@ def build(name: str, scratch: Path, target: Path) -> None:
     else:
         drive = load_drive(name)
         write_fmu(drive, {"2.0": TARGETS, "3.0": TARGETS_FMI3}[drive.fmi], scratch, target)
-    carry_references(name, target)
+    if name not in part_names():
+        carry_references(name, target)
 
 
 if __name__ == "__main__":

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from .compile import shared_library, write_generated
-from .drive import FMUS, Drive
+from .drive import Drive, folder_of
 from .model_description import model_description
 from .model_description_fmi3 import model_description_fmi3
 
@@ -29,7 +29,7 @@ def write_fmu(drive: Drive, platforms: Iterable[str], scratch: Path, target: Pat
         entries[f"binaries/{platform}/{library.name}"] = library
     for source in (*drive.sources, scratch / "variables.h", scratch / "variables.c"):
         entries[f"sources/{source.name}"] = source
-    entries["documentation/README.md"] = FMUS / drive.name / "README.md"
+    entries["documentation/README.md"] = folder_of(drive.name) / "README.md"
     write_zip(target, entries)
 
 

@@ -45,9 +45,9 @@ def shared_library(drive: Drive, platform: str, folder: Path) -> Path:
     Raises:
         subprocess.CalledProcessError: the compiler refused; its messages are on stderr.
     """
-    model = next(path for path in drive.sources if path.name == "model.c")
+    own = [path for path in drive.sources if path.parent not in (FMI2, FMI3) and path.suffix == ".c"]
     ceremony = {"2.0": [FMI2], "3.0": [FMI3, FMI2]}[drive.fmi]
-    sources = [model, *sorted(ceremony[0].glob("*.c")), folder / "variables.c"]
+    sources = [*own, *sorted(ceremony[0].glob("*.c")), folder / "variables.c"]
     includes = [f"-I{path}" for path in (folder, *ceremony)] + ["-isystem", str(_fmi_headers())]
     return linked_library(drive.name, platform, [*WARNINGS, *includes, *map(str, sources)], folder)
 

@@ -1,15 +1,16 @@
-"""A drive as its folder describes it: variables, sources and the GUID that ties them to a binary."""
+"""A drive, or another part, as its folder describes it: variables, sources and the GUID that ties them to a binary."""
 
 import hashlib
 import tomllib
 import uuid
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 FMUS = Path(__file__).resolve().parents[1]
 FMI2 = FMUS / "fmi2"
 FMI3 = FMUS / "fmi3"
+PARTS = FMUS / "parts"
 GUID_NAMESPACE = uuid.UUID("6f1d4c1e-6d0a-5c0b-9f0e-7d2b1a4c8e35")
 
 
@@ -44,6 +45,7 @@ class Drive:
         sources: the files the binary is made of.
         guid: of `sources`; FMI 3.0 calls it the instantiation token.
         fmi: version of the standard, "2.0" or "3.0".
+        units: that fmi2/units.toml lacks, as it writes them.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Drive:
     sources: tuple[Path, ...]
     guid: str
     fmi: str = "2.0"
+    units: dict[str, dict[str, float]] = field(default_factory=dict)
 
 
 def drive_names(fmi: str = "2.0") -> list[str]:
@@ -59,30 +62,49 @@ def drive_names(fmi: str = "2.0") -> list[str]:
     return sorted(path.parent.name for path in FMUS.glob("*/drive.toml") if _document(path)["fmi"] == fmi)
 
 
+def part_names() -> list[str]:
+    """Names of the other parts of the robot, compiled from a part.toml, sorted."""
+    return sorted(path.parent.name for path in PARTS.glob("*/part.toml"))
+
+
+def folder_of(name: str) -> Path:
+    """Where the drive, or the other part, `name` is described and built."""
+    return PARTS / name if (PARTS / name).is_dir() else FMUS / name
+
+
 def load_drive(name: str) -> Drive:
-    """The drive in folder `name`.
+    """The drive, or the other part, in folder `name`.
 
     Raises:
         FileNotFoundError: there is no such drive.
         KeyError: it gives a start value to a variable that it has not.
         TypeError: a variable has an unknown key or lacks a required one.
     """
-    folder = FMUS / name
-    document = _document(folder / "drive.toml")
+    folder = folder_of(name)
+    table = folder / ("part.toml" if folder.parent == PARTS else "drive.toml")
+    document = _document(table)
     fmi, rows = document["fmi"], document.get("variable", [])
-    sources = (folder / "drive.toml", folder / "model.c", *ceremony(fmi))
+    more = sorted({*folder.glob("*.[ch]")} - {folder / "model.c"})
+    sources = (table, folder / "model.c", *more, *ceremony(fmi))
     if "like" in document:
         shared = FMUS / document["like"]
-        sources = (folder / "drive.toml", shared / "variables.toml", shared / "model.c", *ceremony(fmi))
+        sources = (table, shared / "variables.toml", shared / "model.c", *ceremony(fmi))
         rows = _started(_document(shared / "variables.toml")["variable"], document["start"])
     return Drive(
         name=name,
         description=document["description"],
-        variables=tuple(Variable(**row) for row in rows),
+        variables=tuple(variable for row in rows for variable in _variables(**row)),
         sources=sources,
         guid=source_guid(sources),
         fmi=fmi,
+        units=document.get("units", {}),
     )
+
+
+def _variables(name: str, copies: int = 0, **row: Any) -> list[Variable]:
+    """The variable of a row; with `copies` NAME_1 .. NAME_copies."""
+    names = [f"{name}_{number}" for number in range(1, copies + 1)] or [name]
+    return [Variable(name=each, **row) for each in names]
 
 
 def ceremony(fmi: str) -> list[Path]:

@@ -45,7 +45,7 @@ def model_description(drive: Drive) -> bytes:
 
 
 def _append_units(root: ET.Element, drive: Drive) -> None:
-    exponents = tomllib.loads((FMI2 / "units.toml").read_text(encoding="utf-8"))
+    exponents = tomllib.loads((FMI2 / "units.toml").read_text(encoding="utf-8")) | drive.units
     definitions = ET.SubElement(root, "UnitDefinitions")
     for name in sorted({variable.unit for variable in drive.variables if variable.unit}):
         unit = ET.SubElement(definitions, "Unit", name=name)

@@ -6,7 +6,7 @@ import annotated_types
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from twin.experiment import change, contact, experiment, fault, measure, monitor, reference, schema, task
+from twin.experiment import change, contact, experiment, fault, measure, monitor, reference, schema, stand_in, task
 from twin.experiment.quantity import Section
 
 TABLES: dict[str, type[Section]] = {
@@ -28,6 +28,7 @@ TABLES: dict[str, type[Section]] = {
     "[controller.touch]": schema.Touch,
     "[controller.feed_forward]": schema.FeedForward,
     "[controller.damping]": schema.Damping,
+    "a part of another make": stand_in.StandIn,
     "[reference]": reference.Reference,
     "[reference.circle]": reference.Circle,
     "[reference.chirp]": reference.Chirp,

@@ -8,6 +8,7 @@ RUN = {
     "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
     "remarks": ["2 of 2000 deadlines missed"], "outcome": OUTCOME, "trip": "", "changed": False, "punctuality": None,
     "substituted": {"controller": "Mine (PythonComponent)"},
+    "parts": {"monitor": "monitor: watch.fmu (sha256 0123456789ab); twin's own did not run"},
     "events": [(5.606, "INFO", "force control triggered at F_z = 0.603 N"), (6.0, "DEBUG", "for whoever looks closer")],
     "drives": ["a.fmu  FMI 2.0  sha256 0123\n  omega_ref <- w\n  warning: " + 12 * "so long " + "."] * 3,
     "recording": "results/press/2026/run.mcap",
@@ -26,6 +27,12 @@ def test_a_run_says_its_outcome_first_and_where_it_is_last():
 
 def test_a_substitute_is_named():
     assert "  substitute controller: Mine (PythonComponent)\n" in run_text(RUN)
+
+
+def test_a_part_of_another_make_is_named_and_twins_own_has_not_run():
+    assert "  monitor    watch.fmu (sha256 0123456789ab); twin's own did not run\n" in run_text(RUN)
+    text = run_text(RUN | {"outcome": OUTCOME | {"lateral_error": None, "z_error": None}})
+    assert "off the reference" not in text.partition("  position")[2]
 
 
 def test_drives_that_are_the_same_are_told_once():

@@ -21,6 +21,9 @@ class System:
     def columns(self, name: str) -> slice:
         return COLUMNS[name]
 
+    def has(self, name: str) -> bool:
+        return name in COLUMNS
+
 
 def rows_of(recording: Recording) -> np.ndarray:
     """A run's true signals with the controller's held from its samples to every tick."""

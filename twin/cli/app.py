@@ -11,6 +11,7 @@ from twin.cli import (
     analyse,
     check,
     compare,
+    component,
     converge,
     doctor,
     drive,
@@ -67,6 +68,7 @@ app.command("export")(export.export)
 app.command("analyse")(analyse.analyse)
 app.command("tune")(tune.tune)
 app.add_typer(drive.app, name="drive")
+app.add_typer(component.app, name="component")
 app.command("init")(init.init)
 app.command("schema")(schema.schema)
 app.command("doctor")(doctor.doctor)

@@ -29,6 +29,13 @@ def drive_names(incomplete: str) -> list[str]:
     return _starting_with(incomplete, {fmu.parent.name for fmu in fmus})
 
 
+def role_names(incomplete: str) -> list[str]:
+    """Parts of the robot that may be of another make."""
+    from twin.experiment.replaced import KEPT
+
+    return _starting_with(incomplete, KEPT)
+
+
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
     from twin.experiment.body_files import FOLDERS

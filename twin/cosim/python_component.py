@@ -9,8 +9,8 @@ import numpy as np
 from twin.cosim.component import Component
 from twin.cosim.port import Port, width
 
-_FAILED = 2
-_STEP = ctypes.CFUNCTYPE(
+FAILED = 2
+STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p
 )
 
@@ -47,16 +47,16 @@ class PythonComponent(Component):
 
         def callback(_self: int, t: float, h: float, u: int, y: int) -> int:
             if (u, y) not in views:
-                views[u, y] = (_doubles(u, width(inputs)), _doubles(y, width(outputs)))
+                views[u, y] = (doubles(u, width(inputs)), doubles(y, width(outputs)))
             try:
                 model.step(t, h, *views[u, y])
             # Anything that leaves a callback would be printed and lost; it is kept for `explain`.
             except BaseException as exception:
                 self.exception = exception
-                return _FAILED
+                return FAILED
             return 0
 
-        function = _STEP(callback)
+        function = STEP(callback)
         super().__init__(
             name=name,
             inputs=inputs,
@@ -78,7 +78,7 @@ class PythonComponent(Component):
         return f"raised {type(self.exception).__name__}: {self.exception}"
 
 
-def _doubles(address: int, count: int) -> np.ndarray:
+def doubles(address: int, count: int) -> np.ndarray:
     if count == 0:
         return np.empty(0)
     return np.ctypeslib.as_array((ctypes.c_double * count).from_address(address))

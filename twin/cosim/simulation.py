@@ -124,6 +124,11 @@ class Simulation:
         c = self.system.components.index(component)
         return self._u[self.system.u_start[c] : self.system.u_start[c + 1]]
 
+    def outputs(self, component: Component) -> np.ndarray:
+        """What is valid of the outputs of `component`."""
+        c = self.system.components.index(component)
+        return self._y[self.system.y_start[c] : self.system.y_start[c + 1]]
+
     def _change_memory(self) -> int:
         """Make the changes of the next tick; how many ticks may follow before there are others to make."""
         for change in self.system.changes:

@@ -150,6 +150,11 @@ class System:
         slots = self._slots(end, "output")
         return slice(slots.start, slots.start + slots.size)
 
+    def has(self, end: str) -> bool:
+        """Whether there is an output `"component.port"`."""
+        name, _, port = end.partition(".")
+        return any(c.name == name and any(p.name == port for p in c.outputs) for c in self.components)
+
     def component(self, name: str) -> Component:
         return self.components[self._position(name, name)]
 

@@ -10,7 +10,7 @@ from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
 from twin.drive import reuse
 from twin.drive.description import FmuDescription
-from twin.drive.instance import Setup
+from twin.drive.instance import Instance, Setup
 from twin.drive.ports import FmuPort, placed
 from twin.drive.setting import Setting
 from twin.drive.stepping import Stepping
@@ -18,7 +18,7 @@ from twin.errors import InputRefused
 
 
 class FmuComponent(Component):
-    """One FMU instance as a continuous component.
+    """One FMU instance as a component, a continuous one if nothing else is said.
 
     Args:
         name: of the component and the FMU instance.
@@ -30,6 +30,7 @@ class FmuComponent(Component):
         outputs_at_start: port -> value (SI) that the output is taken to have at t = 0: an angle's zero is arbitrary,
             and the shaft is coupled where it stands.
         setup: of the run.
+        sampled: whether it is evaluated at t_k; what its outputs are before the first time is nobody's business then.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then.
@@ -46,11 +47,16 @@ class FmuComponent(Component):
         inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
         outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
         setup: Setup = Setup(),  # noqa: B008, it is frozen
+        sampled: bool = False,
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        self.instance = reuse.instance(name, description, folder, settings, started, setup)
+        # of sampled parts nobody has proved that a reset makes them new
+        make = Instance if sampled else reuse.instance
+        self.instance = make(name, description, folder, settings, started, setup)
         initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
+        if sampled:
+            initial[:] = 0.0
         shift = np.zeros(len(initial))
         for p in placed(outputs):
             if p.port.port.name in (outputs_at_start or {}):
@@ -70,7 +76,7 @@ class FmuComponent(Component):
             name=name,
             inputs=tuple(p.port for p in self._stepping.inputs),
             outputs=tuple(p.port for p in outputs),
-            sampled=False,
+            sampled=sampled,
             step_address=self._stepping.address,
             self_address=self._stepping.memory.ctypes.data,
             initial_outputs=initial + shift,
@@ -123,4 +129,7 @@ class FmuComponent(Component):
             if state is not None and state[0]["state"]:
                 self.instance.forget(int(state[0]["state"]))
         finally:
-            reuse.let_go(self.instance)
+            if self.sampled:
+                self.instance.close()
+            else:
+                reuse.let_go(self.instance)

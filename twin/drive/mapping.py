@@ -4,25 +4,17 @@ What the user maps is taken as said, if it can be right; what is left is propose
 descriptions, and only if there is one answer. Otherwise the error is the TOML to paste.
 """
 
-import difflib
-import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 from twin.cosim.port import Port
-from twin.drive.contract import COMMANDS, TAU_MOTOR, THETA_M, Command, Role, contract
+from twin.drive.candidates import measures, plays, proposals, score
+from twin.drive.contract import COMMANDS, Command, Role, contract
 from twin.drive.description import Variable
-from twin.drive.units import TURN, Conversion
+from twin.drive.doubt import RolesUnclear, to_paste
+from twin.drive.units import Conversion
 from twin.errors import InputRefused
-from twin.units import NUMBER
-
-ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
-"""rad, degree, turn: what tells an angle from any other pure number."""
-
-
-class RolesUnclear(InputRefused):
-    """A required role has no or several answers; the sentence says which."""
 
 
 @dataclass(frozen=True)
@@ -107,17 +99,47 @@ def bindings(file: str, variables: Mapping[str, Variable], wiring: Wiring) -> tu
         InputRefused: unknown role or variable, wrong causality or unit, or a required role with no or several answers.
     """
     roles = contract(wiring.command, wiring.rotor)
-    _refuse_unknown_roles(file, wiring, roles)
+    _refuse_unknown_roles(file, wiring, roles, "drive")
     chosen, turned, unsure = choice(file, variables, wiring, roles)
     if unsure:
-        raise RolesUnclear(_to_paste(file, variables, roles, chosen, unsure, wiring))
-    found = tuple(
+        raise RolesUnclear(to_paste(file, variables, roles, chosen, unsure, wiring.rotor))
+    found = _all_bound(variables, wiring, roles, chosen, turned)
+    _refuse_odd_widths(file, found)
+    return found
+
+
+def filled(
+    file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role], table: str
+) -> tuple[Binding, ...]:
+    """Those of `roles`, none of them required, that variables play, in their order.
+
+    Args:
+        file: what an error calls the FMU.
+        variables: of the FMU, by the name the user knows them by.
+        wiring: what the user says.
+        roles: inputs or outputs of a part of the robot.
+        table: of the experiment that says it.
+
+    Raises:
+        InputRefused: see `bindings`.
+    """
+    _refuse_unknown_roles(file, wiring, roles, table)
+    chosen, turned, _ = choice(file, variables, wiring, roles)
+    return _all_bound(variables, wiring, roles, chosen, turned)
+
+
+def _all_bound(
+    variables: Mapping[str, Variable],
+    wiring: Wiring,
+    roles: Sequence[Role],
+    chosen: Mapping[str, str],
+    turned: Collection[str],
+) -> tuple[Binding, ...]:
+    return tuple(
         _bound(role, variables[chosen[role.port.name]], chosen[role.port.name], wiring, role.port.name in turned)
         for role in roles
         if role.port.name in chosen
     )
-    _refuse_odd_widths(file, found)
-    return found
 
 
 def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: Sequence[Role]) -> Choice:
@@ -135,14 +157,14 @@ def choice(file: str, variables: Mapping[str, Variable], wiring: Wiring, roles: 
                 turned.add(role.port.name)
                 said = said.removeprefix("-").strip()
             chosen[role.port.name] = _checked(file, variables, role, said)
-        elif role.port.name in variables and _plays(variables[role.port.name], role):
+        elif role.port.name in variables and plays(variables[role.port.name], role):
             chosen[role.port.name] = role.port.name
     _refuse_two_roles(file, chosen)
     unsure: list[Role] = []
     for role in roles:
         if role.port.name not in chosen:
-            best = _proposals(variables, role, set(chosen.values()))
-            if len(best) == 1 and (role.required or _score(best[0], variables[best[0]], role) >= 2):
+            best = proposals(variables, role, set(chosen.values()))
+            if len(best) == 1 and (role.required or score(best[0], variables[best[0]], role) >= 2):
                 chosen[role.port.name] = best[0]
             elif role.required:
                 unsure.append(role)
@@ -172,14 +194,14 @@ def _refuse_odd_widths(file: str, found: tuple[Binding, ...]) -> None:
         raise InputRefused(f"{file}: {told} values; expected 1 each for one joint, or 3 each for all three")
 
 
-def _refuse_unknown_roles(file: str, wiring: Wiring, roles: tuple[Role, ...]) -> None:
+def _refuse_unknown_roles(file: str, wiring: Wiring, roles: Sequence[Role], owner: str) -> None:
+    commanded = f' for command = "{wiring.command}"' if owner == "drive" else ""
     for table, given, causality in (("inputs", wiring.inputs, "input"), ("outputs", wiring.outputs, "output")):
         known = [role.port.name for role in roles if role.causality == causality]
         for name in given:
             if name not in known:
                 raise InputRefused(
-                    f"{file}: [drive.{table}] has no role '{name}' for command = \"{wiring.command}\"; "
-                    f"the roles are {', '.join(known)}"
+                    f"{file}: [{owner}.{table}] has no role '{name}'{commanded}; the roles are {', '.join(known)}"
                 )
 
 
@@ -204,117 +226,3 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
             f"{role.port.name} needs one like {role.port.unit}"
         )
     return name
-
-
-def measures(variable: Variable, role: Role) -> bool:
-    """Whether the variable's unit allows the role; no stated unit does."""
-    if not variable.unit:
-        return True
-    if variable.conversion is None or variable.conversion.dimension != role.dimension:
-        return False
-    return role.port.unit != "rad" or any(
-        abs(variable.conversion.factor - factor) < 1e-6 * factor for factor in ANGLE_FACTORS
-    )
-
-
-def _plays(variable: Variable, role: Role) -> bool:
-    return variable.causality == role.causality and _can_be(variable, role)
-
-
-def _can_be(variable: Variable, role: Role) -> bool:
-    """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
-    counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
-    return counted and measures(variable, role)
-
-
-def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
-    """Those not `taken` whose causality, type and unit allow `role`, most similar names first.
-
-    Locals if no output does; those that state a unit if any does.
-    """
-    causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
-    offered = [
-        [n for n, v in variables.items() if n not in taken and v.causality == causality and _can_be(v, role)]
-        for causality in causalities
-    ]
-    fitting = next((found for found in offered if found), [])
-    fitting = [n for n in fitting if variables[n].unit] or fitting
-    names = (role.port.name, *role.synonyms)
-    return sorted(fitting, key=lambda n: -max(difflib.SequenceMatcher(None, n.lower(), name).ratio() for name in names))
-
-
-def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others."""
-    free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
-    stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
-    return next(iter([*stated, *(command for command, names in free.items() if names)]), "velocity")
-
-
-def _proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
-    """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
-    # a command in "1" is a share of something, hardly an angle
-    unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
-    fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and _plays(v, role)]
-    if role.dimension == NUMBER and not role.required:
-        fitting = [n for n, v in variables.items() if n not in taken and _plays(v, role)]
-    scores = {name: _score(name, variables[name], role) for name in fitting}
-    best = max(scores.values(), default=0)
-    return [name for name, score in scores.items() if score == best]
-
-
-def _score(name: str, variable: Variable, role: Role) -> int:
-    """How well name and description fit: 3 a synonym itself, 2 contains one, 1 described by one."""
-    lower = name.lower().rpartition(".")[2]
-    words = re.split(r"[^a-z0-9]+", lower)
-    if lower in role.synonyms:
-        return 3
-    if any(synonym in lower if len(synonym) > 2 else synonym in words for synonym in role.synonyms):
-        return 2
-    described = variable.description.lower()
-    return int(any(len(synonym) > 3 and synonym in described for synonym in role.synonyms))
-
-
-def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken: set[str]) -> Command | None:
-    """What the drive seems to be commanded with, if nothing in it takes a speed."""
-    likely = likely_command(variables, taken) if COMMANDS["velocity"] in unsure else "velocity"
-    return likely if likely != "velocity" else None
-
-
-def _to_paste(
-    file: str,
-    variables: Mapping[str, Variable],
-    roles: tuple[Role, ...],
-    chosen: Mapping[str, str],
-    unsure: list[Role],
-    wiring: Wiring,
-) -> str:
-    """The sentence and the TOML that ends the doubt."""
-    lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
-    other = _other_command(variables, unsure, set(chosen.values()))
-    if other:
-        loop = "" if other == "position" else ", which needs a velocity loop of ours in front of it"
-        lines.append(f"It seems to be commanded with a {other}{loop}.")
-        roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
-        unsure = [*unsure, COMMANDS[other]]
-    still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
-    if still and not wiring.rotor and _proposals(variables, TAU_MOTOR, set()):
-        lines.append("It gives a torque and no angle: if its shaft is to be ours, add [drive.rotor] J_kg_m2 = 1e-4.")
-    lines.append("Complete this and put it into the experiment:")
-    if other:
-        lines += ["[drive]", f'command = "{other}"']
-    if other and other != "position":
-        lines.append("[drive.velocity_loop]")
-        unit = COMMANDS[other].port.unit
-        lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
-        lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
-    for table, causality in (("inputs", "input"), ("outputs", "output")):
-        lines.append(f"[drive.{table}]")
-        for role in roles:
-            if role.causality != causality or not (role.required or role.port.name in chosen):
-                continue
-            others = {name for port, name in chosen.items() if port != role.port.name}
-            offered = candidates(variables, role, others)
-            name = chosen.get(role.port.name, offered[0] if offered else "?")
-            doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
-            lines.append(f'{role.port.name} = "{name}"{doubt}')
-    return "\n".join(lines)

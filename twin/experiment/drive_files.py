@@ -10,7 +10,8 @@ from pydantic import ValidationError
 from twin.errors import InputRefused, nearest
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
-from twin.experiment.source import laid_over, located, names_drive, read_source
+from twin.experiment.replaced import names_drive
+from twin.experiment.source import laid_over, located, read_source
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -38,7 +39,7 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
         own = drive.get(joint, {})
         if not isinstance(own, dict):
             raise InputRefused(f"[drive.{joint}] = {own!r}: expected a table")
-        tables.append(_complete(own if names_drive(own) else laid_over(common, own), folder))
+        tables.append(completed(own if names_drive(own) else laid_over(common, own), folder))
     return tables
 
 
@@ -68,8 +69,8 @@ def shelved(fmu: str, folder: Path) -> str:
     return str(path.absolute())
 
 
-def _complete(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS) -> dict[str, Any]:
-    """`table` with its mapping file, which may name another one and so on, and absolute paths."""
+def completed(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS) -> dict[str, Any]:
+    """`table` of a drive, or of another part, with its mapping file, which may name another, and absolute paths."""
     table = copy.deepcopy(table)
     if isinstance(table.get("fmu"), str):
         path = located(table["fmu"], folder)
@@ -78,7 +79,7 @@ def _complete(table: dict[str, Any], folder: Path, mappings: int = MOST_MAPPINGS
             if not mappings:
                 raise InputRefused(f"{mapping}: more than {MOST_MAPPINGS} mappings name one another; expected an .fmu")
             del table["fmu"]
-            named = _complete(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
+            named = completed(read_source(mapping).values, Path(os.path.realpath(mapping)).parent, mappings - 1)
             table = laid_over(named, _by_part(table, named.get("parts")))
         else:
             table["fmu"] = str(_archive(path, folder))

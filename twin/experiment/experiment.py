@@ -1,6 +1,6 @@
 """The validated experiment, SI inside."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 from pydantic import Field
@@ -13,6 +13,7 @@ from twin.experiment.measure import Measure
 from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.reference import Reference, WayPoints
+from twin.experiment.stand_in import StandIn
 
 
 class Head(Section):
@@ -36,6 +37,8 @@ OPTIONAL_TABLES: dict[str, type[Section]] = {
     "approach": task.Approach,
     "monitor": Monitor,
     "recording": schema.Recording,
+    "estimator": StandIn,
+    "body": StandIn,
 }
 ARRAYS = ("task", "fault", "change", "measure")
 """Arrays of tables."""
@@ -61,6 +64,8 @@ class Experiment:
         recording: what of the run is kept.
         values: the merged file as it was checked, keys with units.
         origins: where each value comes from.
+        stand_ins: parts of another make by the name of their table; of [controller], [monitor] and [scale] only what
+            acts all the same is in their own.
     The tables are those of `schema.py`, `contact.py`, `task.py` and `monitor.py`.
     """
 
@@ -88,6 +93,7 @@ class Experiment:
     recording: schema.Recording
     values: dict[str, Any]
     origins: dict[str, str]
+    stand_ins: dict[str, StandIn] = field(default_factory=dict)
 
     @property
     def start(self) -> schema.Triple:

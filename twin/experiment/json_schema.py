@@ -19,6 +19,8 @@ from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.measure import KINDS as MEASURES
+from twin.experiment.replaced import KEPT
+from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
 
 DIALECT = "https://json-schema.org/draft/2020-12/schema"
@@ -38,6 +40,8 @@ def experiment_json_schema() -> Node:
     defined: Node = {}
     head = _table(Head, defined)
     tables = {name: _table(model, defined) for name, model in {**TABLES, **OPTIONAL_TABLES}.items()}
+    for role in KEPT:
+        tables[role]["properties"] |= _table(StandIn, defined)["properties"]
     defined["Drive"] = _table(schema.Drive, defined)
     joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINTS}
     drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}

@@ -6,8 +6,8 @@ from typing import Literal, NamedTuple
 from pydantic import Field, field_validator, model_validator
 
 from twin.experiment.quantity import Section, quantity
+from twin.experiment.replaced import SHAPES
 from twin.experiment.schema import Triple
-from twin.experiment.source import SHAPES
 
 
 class Circle(Section):

@@ -5,42 +5,21 @@ import copy
 import functools
 import json
 import os
-from collections.abc import Callable, Collection, Iterable, Mapping
+import re
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
+from twin.experiment.replaced import KEPT, REPLACED
 from twin.files import DEEPEST, TOML_LIMIT, read_text, toml_of
 from twin.places import HOME
 
 LONGEST_CHAIN = 32
 """Files that extend each other, the first included."""
 
-SHAPES = ("circle", "chirp", "joint_step")
-"""Tables of [reference], each of which says by itself all that the reference is."""
-
-
-def names_drive(table: Mapping[str, Any]) -> bool:
-    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
-    parts = table.get("parts")
-    named = parts.values() if isinstance(parts, Mapping) else ()
-    return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
-
-
-def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
-    return lambda table: any(key in table for key in keys)
-
-
-REPLACED: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], tuple[str, ...] | None], ...] = (
-    ("drive", names_drive, None),
-    ("contact", _has("body"), None),
-    ("reference", _has(*SHAPES), ()),
-    ("reference", _has("t_s", "p_mm"), ("t_s", "p_mm")),
-)
-"""Table, whether it names another one altogether, keys that stay all the same: of way points one file may give the
-times and another the places."""
-
+_STAND_IN = re.compile(rf"\s*({'|'.join(KEPT)})\s*\.\s*(fmu|python)\s*=")
 
 NAMES_OF_FMUS = ("parameters.", "wires.")
 """Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
@@ -115,7 +94,7 @@ def read_source(path: Path) -> Source:
     """The file at `path` laid over the files it `extends`.
 
     A [drive] that names another drive, a [contact] that names a body and a [reference] that names a shape replace the
-    whole table of the files below.
+    whole table of the files below; a part of another make what these say of twin's own.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
@@ -137,7 +116,8 @@ def override(source: Source, texts: Iterable[str]) -> None:
     Raises:
         InputRefused: not of the form key=value.
     """
-    for text in texts:
+    # what names a part of another make takes out what is said of twin's own, and nothing that is set with it
+    for text in sorted(texts, key=lambda text: not _STAND_IN.match(text)):
         key, equals, value = text.partition("=")
         names = key_names(key.strip())
         if not equals or not key.strip() or len(names) > DEEPEST:
@@ -148,6 +128,8 @@ def override(source: Source, texts: Iterable[str]) -> None:
             node = toml_of(f"value = {node}", "")["value"]
         for name in reversed(names):
             node = {name: node}
+        if _STAND_IN.match(text):
+            forget(source, names[0], KEPT[names[0]])
         source.put(node, "set on the command line")
 
 

@@ -16,7 +16,9 @@ from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import checked, keys, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.reference import WayPoints
+from twin.experiment.replaced import KEPT
 from twin.experiment.source import Source, with_numbers
+from twin.experiment.stand_in import StandIn, checked_apart, role_named
 from twin.experiment.task import Task, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks
 
@@ -33,7 +35,7 @@ class Tables:
         duration: of the experiment (s); inf if the file does not rightly say.
         tasks: by their numbers.
         ticks: durations and periods by name.
-        faults, changes, measures, drives: as in `Experiment`.
+        faults, changes, measures, drives, stand_ins: as in `Experiment`.
     """
 
     by_name: dict[str, Any]
@@ -44,6 +46,7 @@ class Tables:
     changes: tuple[Change, ...]
     measures: tuple[Measure, ...]
     drives: list[schema.Drive]
+    stand_ins: dict[str, StandIn]
 
 
 def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
@@ -62,7 +65,7 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
         mistakes.append(str(problem))
         # all that the body would have said is missing now, and that is no second mistake
         values = {**values, "contact": None}
-    by_name = _by_name(values, mistakes)
+    by_name, stand_ins = _by_name(values, folder, mistakes)
     tasks = checked_tasks(source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(by_name, mistakes)
@@ -72,7 +75,7 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
     length = by_name["head"].duration if "head" in by_name else math.inf
     changes = checked_changes(source.values.get("change", ()), source.values, tick, length, mistakes)
     measures = checked_measures(source.values.get("measure", ()), length, mistakes)
-    return Tables(by_name, length, tasks, ticks, faults, changes, measures, drives)
+    return Tables(by_name, length, tasks, ticks, faults, changes, measures, drives, stand_ins)
 
 
 def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source: Source) -> Experiment:
@@ -106,6 +109,7 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
         recording=found.get("recording", schema.Recording()),
         values=source.values,
         origins=source.origins,
+        stand_ins=tables.stand_ins,
     )
 
 
@@ -135,9 +139,10 @@ def _over_robot(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[
     return {**robot, **own, **numbered}
 
 
-def _by_name(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
-    """The tables that are right; what is wrong with the others goes to `mistakes`."""
+def _by_name(values: dict[str, Any], folder: Path, mistakes: list[str]) -> tuple[dict[str, Any], dict[str, StandIn]]:
+    """The tables that are right, and parts of another make; what is wrong with the others goes to `mistakes`."""
     right: dict[str, Any] = {}
+    stand_ins: dict[str, StandIn] = {}
     known = {**TABLES, **OPTIONAL_TABLES}
     head = {key: value for key, value in values.items() if key not in known and key not in OTHERS}
     for key in list(head):
@@ -152,13 +157,21 @@ def _by_name(values: dict[str, Any], mistakes: list[str]) -> dict[str, Any]:
                 mistakes.append(f"missing table [{name}]")
             continue
         found: list[str] = []
-        if (section := checked(model, table, name, found)) is not None:
+        if name in KEPT and (table_of_other := role_named(values, name)) is not None:
+            stand_in, section = checked_apart(name, model, table_of_other, folder, found)
+            if stand_in is not None:
+                stand_ins[name] = stand_in
+            if section is not None:
+                right[name] = section
+        elif (section := checked(model, table, name, found)) is not None:
             right[name] = section
         # a mistake in [robot] is told once, not again for each table that is filled from it
         told = {mistake.partition("] ")[2] for mistake in mistakes if mistake.startswith("[robot]")}
         found = [sentence.replace("[head] ", "") for sentence in found]
         mistakes += [sentence for sentence in found if sentence.partition("] ")[2] not in told]
-    return right
+    if "monitor" in right and not right["monitor"].enabled:
+        stand_ins.pop("monitor", None)
+    return right, stand_ins
 
 
 def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:

@@ -22,7 +22,9 @@ from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
+from twin.experiment.replaced import KEPT
 from twin.experiment.source import Source, at, located, read_source, toml_value
+from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
 
 ROBOT = "robots/massage_robot.toml"
@@ -43,6 +45,7 @@ BELIEVED = "What the controller believes where it differs from [robot]: any key 
 LED_BY_TASKS = (
     "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
 )
+OTHER = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
 BREAKS = "What breaks: docs/faults.md has every kind."
 CHANGES = "What of the controller changes on the way."
 MEASURED = "What twin check measures: docs/regression.md has every kind."
@@ -123,7 +126,11 @@ class _Page:
         own = at(self._own.values, name)
         mark = "#" if own is None else ""
         lines = ["", f"# {_summary(model)}", f"{mark}[{name}]", *self.keys(name, model, own or {}, self.origins(name))]
-        for field, info in model.model_fields.items():
+        fields = model.model_fields
+        if name in KEPT and model is not StandIn:
+            lines += [f"# {OTHER}", *self.keys(name, StandIn, own or {}, self.origins(name))]
+            fields = {**fields, **StandIn.model_fields}
+        for field, info in fields.items():
             inner, path = model_in(info.annotation), f"{name}.{info.alias or field}"
             if get_origin(info.annotation) is dict:
                 entries = at(self._own.values, path) or {}

@@ -89,6 +89,11 @@ class Recording:
             said.append("changed by hand while it ran: the experiment alone does not make this run")
         return tuple(visible(text) for text in said)
 
+    @property
+    def other_parts(self) -> tuple[str, ...]:
+        """Sentences on parts of the robot that were of another make."""
+        return tuple(visible(text) for text in self.metadata.get("part", {}).values())
+
     def fields(self) -> dict[str, Field]:
         """`topic.field` -> the field with its unit and meaning, in the order of the file."""
         return {f"{topic}.{f.name}": f for topic, stream in self.streams.items() for f in stream.fields}

@@ -18,6 +18,8 @@ def run_text(run: Mapping[str, Any]) -> str:
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
     lines += [*_outcome(run["outcome"]), *_events(run), *_drives(run)]
+    for role, text in run["parts"].items():
+        lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
     return "\n".join([*lines, _row("recording", run["recording"])])
 
@@ -33,6 +35,7 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "real_time_factor": run["real_time_factor"],
         "drives": list(run["drives"]),
         "substituted": dict(run["substituted"]),
+        "parts": dict(run["parts"]),
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],
@@ -48,6 +51,8 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
             yield _row("", f"{outcome['force_error']:.2f} N rms off the reference while the force loop is on")
     else:
         yield _row("force", "none: it never touched")
+    if outcome["lateral_error"] is None:
+        return
     lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
     yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z rms off the reference")
 

@@ -5,6 +5,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Self
 
+from twin.cosim.component import Component
+from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
 from twin.monitor.component import SafetyMonitor
@@ -16,6 +18,11 @@ LONG_SLICE = 1000
 """Ticks. Where nobody waits for a slice it may be long; but its rows are to stay in the processor's cache."""
 
 
+def other_trip(monitor: Component) -> str:
+    """What is to be said of a trip of a monitor of another make."""
+    return f"safety monitor: {monitor.label or monitor.name} has tripped; why, its output 'reason' may say"
+
+
 @dataclass(frozen=True)
 class Simulated:
     """A simulation that is over.
@@ -23,7 +30,7 @@ class Simulated:
     Attributes:
         simulation: how far it came, and what ended it too early, if anything did.
         stepping: wall time in the master (s).
-        monitor: of the robot; None if nobody watches it.
+        monitor: twin's own; None if nobody watches, or one of another make.
     """
 
     simulation: Simulation
@@ -47,7 +54,13 @@ class Simulated:
     @property
     def trip(self) -> str:
         """Why the safety monitor tripped; "" if it did not."""
-        return trip_sentence(self.monitor.trip) if self.monitor and self.monitor.trip else ""
+        if self.monitor:
+            return trip_sentence(self.monitor.trip) if self.monitor.trip else ""
+        if not self.simulation.system.has("monitor.tripped"):
+            return ""
+        other = self.simulation.system.component("monitor")
+        tripped = by_port(other.outputs, self.simulation.outputs(other))["tripped"][0] != 0.0
+        return other_trip(other) if tripped else ""
 
     @property
     def costs(self) -> dict[str, float]:

@@ -23,15 +23,16 @@ class RunOutcome:
         peak, peak_time: largest pressing force (N) and when (s).
         end: mean pressing force of the last second (N).
         force_error: rms of the pressing force off its reference while the force loop is on (N); None: it never was.
-        lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m).
+        lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
+            None: the controller, one of another make, tells of no reference.
     """
 
     peak: float
     peak_time: float
     end: float
     force_error: float | None
-    lateral_error: float
-    z_error: float
+    lateral_error: float | None
+    z_error: float | None
 
 
 class Tally(Observer):
@@ -43,8 +44,9 @@ class Tally(Observer):
 
     def __init__(self, system: System):
         self._tick = system.tick
-        signals = ("plant.F_ee_B", "plant.p_B", "controller.p_ref_B", "controller.triggered", "controller.F_z_ref")
-        self._columns = [system.columns(name) for name in signals]
+        told = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
+        signals = {"plant.F_ee_B": 3, "plant.p_B": 3, told: 3, "controller.triggered": 1, "controller.F_z_ref": 1}
+        self._columns = [(system.columns(name) if system.has(name) else None, size) for name, size in signals.items()]
         self._waiting = np.empty((0, 11))
         self._count = self._controlled = 0
         self._squares = np.zeros(3)
@@ -53,7 +55,11 @@ class Tally(Observer):
         self._last = np.empty(0)
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        waiting = np.vstack([self._waiting, np.hstack([rows[:, columns] for columns in self._columns])])
+        taken = [
+            np.full((len(rows), size), math.nan) if columns is None else rows[:, columns]
+            for columns, size in self._columns
+        ]
+        waiting = np.vstack([self._waiting, np.hstack(taken)])
         # sums of floating-point numbers depend on their order: these are always of the same rows
         whole = len(waiting) // BLOCK * BLOCK
         for first in range(0, whole, BLOCK):
@@ -84,6 +90,6 @@ class Tally(Observer):
             peak_time=total._peak_tick * total._tick,
             end=float(np.mean(total._last)),
             force_error=math.sqrt(total._force_squares / controlled) if controlled else None,
-            lateral_error=math.sqrt(x + y),
-            z_error=math.sqrt(z),
+            lateral_error=None if math.isnan(x + y) else math.sqrt(x + y),
+            z_error=None if math.isnan(z) else math.sqrt(z),
         )

@@ -9,6 +9,7 @@ from typing import Any
 from twin.controller.phase import PhaseKind
 from twin.drive.setting import FILE, told
 from twin.experiment.experiment import Experiment
+from twin.experiment.replaced import KEPT, NAMING
 from twin.runs.assembly.assemble import Assembly
 from twin.runs.assembly.drives import DrivePlan
 
@@ -38,12 +39,19 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
         for name, plan in driven(assembly)
         for part, fmu in plan.parts.items()
     }
-    values = _named_fmus(experiment.values)
+    fmus |= {role: json.dumps(part.facts) for role, part in assembly.others.items() if part.fmu}
+    classes = {role: json.dumps(part.facts) for role, part in assembly.others.items() if not part.fmu}
+    values = _named_files(experiment.values)
+    if "controller" in assembly.substituted:
+        # gains of a law that did not run
+        values["controller"] = {k: v for k, v in values["controller"].items() if k in KEPT["controller"]}
     return {
         "experiment": {"name": experiment.name, "title": experiment.title, "values": json.dumps(values)},
         # sorted: the same experiment may be spread over files in many ways
         "origins": dict(sorted(experiment.origins.items())),
         "fmu": fmus,
+        **({"python": classes} if classes else {}),
+        **({"part": {role: part.sentence for role, part in assembly.others.items()}} if assembly.others else {}),
         **({"substituted": assembly.substituted} if assembly.substituted else {}),
         **({"phases": {str(kind.value): kind.phrase for kind in PhaseKind}} if experiment.tasks else {}),
         "versions": {"python": platform.python_version(), **{name: version(name) for name in PACKAGES}},
@@ -58,16 +66,16 @@ def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
     return [(name, plan) for name, plan in named if name not in assembly.substituted]
 
 
-def _named_fmus(values: dict[str, Any]) -> dict[str, Any]:
-    """`values` with FMUs and their files by name only: where they lie on this machine is nobody's business."""
+def _named_files(values: dict[str, Any]) -> dict[str, Any]:
+    """`values` with FMUs, Python and other files by name only: where they lie on this machine is nobody's business."""
     return {key: _named(key, value) for key, value in values.items()}
 
 
 def _named(key: str, value: Any) -> Any:
     if isinstance(value, dict):
-        return _named_fmus(value)
+        return _named_files(value)
     if isinstance(value, (list, tuple)):
         return [_named("", v) for v in value]
     if isinstance(value, str) and value.startswith(FILE):
         return FILE + Path(value.removeprefix(FILE)).name
-    return Path(value).name if key == "fmu" else value
+    return Path(value).name if key in NAMING else value

@@ -2,12 +2,12 @@
 
 import shlex
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from twin.cosim.component import Component
 from twin.cosim.simulation import Simulation
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
@@ -51,6 +51,7 @@ class Run:
         microseconds: wall time per tick of each component, if it was measured.
         changed: whether parameters were changed while it ran; the events say which and when.
         punctuality: how its deadlines were kept; None if it was not paced.
+        parts: sentences on parts of another make, by their names.
     """
 
     recording: Path
@@ -65,6 +66,7 @@ class Run:
     microseconds: dict[str, float]
     changed: bool
     punctuality: Punctuality | None
+    parts: dict[str, str] = field(default_factory=dict)
 
     @property
     def real_time_factor(self) -> float:
@@ -75,7 +77,7 @@ def execute(
     experiment: Experiment,
     folder: str | Path,
     progress: Progress = lambda done, total: None,
-    substitutes: Mapping[str, Component] | None = None,
+    substitutes: Mapping[str, Any] | None = None,
     timed: bool = False,
     maker: DriveMaker = HERE,
     factor: float | None = None,
@@ -156,6 +158,7 @@ def _recorded(
         microseconds={name: 1e6 * cost for name, cost in done.costs.items()},
         changed=bool(tuning.first),
         punctuality=pace.punctuality() if pace else None,
+        parts={role: part.sentence for role, part in assembly.others.items()},
     )
 
 
@@ -179,4 +182,8 @@ def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assem
     elif simulation.culprit in culprits:
         fmus = [str(fmu.path) for fmu in culprits[simulation.culprit].parts.values()]
         sentences += [f"Try: {shlex.join(['twin', 'drive', 'check', fmu])}" for fmu in fmus]
+    elif simulation.culprit in assembly.others:
+        table = experiment.stand_ins[simulation.culprit]
+        part = table.fmu or table.python or ""
+        sentences += [f"Try: {shlex.join(['twin', 'component', 'check', simulation.culprit, part])}"]
     return ComponentFailed("\n".join(sentences))

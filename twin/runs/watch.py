@@ -9,6 +9,7 @@ from twin.experiment.experiment import Experiment
 from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import trip_sentence
 from twin.runs.assembly.assemble import Assembly
+from twin.runs.loop import other_trip
 from twin.runs.observer import Observer, TickEvent
 
 PRESSING = (PhaseKind.BUILD_UP, PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH)
@@ -35,11 +36,19 @@ class Watch(Observer):
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         if len(rows):
-            events += [*self._faults(first, len(rows)), *self._progress(first, rows), *self._trips(), *self._messages()]
+            events += [
+                *self._faults(first, len(rows)),
+                *self._progress(first, rows),
+                *self._trips(first, rows),
+                *self._messages(),
+            ]
             events.sort(key=lambda event: event.tick)
 
     def _progress(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
         columns = ("controller.task", "controller.phase") if self._tasks else ("controller.triggered",) * 2
+        # one of another make need not tell
+        if not all(self._system.has(name) for name in (*columns, "controller.F_z")):
+            return
         watched = np.stack([rows[:, self._system.columns(name).start] for name in columns], axis=1)
         watched = np.concatenate([self._before[None, :], watched])
         self._before = watched[-1]
@@ -63,8 +72,9 @@ class Watch(Observer):
             yield TickEvent(tick, "WARNING", f"{name} {CUT_SHORT[was]}", "controller")
         yield TickEvent(tick, "DEBUG", f"{name}: {phase.phrase}", "controller")
 
-    def _trips(self) -> Iterator[TickEvent]:
+    def _trips(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
         if self._monitor is None:
+            yield from self._other_trip(first, rows)
             return
         trip = self._monitor.trip
         if trip is not None and not self._tripped:
@@ -74,6 +84,15 @@ class Watch(Observer):
         if off is not None and self._power:
             self._power = False
             yield TickEvent(off, "ERROR", "safety monitor: the motors do not retract; power taken away", "monitor")
+
+    def _other_trip(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
+        """That of a monitor of another make, of which it is known only that."""
+        if self._tripped or not self._system.has("monitor.tripped"):
+            return
+        at = np.flatnonzero(rows[:, self._system.columns("monitor.tripped").start])
+        if len(at):
+            self._tripped = True
+            yield TickEvent(first + int(at[0]), "ERROR", other_trip(self._system.component("monitor")), "monitor")
 
     def _faults(self, first: int, count: int) -> Iterator[TickEvent]:
         for number, fault in enumerate(self._experiment.faults, start=1):

@@ -1,5 +1,6 @@
 """A plan is checked before anything runs, and its keys say what a run computes."""
 
+import hashlib
 from pathlib import Path
 
 import pytest
@@ -123,3 +124,21 @@ def test_measures_of_the_experiment_are_metrics_that_a_limit_may_name(root: Path
     assert "z.rise_time" in plan("z.rise_time").metrics
     with pytest.raises(InputRefused, match=r"z\.rise_tim: no such metric; did you mean 'z\.rise_time'\?"):
         plan("z.rise_tim")
+
+
+def test_a_part_of_another_make_is_in_the_key_and_pinned_for_every_run(root: Path, tmp_path: Path):
+    def only(content: str) -> tuple[str, tuple[str, ...]]:
+        (tmp_path / "mine.py").write_text(content)
+        text = f'experiment = "e.toml"\n[[vary]]\nkey = "{STIFFNESS}"\nvalues = [700]\n'
+        (task,) = planned(written(tmp_path, text)).tasks
+        return task.key, task.settings
+
+    base = f'extends = "{root}/experiments/fig4_force_position.toml"\n[controller]\npython = "mine.py:Controller"\n'
+    written(tmp_path, base, "e.toml")
+    # nothing of it is run here: a plan is made by the process that everything depends on
+    (one, settings), (other, _) = only("raise SystemExit"), only("raise SystemExit(1)")
+    assert one != other
+    digest = hashlib.sha256(b"raise SystemExit").hexdigest()
+    assert settings == (f"{STIFFNESS}=700", f'controller.sha256="{digest}"')
+    with pytest.raises(InputRefused, match=r"mine\.py, line 1: "):
+        only("def f(")

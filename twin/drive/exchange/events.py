@@ -14,7 +14,6 @@ from twin.drive.exchange.memory import (
     COMPLETED,
     ENDLESS_UPDATE,
     EVENT_MODE,
-    MOST_UPDATES,
     NOMINALS,
     NUMBER,
     OTHER_SIZE,
@@ -23,7 +22,7 @@ from twin.drive.exchange.memory import (
     TIME_MODE,
     UPDATE,
 )
-from twin.drive.status import TERMINATE
+from twin.drive.status import MOST_UPDATES, TERMINATE
 
 _words_at, _bytes_at, _counts_at = pointer_to(types.int32), pointer_to(types.uint8), pointer_to(types.int64)
 

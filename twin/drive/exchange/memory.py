@@ -71,8 +71,6 @@ NOT_FINITE, INDICATOR_NOT_FINITE, ENDLESS_UPDATE, MANY_EVENTS, PAST_EVENT, OTHER
 )
 """Statuses of our own: what the FMU did is refused, or the solver gave up."""
 
-MOST_UPDATES = 1000
-"""Of its discrete states in one event, until it needs no more."""
 MOST_EVENTS = 1000
 """In one step: a bridge that switches at 100 kHz makes 200 in 1 ms."""
 MOST_STEPS = 100_000

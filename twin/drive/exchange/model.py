@@ -8,10 +8,11 @@ from typing import Any, ClassVar
 import numpy as np
 
 from twin.drive.exchange.integrator import Integrator
-from twin.drive.exchange.memory import GUARD, MOST_UPDATES, UNTOUCHED
+from twin.drive.exchange.memory import GUARD, UNTOUCHED
 from twin.drive.instance import Instance
 from twin.drive.slave import FMU2Exchange, FMU3Exchange
 from twin.drive.standards import fmi2, fmi3
+from twin.drive.status import MOST_UPDATES
 from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, InputRefused
 

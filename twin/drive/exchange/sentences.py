@@ -12,13 +12,12 @@ from twin.drive.exchange.memory import (
     MANY_STEPS,
     MOST_EVENTS,
     MOST_STEPS,
-    MOST_UPDATES,
     NOT_FINITE,
     OTHER_SIZE,
     OVERFLOW,
     PAST_EVENT,
 )
-from twin.drive.status import STATUSES, TERMINATE
+from twin.drive.status import MOST_UPDATES, STATUSES, TERMINATE
 
 _FLAGS = {
     -3: "its error test fails again and again, however short the step",

@@ -69,7 +69,10 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
             groups.append(
                 RunGroup(f"Task {task.name}{whose}: {task.manner}; {task.drive} on {task.body}", task.findings)
             )
-    deviations, alarms = _told(runs, lambda run: run.recording.deviations), _told(runs, _alarms)
+    deviations, alarms = (
+        _told(runs, lambda run: (*run.recording.deviations, *run.recording.other_parts)),
+        _told(runs, _alarms),
+    )
     findings = [finding for group in groups for finding in group.findings]
     remarks = [*alarms[1:], *deviations, *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
     remarks += _told(runs, _faults)

@@ -3,6 +3,8 @@
 from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from functools import partial
+from typing import Any
 
 from twin.cosim.component import Component
 from twin.cosim.system import System
@@ -10,11 +12,12 @@ from twin.cosim.wiring import End, Feeds, wires
 from twin.drive.ramp import AT_END
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, need_processes, planned_drives
+from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, Makers, need_processes, planned_drives
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.assembly.faults.inject import inject
 from twin.runs.assembly.mechanics import at_rest
 from twin.runs.assembly.robot import ROBOT, connected
+from twin.runs.assembly.roles import CONTRACTS, OtherPart, given_part, other_parts
 from twin.runs.assembly.tunable import scheduled
 
 HERE = InThisProcess()
@@ -29,12 +32,14 @@ class Assembly:
         drives: what stands behind the three joints.
         substituted: what took the place of the experiment's own components, by their names.
         home: of drives that live elsewhere; it goes last.
+        others: the experiment's parts of another make, by their names.
     """
 
     system: System
     drives: tuple[DrivePlan, ...]
     substituted: dict[str, str] = field(default_factory=dict)
     home: ExitStack = field(default_factory=ExitStack)
+    others: Mapping[str, OtherPart] = field(default_factory=dict)
 
     def __enter__(self) -> "Assembly":
         return self
@@ -49,25 +54,29 @@ class Assembly:
 
 
 def assemble(
-    experiment: Experiment, substitutes: Mapping[str, Component] | None = None, maker: DriveMaker = HERE
+    experiment: Experiment, substitutes: Mapping[str, Any] | None = None, maker: DriveMaker = HERE
 ) -> Assembly:
     """Build every component of `experiment` and wire them.
 
     The robot starts at rest in static equilibrium at the first way point of its reference.
 
     Args:
-        substitutes: components of the same ports that take the place of the ones with their names.
+        substitutes: what takes the place of the components with their names: a component of the same ports, or, of a
+            part in `CONTRACTS`, a Python class or an instance of one.
         maker: of the drives. What cannot live in one process gets processes of its own in any case.
 
     Raises:
-        InputRefused: a drive FMU does not fit; all three are checked before any is loaded. Or a substitute for which
-            there is no place.
+        InputRefused: a drive FMU or a part of another make does not fit; all are checked before any is loaded. Or a
+            substitute for which there is no place.
     """
     plans = planned_drives(experiment)
     crowded = need_processes(plans) and maker.one_process
     if experiment.monitor is not None:
         plans = tuple(plan.switchable() for plan in plans)
     taken, home = dict(substitutes or {}), ExitStack()
+    classes = {name: found for name, found in taken.items() if not isinstance(found, Component)}
+    given = {role: given_part(role, found) for role, found in classes.items() if role in CONTRACTS}
+    others = other_parts(experiment)
     with ExitStack() as to_close:
         to_close.push(home)
         if crowded:
@@ -75,13 +84,15 @@ def assemble(
             from twin.runs.guard.isolated_drive import IsolatedDrives
 
             maker = home.enter_context(IsolatedDrives(keep=True))
-        build = Build(experiment, plans, maker, *at_rest(experiment))
-        parts = {row.name: row.parts(build) for row in ROBOT}
+        rest = at_rest(experiment, "body" in others | given)
+        parts = _parts(Build(experiment, plans, maker, *rest, others | given))
         _refuse_unplaced(taken, [name for makers in parts.values() for name in makers])
+        for name in classes.keys() - given.keys():
+            raise InputRefused(f"substitutes: '{name}' takes a component; classes take {', '.join(CONTRACTS)}")
         made: dict[str, list[Component]] = {row: [] for row in parts}
         for row, makers in parts.items():
             for name, make in makers.items():
-                component = taken[name] if name in taken else make()
+                component = taken[name] if name in taken and name not in given else make()
                 to_close.callback(component.close)
                 made[row].append(component)
         components = [component for row in made.values() for component in row]
@@ -98,7 +109,7 @@ def assemble(
         system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         to_close.pop_all()
-    return Assembly(system, plans, {name: _kind(component) for name, component in taken.items()}, home)
+    return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others)
 
 
 def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
@@ -108,14 +119,35 @@ def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:
     return {target: source for target, source in both.items() if (target.component, target.port) in asked}
 
 
-def _refuse_unplaced(substitutes: Mapping[str, Component], names: list[str]) -> None:
+def _parts(build: Build) -> dict[str, Makers]:
+    """What makes the components of each row; of a part of another make, that alone."""
+    experiment = build.experiment
+    periods = {"monitor": experiment.monitor_ticks, "scale": experiment.scale_ticks, "body": 1}
+    return {
+        row.name: {
+            row.name: partial(
+                build.others[row.name].make,
+                experiment.cosim.tick,
+                periods.get(row.name, experiment.controller_ticks),
+                experiment.duration_ticks,
+            )
+        }
+        if row.name in build.others
+        else row.parts(build)
+        for row in ROBOT
+    }
+
+
+def _refuse_unplaced(substitutes: Mapping[str, Any], names: list[str]) -> None:
     for name in substitutes:
         if name not in names:
             hint = nearest(name, names, "there are {}")
             raise InputRefused(f"substitutes: no component '{name}' in this experiment; {hint}")
 
 
-def _kind(component: Component) -> str:
+def _kind(component: Any) -> str:
     """What a substitute is: the class of a user's model, or that of the component."""
-    own = type(component).__name__
+    own = component.__name__ if isinstance(component, type) else type(component).__name__
+    if not isinstance(component, Component):
+        return own
     return f"{component.label} ({own})" if component.label else own

@@ -4,7 +4,7 @@ These are one for each joint, or one FMU that turns all.
 """
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from typing import Protocol
 
@@ -18,6 +18,7 @@ from twin.experiment.experiment import Experiment
 from twin.plant.component import Plant
 from twin.runs.assembly.drive_component import drive
 from twin.runs.assembly.drives import DrivePlan, Start, planned
+from twin.runs.assembly.roles import OtherPart
 
 JOINTS = 3
 
@@ -52,6 +53,7 @@ class Build:
         maker: of the drives.
         plant: at rest.
         theta_m: the motor angles that hold it there (3,), rad.
+        others: parts of another make, by their names.
     """
 
     experiment: Experiment
@@ -59,6 +61,7 @@ class Build:
     maker: DriveMaker
     plant: Plant
     theta_m: NDArray[np.float64]
+    others: Mapping[str, OtherPart] = field(default_factory=dict)
 
 
 Makers = Mapping[str, Callable[[], Component]]

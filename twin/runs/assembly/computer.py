@@ -12,7 +12,9 @@ from twin.controller.feed_forward import FeedForward
 from twin.controller.phase import Phase
 from twin.controller.pid import Gains
 from twin.controller.task_controller import TaskController, Touch
+from twin.controller.way_points import P_REF_B, WayPointReference
 from twin.cosim.delay import delay
+from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Approach, Task
 from twin.monitor.component import SafetyMonitor
@@ -88,6 +90,21 @@ def estimators(build: Build) -> Makers:
 def controllers(build: Build) -> Makers:
     """What makes the controller."""
     return {"controller": lambda: controller(build.experiment)}
+
+
+def references(build: Build) -> Makers:
+    """What makes the pre-defined way, if a controller of another make wants to be told of it.
+
+    Raises:
+        InputRefused: there is none.
+    """
+    other = build.others.get("controller")
+    if other is None or P_REF_B not in other.inputs:
+        return {}
+    reference, ticks = build.experiment.reference, build.experiment.controller_ticks
+    if reference is None:
+        raise InputRefused(f"{other.label}: takes p_ref_B, and tasks have no way points; it needs a [reference]")
+    return {"reference": lambda: WayPointReference(reference.t, reference.p, ticks)}
 
 
 def delays(build: Build) -> Makers:

@@ -13,15 +13,18 @@ from twin.runs.assembly.build import Build, Makers
 from twin.runs.assembly.true_parameters import fault_motions, plant_parameters, surface_motions
 
 
-def at_rest(experiment: Experiment) -> tuple[Plant, np.ndarray]:
+def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
     """The plant in static equilibrium at the first way point of its reference, and the motor angles (3,), rad, there.
+
+    Args:
+        moved: whether a body of another make moves the surface.
 
     Raises:
         Unreachable: the robot cannot be there.
     """
     parameters = plant_parameters(experiment.plant, experiment.contact)
     x, theta_m = resting(parameters, experiment.start)
-    moving, ramp = bool(motions(experiment)), experiment.cosim.inputs == "linear"
+    moving, ramp = bool(motions(experiment)) or moved, experiment.cosim.inputs == "linear"
     return Plant(parameters, x, theta_m, experiment.plant.substeps, moving, ramp), theta_m
 
 

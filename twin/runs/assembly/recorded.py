@@ -8,8 +8,10 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
+from twin.experiment.replaced import KEPT
 from twin.experiment.schema import Drive
 from twin.experiment.source import Source, located
+from twin.files import json_of
 from twin.runs.assembly.load import checked_experiment
 
 
@@ -37,12 +39,34 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
     folder = where.resolve().parent
     # the body's file has filled [contact] in already
     values.get("contact", {}).pop("body", None)
+    _find_parts(values, metadata, fmus, where, folder)
     source = Source()
     source.put(values | {"drive": _with_paths(values["drive"], where, folder)}, "recorded")
     experiment = checked_experiment(source, name, where, folder)
     one, two, three = experiment.drives
     pinned = (_pinned(one, "drive_1", fmus), _pinned(two, "drive_2", fmus), _pinned(three, "drive_3", fmus))
     return replace(experiment, drives=pinned)
+
+
+def _find_parts(values: dict[str, Any], metadata: Metadata, fmus: Mapping[str, str], where: Path, folder: Path) -> None:
+    """Let parts of another make name the very files that the recording was made with."""
+    for role in KEPT:
+        table = values.get(role)
+        if not isinstance(table, dict):
+            continue
+        if isinstance(table.get("fmu"), str) and role in fmus:
+            values[role] = table | {"fmu": _path(table["fmu"], where, folder, role), "sha256": fmus[role]}
+        if isinstance(table.get("python"), str):
+            facts = json_of(metadata.get("python", {}).get(role, "{}"), f"{where}: its {role}")
+            file, _, kind = table["python"].rpartition(":")
+            # a recording may come from anybody: it names a file, and no way to one
+            path = located(Path(file).name, folder)
+            known = isinstance(facts, dict) and isinstance(facts.get("sha256"), str)
+            if not path.is_file() or not known:
+                raise InputRefused(
+                    f"{where}: its {role} {Path(file).name} is not beside it; put it there to run it again"
+                )
+            values[role] = table | {"python": f"{path}:{kind}", "sha256": facts["sha256"]}
 
 
 def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, Any]:
@@ -52,15 +76,15 @@ def _with_paths(table: dict[str, Any], where: Path, folder: Path) -> dict[str, A
     return table | tables | fmu
 
 
-def _path(name: str, where: Path, folder: Path) -> str:
+def _path(name: str, where: Path, folder: Path, part: str = "drive") -> str:
     # a recording may come from anybody: it names a file, and no way to one
     name = Path(name).name
     # fmus/ first: a run may lie in a folder that is called like its drive
-    for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", name):
+    for candidate in (f"fmus/{name}", f"fmus/{Path(name).stem}/{name}", f"fmus/parts/{name}", name):
         path = located(candidate, folder)
         if path.is_file() or (path.exists() and candidate != name):
             return str(path)
-    raise InputRefused(f"{where}: its drive {name} is neither in fmus/ nor beside it; put it there to run it again")
+    raise InputRefused(f"{where}: its {part} {name} is neither in fmus/ nor beside it; put it there to run it again")
 
 
 def _pinned(drive: Drive, name: str, fmus: Mapping[str, str]) -> Drive:

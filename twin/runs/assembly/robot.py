@@ -49,8 +49,10 @@ ROBOT = (
     _row("body", mechanics.body),
     _row("encoder", mechanics.encoder, theta_m="drive.theta_m", theta_l="plant.theta_l"),
     _row("estimator", computer.estimators, count_m="encoder.count_m", count_l="encoder.count_l"),
+    _row("reference", computer.references),
     _row(
         "controller", computer.controllers,
+        p_ref_B="reference.p_ref_B",
         p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
     ),
     _row("delay", computer.delays, omega_ref=COMMAND[2:]),

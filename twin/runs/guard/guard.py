@@ -129,7 +129,7 @@ class Watch:
         elif time.monotonic() - self._since > limits.step:
             raise self._failure(
                 f"did not return within {limits.step:g} s",
-                "If it is slow rather than stuck, raise --limit-step; else choose another FMU.",
+                "If it is slow rather than stuck, raise --limit-step; else choose another one.",
             )
         if (seconds := self._expected()) > limits.expected:
             raise self._failure(

@@ -21,6 +21,7 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.schema import Model
 from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
+from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
 from twin.studies.accuracy.uncertainty import UNCERTAINTIES
 
@@ -103,6 +104,7 @@ def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda 
     Raises:
         InputRefused: it has faults, taps, or never presses. ComponentFailed: a component failed.
     """
+    refuse_other_parts(experiment, "a budget of the force error", ("estimator",))
     if experiment.faults:
         raise InputRefused(f"{experiment.name}: has faults, which no budget has a line for; remove [[fault]]")
     if any(task.kind == "tap" for task in experiment.tasks):

@@ -7,6 +7,7 @@ import numpy as np
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.runs.assembly.roles import refuse_other_parts
 from twin.studies.analyse.limit_check import LimitCheck, checked_limit
 from twin.studies.analyse.linear.loops import closed_poles, spectral_radius
 from twin.studies.analyse.linear.margins import Margins, Pole, gain_limit, margins, poles, worst_sensitivity
@@ -156,6 +157,7 @@ def stability(experiment: Experiment, tried: bool = False) -> Stability:
         InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
         ComponentFailed: a drive failed while it was measured.
     """
+    refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
     points, problems = operating_points(experiment)
     shared = Linearised(experiment, points)
     judged = [judged_point(shared.at(point)) for point in points]

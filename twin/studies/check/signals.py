@@ -79,6 +79,7 @@ def run_for_measures(experiment: Experiment) -> Signals:
         if done.trip:
             raise SafetyTrip(f"{experiment.name}: {done.trip}")
         fmus = {fmu.path.name: fmu.sha256 for plan in assembly.drives for fmu in plan.parts.values()}
+        fmus |= {part.label: part.sha256 for part in assembly.others.values()}
         return Signals(run, geometry_of(experiment.controller.model), fmus)
 
 

@@ -78,6 +78,7 @@ def applies(experiment: Experiment) -> bool:
         or experiment.changes
         or surface_motions(experiment.contact)
         or experiment.monitor
+        or experiment.stand_ins
         or experiment.controller.delay_ticks
         or experiment.plant.motor_noise
         or experiment.plant.joint_noise

@@ -11,6 +11,7 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, with_plant
+from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
 
 OUT_OF_REACH = 1e9
@@ -40,6 +41,7 @@ def comparable(experiment: Experiment) -> Smooth:
         )
     changes = ["encoders exact"]
     smooth = exactly_measured(experiment)
+    refuse_other_parts(experiment, "a study of the coupling", ("controller", "estimator"))
     if experiment.monitor is not None:
         # it believes in the encoders of the robot
         smooth = replace(smooth, monitor=None)

@@ -8,6 +8,7 @@ from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault import NEVER
 from twin.monitor.reasons import trip_sentence
+from twin.runs.assembly.roles import refuse_other_parts
 from twin.studies.faults.case import Case
 from twin.studies.faults.onset import default_onsets, touching
 from twin.studies.faults.row import End, FaultOutcome, FaultRow
@@ -29,6 +30,7 @@ def healthy_trial(experiment: Experiment) -> FaultTrial:
             f"{experiment.name}: no safety monitor watches this experiment; add a table [monitor] (its limits have "
             "defaults) without enabled = false, or --set monitor.enabled=true"
         )
+    refuse_other_parts(experiment, "a matrix of faults", ("monitor",))
     if experiment.faults:
         raise InputRefused(
             f"{experiment.name}: has [[fault]] tables; the matrix puts in one fault at a time, remove them"

@@ -10,6 +10,7 @@ from matplotlib.patches import Circle
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.monitor import Monitor
+from twin.experiment.replaced import names_stand_in
 from twin.experiment.task import Push, Roll, Tap
 from twin.studies.figure import GREEN, ORANGE, picture
 from twin.studies.metrics.path import along_and_off
@@ -143,6 +144,8 @@ def _draw_force(axes: Axes, run: TaskRun) -> None:
 
 
 def _force_limit(run: TaskRun) -> float | None:
-    """Force (N) at which the safety monitor trips; None without one."""
+    """Force (N) at which the safety monitor trips; None without one, or with one of another make."""
     table = settings(run.recording).get("monitor")
-    return Monitor.model_validate(table).force_limit if table is not None else None
+    if table is None or names_stand_in(table):
+        return None
+    return Monitor.model_validate(table).force_limit

@@ -69,7 +69,11 @@ def score_fig5(paths: Sequence[Path], out: Path | None, say: Callable[[str], Non
 
 
 def _deviations(recordings: Sequence[Recording]) -> list[str]:
-    return [f"{recording.path}: {text}" for recording in recordings for text in recording.deviations]
+    return [
+        f"{recording.path}: {text}"
+        for recording in recordings
+        for text in (*recording.deviations, *recording.other_parts)
+    ]
 
 
 def _latest(figure: str, experiments: Sequence[str]) -> list[Path]:

@@ -4,9 +4,10 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
-from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, OUTPUTS, Command, Role
+from twin.drive.candidates import candidates, likely_command
+from twin.drive.contract import COMMANDS, Command, Role, contract
 from twin.drive.description import FmuDescription, Variable
-from twin.drive.mapping import Choice, Wiring, bindings, candidates, choice, likely_command
+from twin.drive.mapping import Choice, Wiring, bindings, choice
 from twin.errors import InputRefused, visible
 
 LOOP = """
@@ -56,15 +57,11 @@ def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, C
 
 def roles_text(variables: Mapping[str, Variable], found: Choice, command: Command) -> str:
     """The tables [inputs] and [outputs]."""
-    return "".join(_table(variables, found, _roles(command), side) for side in ("input", "output"))
+    return "".join(_table(variables, found, contract(command), side) for side in ("input", "output"))
 
 
 def _choice(file: str, variables: Mapping[str, Variable], command: Command) -> Choice:
-    return choice(file, variables, Wiring(command), _roles(command))
-
-
-def _roles(command: Command) -> tuple[Role, ...]:
-    return COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS
+    return choice(file, variables, Wiring(command), contract(command))
 
 
 def _table(variables: Mapping[str, Variable], found: Choice, roles: Sequence[Role], side: str) -> str:

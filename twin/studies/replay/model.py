@@ -15,6 +15,7 @@ from twin.experiment.quantity import Section
 from twin.experiment.recorded import recorded_name, recorded_values
 from twin.experiment.schema import Controller, Cosim, Plant, Scale
 from twin.experiment.source import Source, override
+from twin.experiment.stand_in import rest_of, role_named
 from twin.plant.body import Motion
 from twin.plant.parameters import PlantParameters
 from twin.recording.logs.reader import is_recording
@@ -22,12 +23,17 @@ from twin.recording.reader import read
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.beliefs import believed
 from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
 
 TABLES: dict[str, type[Section]] = {
     "plant": Plant, "contact": Contact, "cosim": Cosim, "controller": Controller, "scale": Scale
 }  # fmt: skip
 """What is read of a recorded experiment; it may lack a scale."""
+
+
+OWN = ("estimator", "body")
+"""Parts that a replay has to know."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +71,7 @@ def loaded_model(path: Path, settings: Iterable[str] = ()) -> RobotModel:
         InputRefused: with every mistake of the experiment.
     """
     experiment = load_experiment(path, settings)
+    refuse_other_parts(experiment, "a replay", OWN)
     values = {name: experiment.values[name] for name in TABLES if name in experiment.values}
     return _model(experiment.name, values, **{name: getattr(experiment, name) for name in TABLES})
 
@@ -102,10 +109,14 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     override(source, settings)
     mistakes = [f"[{table}] {unknown(table, list(TABLES))}" for table in source.values if table not in TABLES]
     checked: dict[str, Any] = {}
+    mistakes += [
+        f"[{role}] of another make; twin's own alone can be replayed" for role in OWN if role_named(values, role)
+    ]
     for table, schema in TABLES.items():
         if table in source.values or table != "scale":
             try:
-                checked[table] = schema.model_validate(source.values.get(table, {}))
+                other = role_named(source.values, table)
+                checked[table] = rest_of(table, other) if other else schema.model_validate(source.values.get(table, {}))
             except ValidationError as error:
                 mistakes += sentences(error, schema, table)
     if mistakes:
@@ -126,5 +137,5 @@ def _model(
         substeps=plant.substeps,
         motions=surface_motions(contact),
         tick=cosim.tick,
-        resolution=scale.resolution * G_ACCELERATION if scale else 0.0,
+        resolution=scale.resolution * G_ACCELERATION if scale and scale.resolution else 0.0,
     )

@@ -23,7 +23,7 @@ def refuse_unfit(experiment: Experiment) -> None:
     end = experiment.duration_ticks * experiment.cosim.tick
     if end < WHOLE:
         raise InputRefused(f'{experiment.name}: ends at {end:g} s; claims = "fig4" needs {WHOLE} s')
-    if experiment.tasks or experiment.values["controller"]["mode"] != "force_position":
+    if experiment.tasks or experiment.values["controller"].get("mode") != "force_position":
         raise InputRefused(
             f'{experiment.name}: claims = "fig4" needs controller.mode = "force_position" and no tasks; '
             "name fig4_force_position.toml, or one that extends it"

@@ -72,7 +72,7 @@ def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
     """`outcome` by the names of `METRICS`."""
     values = (
         outcome.force_error, outcome.peak, outcome.peak_time, outcome.end,
-        1e3 * outcome.lateral_error, 1e3 * outcome.z_error,
+        *(None if error is None else 1e3 * error for error in (outcome.lateral_error, outcome.z_error)),
     )  # fmt: skip
     return {name: finite(value) for name, value in zip(METRICS, values, strict=True)}
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from twin.errors import InputRefused
+from twin.experiment.replaced import NAMING
 from twin.studies.sweep.definition import Definition, read_definition
 from twin.studies.sweep.design import Point, points
 from twin.studies.sweep.measures import checked_metric, metric_names
@@ -89,7 +90,7 @@ def plan_of(definition: Definition, experiment: Path, name: str, source: str, se
     for metric in definition.limits:
         checked_metric(f"{source}: [limits]", metric, metrics)
     tasks = tuple(
-        Task(number, files.key(point, draft), point.drive, point.parameters, draft)
+        Task(number, files.key(point, draft), point.drive, point.parameters, (*draft, *files.pins(point, draft)))
         for number, (point, draft) in enumerate(drafts, start=1)
     )
     configuration = {
@@ -142,15 +143,27 @@ class _Files:
         self._source, self._experiment, self._judged = source, experiment, judged
         self._version = version("twin")
         self.digests: dict[tuple[str | None, tuple[str, ...]], str] = {}
+        self._found: dict[tuple[str | None, tuple[str, ...]], tuple[str, tuple[str, ...]]] = {}
 
     def key(self, point: Point, settings: tuple[str, ...]) -> str:
-        files = point.drive, texts(settings)
-        if files not in self.digests:
-            self.digests[files] = self.load(*files)[1]
-        return _hash([self._version, self.digests[files], point.drive, settings])[:16]
+        return _hash([self._version, self._known(point, settings)[0], point.drive, settings])[:16]
 
-    def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str]":
-        """A run, and the digest of its files.
+    def pins(self, point: Point, settings: tuple[str, ...]) -> tuple[str, ...]:
+        """Settings by which a run takes no other file for a part of another make than the one that was planned with."""
+        return self._known(point, settings)[1]
+
+    def _known(self, point: Point, settings: tuple[str, ...]) -> tuple[str, tuple[str, ...]]:
+        """Digest and pins of the files of a run, found out once."""
+        files = point.drive, texts(settings)
+        if files not in self._found:
+            _, digest, parts = self.load(*files)
+            self.digests[files] = digest
+            pins = tuple(f'{role}.sha256="{of}"' for role, of in parts.items())
+            self._found[files] = digest, pins
+        return self._found[files]
+
+    def load(self, drive: str | None, settings: tuple[str, ...]) -> "tuple[Experiment, str, dict[str, str]]":
+        """A run, the digest of its files, and the hashes of its parts of another make by their names.
 
         Raises:
             InputRefused: it is none.
@@ -158,6 +171,7 @@ class _Files:
         # the FMU tool chain takes a while to import
         from twin.runs.assembly.drives import planned as planned_drive
         from twin.runs.assembly.load import load_experiment
+        from twin.runs.assembly.roles import digest
         from twin.studies.sweep.fig4 import refuse_unfit
 
         where = ", ".join(filter(None, [f"drive {drive}" if drive else "", *settings])) or "as it stands"
@@ -167,16 +181,18 @@ class _Files:
                 refuse_unfit(loaded)
             tables = {table.model_dump_json(): table for table in loaded.drives}
             plans = [planned_drive(table) for table in tables.values()]
+            parts = {role: digest(role, table) for role, table in loaded.stand_ins.items()}
         except InputRefused as refusal:
             raise InputRefused(f"{self._source}: the run with {where} cannot be made:\n{refusal}") from None
         fmus = [fmu.sha256 for plan in plans for fmu in plan.parts.values()]
-        return loaded, _hash([_without_paths(loaded.values), fmus])
+        # nothing more where there is no such part: the keys of sweeps that were begun stay what they are
+        return loaded, _hash([_without_paths(loaded.values), [*fmus, *parts.values()]]), parts
 
 
 def _without_paths(values: Any) -> Any:
     """`values` with FMUs by their file's name: where they lie decides nothing, and their hash says what they are."""
     if isinstance(values, dict):
-        return {k: Path(v).name if k == "fmu" and isinstance(v, str) else _without_paths(v) for k, v in values.items()}
+        return {k: Path(v).name if k in NAMING and isinstance(v, str) else _without_paths(v) for k, v in values.items()}
     return values
 
 

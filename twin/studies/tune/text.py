@@ -121,6 +121,7 @@ def _runs(done: Tuned) -> Iterator[str]:
 def _run(whole: Whole) -> str:
     if whole.outcome is None:
         return "it failed"
-    force, z = whole.outcome.force_error, 1e3 * whole.outcome.z_error
-    error = f"{z:.2g} mm" if force is None else f"{force:.2g} N"
+    force, z = whole.outcome.force_error, whole.outcome.z_error
+    assert z is not None, "twin's own controller has a reference"
+    error = f"{1e3 * z:.2g} mm" if force is None else f"{force:.2g} N"
     return f"{error} and a safety trip" if whole.trip else error

@@ -7,6 +7,7 @@ from typing import Any
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.runs.assembly.roles import refuse_other_parts
 from twin.studies.analyse.linear_point import Linearised
 from twin.studies.tune.corner import Corner, corners
 from twin.studies.tune.gains import LawGains, gains_of
@@ -109,6 +110,7 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
         ComponentFailed: a drive failed while it was measured.
     """
     first = experiments[0]
+    refuse_other_parts(first, "twin tune", ("controller", "estimator"))
     goals.refuse_period(first.controller.period)
     start = gains_of(first)
     found, problems, drives = corners(experiments, stiffness)

@@ -99,6 +99,23 @@ def test_what_was_damaged_is_missing_again_and_what_is_not_its_hash_is_refused(c
     assert file_store.missing([digest]) == [digest]
 
 
+def test_parts_of_another_make_travel_with_what_names_them(root: Path, tmp_path: Path):
+    (tmp_path / "mine.py").write_text("class Controller: pass\n")
+    path = tmp_path / "mine.toml"
+    base = f'extends = "{root}/experiments/fig4_force_position.toml"\n'
+    path.write_text(f'{base}[controller]\npython = "mine.py:Controller"\n[scale]\nperiod_ms = 10.0\n')
+    there = arrived(path, task(), tmp_path / "there")
+    table = there.stand_ins["controller"]
+    assert table.label == "mine.py:Controller"
+    assert table.file.read_text() == "class Controller: pass\n"
+    assert str(table.file).startswith(str(tmp_path / "there"))
+    path.write_text(base)
+    fmu = 'controller.fmu="fmus/parts/paper_law"'
+    there = arrived(path, task(None, fmu), tmp_path / "other")
+    assert there.stand_ins["controller"].inputs == {"p_ref_B": ("way_1", "way_2", "way_3")}
+    assert str(there.stand_ins["controller"].file).startswith(str(tmp_path / "other"))
+
+
 def test_files_among_a_drives_parameters_travel_with_it(root: Path, tmp_path: Path):
     servo = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
     mapping = tmp_path / "supplier" / "mapping.toml"

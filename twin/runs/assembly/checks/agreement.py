@@ -3,6 +3,7 @@
 from collections.abc import Collection, Mapping
 from typing import Any
 
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.reference import WayPoints
 from twin.experiment.tables import Tables
 from twin.runs.assembly.beliefs import geometry_of, monitor_belief
@@ -21,13 +22,14 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
         named: what the file has, right or not.
     """
     checked = tables.by_name
-    mistakes = _mode_mistakes(checked, named)
+    other = tables.stand_ins
+    mistakes = _mode_mistakes(checked, named) + _moved_twice(tables, named)
     models = [checked["plant"]] if "plant" in checked else []
     models += [checked["controller"].model] if "controller" in checked else []
     geometries = tuple(geometry_of(model) for model in models)
     if reference is not None:
         mistakes += reference_mistakes(reference, geometries)
-    if "monitor" in checked and {"robot", "controller"} <= checked.keys():
+    if "monitor" in checked and "monitor" not in other and {"robot", "controller"} <= checked.keys():
         computer = checked["controller"]
         mistakes += contradictions(
             checked["monitor"], monitor_belief(checked["robot"]), computer.period, computer.speed_limit
@@ -39,10 +41,21 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
             geometries,
             checked["approach"],
             checked["controller"],
-            monitor if monitor is not None and monitor.enabled else None,
+            monitor if monitor is not None and monitor.enabled and "monitor" not in other else None,
         )
         mistakes += task_mistakes(situation, tables.tasks, tables.duration)
     return mistakes
+
+
+def _moved_twice(tables: Tables, named: Collection[str]) -> list[str]:
+    """A surface that [body] moves moves as that says alone."""
+    if "body" not in tables.stand_ins:
+        return []
+    contact = tables.by_name.get("contact")
+    told = [f"contact.{name}" for name in ("breathing", "shift") if getattr(contact, name, None) is not None]
+    told += [f"fault {n}" for n, fault in enumerate(tables.faults, 1) if CATALOGUE[fault.kind].mechanism == "body"]
+    label = tables.stand_ins["body"].label
+    return [f"[{name}]: moves the surface, and so does [body], {label}; remove one" for name in told]
 
 
 def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[str]:
@@ -53,6 +66,9 @@ def _mode_mistakes(checked: Mapping[str, Any], named: Collection[str]) -> list[s
     if "controller" not in checked:
         return []
     computer = checked["controller"]
+    if computer.force is None:
+        # of another make, with modes and gains of its own
+        return ["missing table [approach], which tasks need"] if has_tasks and "approach" not in named else []
     force = {
         "reference_N": computer.force.reference,
         "trigger_N": computer.force.trigger,

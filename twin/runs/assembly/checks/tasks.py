@@ -79,11 +79,13 @@ def _mistakes(s: Situation, task: Task) -> Iterator[str]:
         yield problem
         return
     depth = _depth(s.plant, task.force)
-    if depth is None or depth > s.controller.force.limit:
+    # a controller of another make has limits of its own
+    limit = s.controller.force.limit if s.controller.force is not None else DEEPEST
+    if depth is None or depth > limit:
         yield (
             f"force_N = {task.force:g} cannot be built up: this body needs "
             + (f"{1e3 * depth:.1f} mm" if depth else f"more than {1e3 * DEEPEST:g} mm")
-            + f" of depth for it, [controller.force] limit_mm = {1e3 * s.controller.force.limit:g}"
+            + f" of depth for it, [controller.force] limit_mm = {1e3 * limit:g}"
         )
         return
     if surface.min() - depth < s.approach.floor:

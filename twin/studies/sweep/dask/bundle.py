@@ -14,6 +14,7 @@ from typing import Any
 from twin.drive.setting import MOST_BYTES
 from twin.experiment.body_files import FOLDERS
 from twin.experiment.drive_files import FILE, JOINTS, MAPPING, joint_tables, shelved
+from twin.experiment.replaced import KEPT
 from twin.experiment.source import located, read_source, source_text
 from twin.files import read_bytes
 from twin.studies.sweep.plan import Task
@@ -59,6 +60,12 @@ class Bundle:
                 self._pack_drive(table, self._folder, "")
         if isinstance(contact, dict) and isinstance(contact.get("body"), str):
             contact["body"] = self._body(contact["body"])
+        for role in KEPT:
+            table = source.values.get(role)
+            if isinstance(table, dict) and isinstance(table.get("fmu"), str):
+                table["fmu"] = self._drive(located(table["fmu"], self._folder), "")
+            if isinstance(table, dict) and isinstance(table.get("python"), str):
+                table["python"] = self._class(table["python"])
         self._put(self.manifest.experiment, source_text(source).encode(), experiment.absolute())
 
     def packed(self, task: Task) -> Task:
@@ -82,6 +89,10 @@ class Bundle:
             name, new = json.loads(value), None
             if key == "contact.body":
                 new = self._body(name)
+            elif key in (f"{role}.fmu" for role in KEPT):
+                new = self._drive(located(name, self._folder), "")
+            elif key in (f"{role}.python" for role in KEPT):
+                new = self._class(name)
             elif key.startswith("drive.") and key.endswith(".fmu"):
                 part = ".parts." in key
                 new = self._fmu(name, self._folder, "") if part else self._drive(located(name, self._folder), "")
@@ -149,6 +160,15 @@ class Bundle:
             new = self._names[into, path] = self._free(Path(name).name)
             self._put(f"{into}{new}/{archive.name}" if path.is_dir() else f"{into}{new}", archive.read_bytes(), archive)
         return self._names[into, path]
+
+    def _class(self, name: str) -> str:
+        """The name of a Python class as it travels: its file alone, not what that imports from beside it."""
+        file, _, kind = name.rpartition(":")
+        path = located(file, self._folder)
+        if ("python", path) not in self._names:
+            new = self._names["python", path] = f"python/{len(self.manifest.files)}/{path.name}"
+            self._put(new, read_bytes(path, kind="Python file"), path)
+        return f"{self._names['python', path]}:{kind}"
 
     def _body(self, name: str) -> str:
         if name.endswith(".toml"):

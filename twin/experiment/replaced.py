@@ -1,0 +1,50 @@
+"""Tables of an experiment that name something altogether: what files below said of another one is forgotten."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+SHAPES = ("circle", "chirp", "joint_step")
+"""Tables of [reference], each of which says by itself all that the reference is."""
+
+
+def names_drive(table: Mapping[str, Any]) -> bool:
+    """Whether a table of a drive says which one: by its FMU, or those of its parts; else it lays values over one."""
+    parts = table.get("parts")
+    named = parts.values() if isinstance(parts, Mapping) else ()
+    return "fmu" in table or any(isinstance(part, Mapping) and "fmu" in part for part in named)
+
+
+def _has(*keys: str) -> Callable[[Mapping[str, Any]], bool]:
+    return lambda table: any(key in table for key in keys)
+
+
+KEPT = {
+    "body": (),
+    "estimator": (),
+    "controller": (
+        "period_ms", "delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg", "model",
+    ),
+    "monitor": ("enabled", "period_ms"),
+    "scale": ("period_ms",),
+}  # fmt: skip
+"""Parts of the robot that may be of another make, and the keys of their tables that act all the same."""
+
+
+NAMING = ("fmu", "python")
+"""Keys whose value is a file; of a class behind a colon, too."""
+
+
+def names_stand_in(table: Mapping[str, Any]) -> bool:
+    """Whether a table of a part says that it is of another make."""
+    return any(key in table for key in NAMING)
+
+
+REPLACED: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], tuple[str, ...] | None], ...] = (
+    ("drive", names_drive, None),
+    ("contact", _has("body"), None),
+    ("reference", _has(*SHAPES), ()),
+    ("reference", _has("t_s", "p_mm"), ("t_s", "p_mm")),
+    *((role, names_stand_in, kept) for role, kept in KEPT.items()),
+)
+"""Table, whether it names another one altogether, keys that stay all the same: of way points one file may give the
+times and another the places."""
