@@ -59,7 +59,7 @@ def test_every_signal_is_that_of_a_run_with_twins_own_controller(name: str) -> N
     assert apart <= ROUNDING, worst
 
 
-@pytest.mark.parametrize("name", ["pressing", "rolling", "pushing"])
+@pytest.mark.parametrize("name", ["fig4_position", "tapping", "pressing", "rolling", "pushing"])
 @pytest.mark.endurance
 def test_every_signal_of_every_task_too(name: str) -> None:
     own = load_experiment(name)
