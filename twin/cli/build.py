@@ -22,9 +22,7 @@ def build(
     experiment: Annotated[
         Path, typer.Argument(metavar="EXPERIMENT", help="File or name.", autocompletion=experiment_files)
     ],
-    fmu: Annotated[
-        str, typer.Option("--fmu", metavar="PART", help="plant, computer, or a component: encoder ..")
-    ],
+    fmu: Annotated[str, typer.Option("--fmu", metavar="PART", help="plant, computer, or a component: encoder ..")],
     fmi: Annotated[Fmi, typer.Option(help="Version of FMI.")] = Fmi.TWO,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Without it, results/build/EXPERIMENT/PART.fmu.")

@@ -8,7 +8,12 @@ from twin.units import Unit, known_unit
 
 TOOL = "twin"
 _CAUSALITY: dict[Kind, str] = {"parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output"}
-_VARIABILITY: dict[Kind, str] = {"parameter": "fixed", "tunable": "tunable", "input": "continuous", "output": "continuous"}
+_VARIABILITY: dict[Kind, str] = {
+    "parameter": "fixed",
+    "tunable": "tunable",
+    "input": "continuous",
+    "output": "continuous",
+}
 
 
 def model_description(
@@ -42,7 +47,11 @@ def model_description(
             "canGetAndSetFMUState" if new else "canGetAndSetFMUstate": "true",
             "canSerializeFMUState" if new else "canSerializeFMUstate": "true",
         }
-        | ({"fixedInternalStepSize": repr(tick), "hasEventMode": "false"} if new else {}),
+        | (
+            {"fixedInternalStepSize": repr(tick), "hasEventMode": "false"}
+            if new
+            else {"canNotUseMemoryManagementFunctions": "true"}
+        ),
     )
     _append_units(root, variables, new)
     categories = ET.SubElement(root, "LogCategories")

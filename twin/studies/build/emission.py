@@ -24,7 +24,7 @@ MATHEMATICS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
     r"nearbyint|round|fabs|fmod|copysign|memcpy|memset|memmove)"
 )
-"""What a module may ask of its surroundings: libm, and the three functions of memory that a compiler takes for granted."""
+"""What a module may ask of its surroundings: libm, and the functions of memory that a compiler takes for granted."""
 
 
 class Emitted(NamedTuple):

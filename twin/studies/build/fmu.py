@@ -47,7 +47,9 @@ def refuse_platform(wanted: Path) -> None:
     compiler(wanted)
 
 
-def packed(part: Part, layout: Layout, fmi: str, about: str, readme: str, wanted: Path, say: Callable[[str], None]) -> bytes:
+def packed(
+    part: Part, layout: Layout, fmi: str, about: str, readme: str, wanted: Path, say: Callable[[str], None]
+) -> bytes:
     """The archive.
 
     Args:

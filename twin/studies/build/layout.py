@@ -9,7 +9,7 @@ import numpy as np
 from twin.cosim.component import NativeComponent
 from twin.cosim.port import Port, by_port, width
 from twin.cosim.wiring import End
-from twin.studies.build.parameters import Destination, Parameter
+from twin.studies.build.parameters import UNLIMITED, Destination, Limits, Parameter
 from twin.studies.build.part import Beginning, Part
 from twin.units import Unit, known_unit
 
@@ -29,7 +29,7 @@ class Variable(NamedTuple):
         unit, text: what its values are in, and as it is written.
         first: where its values begin.
         start: they, at the start; an output's before anything is known of inputs.
-        limits: (above, at least, below, at most), None where there is none.
+        limits: as of a parameter.
     """
 
     name: str
@@ -39,7 +39,7 @@ class Variable(NamedTuple):
     text: str
     first: int
     start: tuple[float, ...]
-    limits: tuple[float | None, float | None, float | None, float | None] = (None, None, None, None)
+    limits: Limits = UNLIMITED
 
 
 class Place(NamedTuple):
@@ -189,8 +189,7 @@ def _variables(part: Part, parameters: Sequence[Parameter]) -> Iterator[Variable
     first = 0
     for p in parameters:
         kind: Kind = "tunable" if p.tunable else "parameter"
-        limits = p.above, p.at_least, p.below, p.at_most
-        yield Variable(p.key, kind, p.meaning, p.unit, _bracketed(p.text), first, p.start, limits)
+        yield Variable(p.key, kind, p.meaning, p.unit, _bracketed(p.text), first, p.start, p.limits)
         first += len(p.start)
     named: list[tuple[Kind, str, Port, np.ndarray]] = []
     named += [("input", name, port, start) for name, (port, start) in part.starts.items()]
@@ -213,7 +212,9 @@ def _bracketed(text: str) -> str:
 def _outputs(part: Part) -> Iterator[tuple[str, Port, np.ndarray]]:
     """(component, port, values at the start) of all values of y in their order."""
     for component in part.components:
-        for port, start in zip(component.outputs, by_port(component.outputs, component.initial_outputs).values(), strict=True):
+        for port, start in zip(
+            component.outputs, by_port(component.outputs, component.initial_outputs).values(), strict=True
+        ):
             yield component.name, port, start
     for name, beginning in _beginnings(part):
         for port in beginning.outputs:
@@ -231,7 +232,9 @@ def _rows(part: Part, memory: dict[str, int]) -> Iterator[Row]:
     placed = {}
     for component in part.components:
         size = width(component.outputs)
-        row = Row(component, f"step_{component.name}", component.step, component.period, memory[component.name], u, y, size)
+        row = Row(
+            component, f"step_{component.name}", component.step, component.period, memory[component.name], u, y, size
+        )
         placed[component.name] = row
         yield row
         u, y = u + width(component.inputs), y + size

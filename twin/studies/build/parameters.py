@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twin.controller.belief import Belief
 from twin.experiment.contact import Breathing, Contact, Shift
 from twin.experiment.experiment import Experiment
 from twin.experiment.quantity import Section
@@ -33,7 +34,6 @@ from twin.studies.build.part import Part
 from twin.units import Unit, known_unit
 
 START = "start.p_B"
-NUMBER = known_unit("1")
 _TABLES: dict[str, type[Section]] = {
     "plant": Plant,
     "robot": Robot,
@@ -49,6 +49,10 @@ _TABLES: dict[str, type[Section]] = {
     "controller.feed_forward": FeedForward,
     "controller.damping": Damping,
 }
+
+
+Limits = tuple[float | None, float | None, float | None, float | None]
+UNLIMITED: Limits = (None, None, None, None)
 
 
 class Destination(NamedTuple):
@@ -74,7 +78,7 @@ class Parameter(NamedTuple):
         meaning: one phrase.
         start: its values.
         unit: of them; `text` as the file spells it.
-        above, at_least, below, at_most: its limits, None where there is none.
+        limits: above, at least, below, at most; None where there is none.
         destinations: where it goes.
         tunable: whether it may change between two steps.
     """
@@ -84,10 +88,7 @@ class Parameter(NamedTuple):
     start: tuple[float, ...]
     unit: Unit
     text: str
-    above: float | None
-    at_least: float | None
-    below: float | None
-    at_most: float | None
+    limits: Limits
     destinations: tuple[Destination, ...]
     tunable: bool
 
@@ -105,9 +106,8 @@ def parameters(part: Part) -> list[Parameter]:
         meaning = "where the platform is at the start, at rest"
         metre = known_unit("m")
         assert metre is not None
-        limits = (None,) * 4
         start = tuple(float(x) for x in part.start)
-        offered.append(Parameter(START, meaning, start, metre, "m", *limits, tuple(found[START]), False))
+        offered.append(Parameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
     return offered
 
 
@@ -124,13 +124,12 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
     unit = known_unit(text)
     assert unit is not None
     start = tuple(float(x) for x in value) if isinstance(value, (tuple, list)) else (float(value),)
-    limits = [
-        next((getattr(m, attr) for m in field.metadata if hasattr(m, attr)), None) for attr in ("gt", "ge", "lt", "le")
-    ]
-    return Parameter(
-        f"{table}.{name}", field.description or "", start, unit, text, *limits, destinations,
-        f"{table}.{name}" in TUNABLES,
-    )  # fmt: skip
+    above, at_least, below, at_most = (
+        next((getattr(m, sign) for m in field.metadata if hasattr(m, sign)), None) for sign in ("gt", "ge", "lt", "le")
+    )
+    key = f"{table}.{name}"
+    limits = above, at_least, below, at_most
+    return Parameter(key, field.description or "", start, unit, text, limits, destinations, key in TUNABLES)
 
 
 Found = Iterator[tuple[str, Destination]]
@@ -191,7 +190,7 @@ _COUNTS = {"motor_counts": "motor_counts_per_turn", "joint_counts": "joint_count
 
 def _estimator(part: Part, memory: np.ndarray) -> Found:
     belief = memory["belief"]
-    for name in belief.dtype.names:
+    for name in Belief._fields:
         key = "controller.dead_zone" if name == "backlash" else f"controller.model.{_COUNTS.get(name, name)}"
         yield key, Destination("estimator", belief[name])
 
@@ -245,8 +244,7 @@ _OF = {
 }
 
 _FIXED = {
-    "plant": ("plant.substeps", "contact.law", "contact.shape", "contact.radius_mm", "contact.exponent"),
-    "body": ("contact.breathing.end_s", "contact.shift.end_s", "[[fault]]"),
+    "plant": ("plant.substeps", "contact.law", "contact.shape"),
     "scale": ("scale.period_ms",),
     "encoder": ("seed", "controller.period_ms"),
     "estimator": ("controller.gravity_compensation", "controller.period_ms"),

@@ -109,7 +109,9 @@ def _refuse_broken(experiment: Experiment) -> None:
         (experiment.changes, "change", "set the parameter at that time there"),
     ):
         if found:
-            raise InputRefused(f"{experiment.name}: has [[{table}]] tables, which cannot be built; remove them: {remedy}")
+            raise InputRefused(
+                f"{experiment.name}: has [[{table}]] tables, which cannot be built; remove them: {remedy}"
+            )
 
 
 def _refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
@@ -119,11 +121,13 @@ def _refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> 
         # the body's values come in from outside then
         if role in experiment.stand_ins and name != "plant":
             label = experiment.stand_ins[role].label
-            raise InputRefused(f"{experiment.name}: its {role} is {label}, of another make; only twin's own can be built")
+            raise InputRefused(
+                f"{experiment.name}: its {role} is {label}, of another make; only twin's own can be built"
+            )
     if "plant" in wanted and experiment.cosim.inputs == "linear":
         raise InputRefused(
             f'{experiment.name}: [cosim] inputs = "linear": an FMU holds its inputs over a step; '
-            'build the plant with --set cosim.inputs=hold'
+            "build the plant with --set cosim.inputs=hold"
         )
     if "body" in wanted and name == "body" and not motions(experiment):
         raise InputRefused(f"{experiment.name}: its body does not move; there is nothing to build")

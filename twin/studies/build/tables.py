@@ -46,7 +46,7 @@ def tables(layout: Layout, variables: Sequence[Variable]) -> str:
                     for p in layout.places
                 ),
             ),
-            _array("Pointer", "pointers[N_POINTERS + 1]", (f"{{{field}, {target}}}" for field, target in layout.pointers)),
+            _array("Pointer", "pointers[N_POINTERS + 1]", (f"{{{field}, {at}}}" for field, at in layout.pointers)),
             _array("Component", "components[N_COMPONENTS]", map(_component, layout.rows)),
             _array("int", "sources[N_U + 1]", map(str, layout.sources)),
             _array("int", "outputs[N_Y]", map(str, layout.outputs)),
