@@ -1,6 +1,7 @@
 """FMUs in FMPy's hands: another master than ours, which knows nothing of the twin."""
 
 import shutil
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -19,10 +20,10 @@ class Slave:
     Args:
         file: the FMU.
         parameters: set before initialisation, by name.
-        inputs: the same during initialisation, and whether they may be set.
+        inputs: the same during initialisation.
     """
 
-    def __init__(self, file: Path, parameters: dict[str, float] | None = None, inputs: dict[str, Any] | None = None):
+    def __init__(self, file: Path, parameters: Mapping[str, Any] | None = None, inputs: dict[str, Any] | None = None):
         self.model = read_model_description(str(file))
         self.folder = extract(str(file))
         self.said: list[str] = []
@@ -63,7 +64,7 @@ class Slave:
         assert elements, name
         return [self.variables[element].valueReference for element in elements]
 
-    def set(self, values: dict[str, Any]) -> None:
+    def set(self, values: Mapping[str, Any]) -> None:
         """Values by name."""
         for name, value in values.items():
             self.put(self.references(name), np.ravel(value))

@@ -51,7 +51,7 @@ def test_all_parameters_at_once_do_what_the_experiment_with_them_does(
     theta_m, theta_l = run.of_drives("theta_m"), run.held("plant.theta_l")
     is_plant = part == "plant"
     inputs = {"theta_m": theta_m[0]} | ({} if is_plant else {"theta_l": theta_l[0]})
-    slave = Slave(built(part, "2.0", settings, str(experiment)), {k: v for k, v in values.items()}, inputs).ready()
+    slave = Slave(built(part, "2.0", settings, str(experiment)), values, inputs).ready()
     names = [name for name in run.fields() if any(v.startswith(name) for v in slave.variables)]
     names = [name for name in names if f"{name}[1]" in slave.variables or name in slave.variables]
     assert len(names) >= 10
