@@ -17,7 +17,7 @@ from twin.errors import InputRefused, disk_refusals
 from twin.studies.build.description import model_description
 from twin.studies.build.emission import Emitted, emitted
 from twin.studies.build.layout import Layout
-from twin.studies.build.part import Part
+from twin.studies.build.part import RobotPart
 from twin.studies.build.tables import sizes, tables
 
 C = Path(__file__).parent / "c"
@@ -48,7 +48,7 @@ def refuse_platform(wanted: Path) -> None:
 
 
 def packed(
-    part: Part, layout: Layout, fmi: str, about: str, readme: str, wanted: Path, say: Callable[[str], None]
+    part: RobotPart, layout: Layout, fmi: str, about: str, readme: str, wanted: Path, say: Callable[[str], None]
 ) -> bytes:
     """The archive.
 

@@ -10,7 +10,7 @@ from twin.cosim.component import NativeComponent
 from twin.cosim.port import Port, by_port, width
 from twin.cosim.wiring import End
 from twin.studies.build.parameters import UNLIMITED, Destination, Limits, Parameter
-from twin.studies.build.part import Beginning, Part
+from twin.studies.build.part import Beginning, RobotPart
 from twin.units import Unit, known_unit
 
 ALIGNED = 64
@@ -100,7 +100,7 @@ class Layout:
         )
 
 
-def laid_out(part: Part, parameters: Sequence[Parameter]) -> Layout:
+def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
     """The layout of `part` with its open `parameters`."""
     blocks = list(_blocks(part))
     variables = list(_variables(part, parameters))
@@ -143,7 +143,7 @@ class _Block(NamedTuple):
     offset: int
 
 
-def _blocks(part: Part) -> Iterator[_Block]:
+def _blocks(part: RobotPart) -> Iterator[_Block]:
     offset = 0
     for component in part.components:
         for name, array in ((component.name, component.memory), *component.pointers.items()):
@@ -161,7 +161,7 @@ def _offset(blocks: Sequence[_Block], memory: np.ndarray) -> int:
     raise AssertionError("memory of no component")
 
 
-def _image(part: Part, blocks: Sequence[_Block]) -> bytes:
+def _image(part: RobotPart, blocks: Sequence[_Block]) -> bytes:
     last = blocks[-1]
     image = bytearray(last.offset + -(-last.array.nbytes // ALIGNED) * ALIGNED)
     for block in blocks:
@@ -185,7 +185,7 @@ def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destinat
         yield Place(value, _offset(blocks, address), factor, divisor * destination.divisor, destination.times)
 
 
-def _variables(part: Part, parameters: Sequence[Parameter]) -> Iterator[Variable]:
+def _variables(part: RobotPart, parameters: Sequence[Parameter]) -> Iterator[Variable]:
     first = 0
     for p in parameters:
         kind: Kind = "tunable" if p.tunable else "parameter"
@@ -209,7 +209,7 @@ def _bracketed(text: str) -> str:
     return f"{above}{per}({below})" if "." in below else f"{above}{per}{below}"
 
 
-def _outputs(part: Part) -> Iterator[tuple[str, Port, np.ndarray]]:
+def _outputs(part: RobotPart) -> Iterator[tuple[str, Port, np.ndarray]]:
     """(component, port, values at the start) of all values of y in their order."""
     for component in part.components:
         for port, start in zip(
@@ -221,13 +221,13 @@ def _outputs(part: Part) -> Iterator[tuple[str, Port, np.ndarray]]:
             yield name, port, np.zeros(port.size)
 
 
-def _beginnings(part: Part) -> Iterator[tuple[str, Beginning]]:
+def _beginnings(part: RobotPart) -> Iterator[tuple[str, Beginning]]:
     for name, found in part.beginnings.items():
         for beginning in found:
             yield name, beginning
 
 
-def _rows(part: Part, memory: dict[str, int]) -> Iterator[Row]:
+def _rows(part: RobotPart, memory: dict[str, int]) -> Iterator[Row]:
     u = y = 0
     placed = {}
     for component in part.components:
@@ -247,7 +247,7 @@ def _rows(part: Part, memory: dict[str, int]) -> Iterator[Row]:
 
 
 def _source(
-    part: Part, component: NativeComponent, port: Port, n: int, y_of: dict[str, int], first_of: dict[str, int]
+    part: RobotPart, component: NativeComponent, port: Port, n: int, y_of: dict[str, int], first_of: dict[str, int]
 ) -> int:
     """What feeds a value of an input: the index of an output, or -1 less that of a value from outside."""
     end = part.feeds.get(End(component.name, port.name, n))

@@ -30,7 +30,7 @@ from twin.experiment.schema import (
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.tunable import PLACES as TUNABLES
-from twin.studies.build.part import Part
+from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
 
 START = "start.p_B"
@@ -93,7 +93,7 @@ class Parameter(NamedTuple):
     tunable: bool
 
 
-def parameters(part: Part) -> list[Parameter]:
+def parameters(part: RobotPart) -> list[Parameter]:
     """All of them, in the order of the tables of the file."""
     found: dict[str, list[Destination]] = {}
     for component in part.components:
@@ -135,11 +135,11 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
 Found = Iterator[tuple[str, Destination]]
 
 
-def _nothing(part: Part, memory: np.ndarray) -> Found:
+def _nothing(part: RobotPart, memory: np.ndarray) -> Found:
     return iter(())
 
 
-def _plant(part: Part, memory: np.ndarray) -> Found:
+def _plant(part: RobotPart, memory: np.ndarray) -> Found:
     true, contact = memory["parameters"], part.experiment.contact
     for name in (
         "a", "b", "l_a", "l_b", "m_a", "m_b", "m_p", "I_r", "b_j", "k_s", "N", "eta", "backlash", "eta_rate",
@@ -156,7 +156,7 @@ def _plant(part: Part, memory: np.ndarray) -> Found:
     yield START, Destination("plant", memory["x"][0, :3])
 
 
-def _body(part: Part, memory: np.ndarray) -> Found:
+def _body(part: RobotPart, memory: np.ndarray) -> Found:
     body = part.component("body")
     assert body is not None
     contact, motions = part.experiment.contact, iter(body.pointers["motions"])
@@ -174,11 +174,11 @@ def _body(part: Part, memory: np.ndarray) -> Found:
                 yield f"contact.{name}.{key}", Destination("body", place)
 
 
-def _scale(part: Part, memory: np.ndarray) -> Found:
+def _scale(part: RobotPart, memory: np.ndarray) -> Found:
     yield "scale.resolution", Destination("scale", memory["resolution"], times=G_ACCELERATION)
 
 
-def _encoder(part: Part, memory: np.ndarray) -> Found:
+def _encoder(part: RobotPart, memory: np.ndarray) -> Found:
     for side in ("motor", "joint"):
         yield f"plant.{side}_counts_per_turn", Destination("encoder", memory[side]["counts_per_rad"], 2 * math.pi)
         yield f"plant.{side}_zero", Destination("encoder", memory[side]["zero"])
@@ -188,14 +188,14 @@ def _encoder(part: Part, memory: np.ndarray) -> Found:
 _COUNTS = {"motor_counts": "motor_counts_per_turn", "joint_counts": "joint_counts_per_turn"}
 
 
-def _estimator(part: Part, memory: np.ndarray) -> Found:
+def _estimator(part: RobotPart, memory: np.ndarray) -> Found:
     belief = memory["belief"]
     for name in Belief._fields:
         key = "controller.dead_zone" if name == "backlash" else f"controller.model.{_COUNTS.get(name, name)}"
         yield key, Destination("estimator", belief[name])
 
 
-def _controller(part: Part, memory: np.ndarray) -> Found:
+def _controller(part: RobotPart, memory: np.ndarray) -> Found:
     c, law = part.experiment.controller, memory["law"]
     yield "controller.model.N", Destination("controller", law["N"])
     watched = part.experiment.monitor
@@ -228,7 +228,7 @@ def _controller(part: Part, memory: np.ndarray) -> Found:
     yield "controller.touch.learning", Destination("controller", machine["learning"])
 
 
-def _monitor(part: Part, memory: np.ndarray) -> Found:
+def _monitor(part: RobotPart, memory: np.ndarray) -> Found:
     for name in MonitorBelief._fields:
         yield f"robot.{_COUNTS.get(name, name)}", Destination("monitor", memory["belief"][name])
 
@@ -259,7 +259,7 @@ _FIXED = {
 """What decides on a component and may be fixed in it; what is offered after all is not."""
 
 
-def fixed(part: Part, offered: list[Parameter]) -> list[str]:
+def fixed(part: RobotPart, offered: list[Parameter]) -> list[str]:
     """The keys of the experiment's file that decide on the part, and cannot be set any more."""
     open_ones = {parameter.key for parameter in offered}
     keys = dict.fromkeys(key for component in part.components for key in _FIXED.get(component.name, ()))

@@ -40,7 +40,7 @@ class Beginning:
 
 
 @dataclass(frozen=True)
-class Part:
+class RobotPart:
     """What is built.
 
     Attributes:
@@ -66,7 +66,7 @@ class Part:
         return next((component for component in self.components if component.name == name), None)
 
 
-def part_of(experiment: Experiment, name: str) -> Part:
+def part_of(experiment: Experiment, name: str) -> RobotPart:
     """The part `name` of the robot of `experiment`.
 
     Raises:
@@ -99,7 +99,7 @@ def part_of(experiment: Experiment, name: str) -> Part:
         for port in component.inputs
         if End(component.name, port.name) not in feeds
     }
-    return Part(name, experiment, native, feeds, beginnings, starts, experiment.start)
+    return RobotPart(name, experiment, native, feeds, beginnings, starts, experiment.start)
 
 
 def _refuse_broken(experiment: Experiment) -> None:

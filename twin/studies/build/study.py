@@ -8,7 +8,7 @@ from twin.studies.answer import Answer
 from twin.studies.build.fmu import packed, refuse_platform
 from twin.studies.build.layout import Layout, laid_out
 from twin.studies.build.parameters import Parameter, fixed, parameters
-from twin.studies.build.part import Part, part_of
+from twin.studies.build.part import RobotPart, part_of
 from twin.writing import made_folder, write_bytes
 
 HOME = Path("results/build")
@@ -54,7 +54,7 @@ def build_fmu(
     })  # fmt: skip
 
 
-def about(part: Part) -> str:
+def about(part: RobotPart) -> str:
     """What the part is, and what its steps mean, in some sentences."""
     experiment = part.experiment
     names = ", ".join(component.name for component in part.components)
@@ -77,7 +77,7 @@ def _names(layout: Layout, kind: str) -> list[str]:
     return [variable.name for variable in layout.variables if variable.kind == kind]
 
 
-def _readme(part: Part, layout: Layout, closed: Sequence[str]) -> str:
+def _readme(part: RobotPart, layout: Layout, closed: Sequence[str]) -> str:
     rows = [
         f"| `{v.name}` | {v.kind} | {v.text} | {', '.join(f'{x:g}' for x in v.start) if v.kind != 'output' else ''} | "
         f"{v.meaning} |"
@@ -102,7 +102,13 @@ def _readme(part: Part, layout: Layout, closed: Sequence[str]) -> str:
 
 
 def _text(
-    part: Part, file: Path, fmi: str, size: int, layout: Layout, offered: Sequence[Parameter], closed: Sequence[str]
+    part: RobotPart,
+    file: Path,
+    fmi: str,
+    size: int,
+    layout: Layout,
+    offered: Sequence[Parameter],
+    closed: Sequence[str],
 ) -> str:
     inputs, outputs = _names(layout, "input"), _names(layout, "output")
     return "\n".join(
