@@ -19,7 +19,7 @@ BREATHING = ROOT / "experiments" / "track_breathing.toml"
 MASSAGE = ROOT / "experiments" / "massage.toml"
 SHIFTED = (
     "contact.shift={by_mm=[0.5,0.0,1.0],start_s=0.3,rise_s=0.2,end_s=1.0}", "contact.shape=sphere",
-    "contact.radius_mm=80", "contact.tilt_deg=3",
+    "contact.radius_mm=80", "contact.tilt_deg=3", "contact.height_mm=-93",
 )  # fmt: skip
 DEEP = ("contact.height_mm=-86", "plant.eta_rate_rad_per_s=0.5", "plant.eta=0.9")
 WATCHED = ("monitor={command_limit_rad_per_s=7.0}", "contact.height_mm=-86")
@@ -56,6 +56,8 @@ def test_all_parameters_at_once_do_what_the_experiment_with_them_does(
     names = [name for name in names if f"{name}[1]" in slave.variables or name in slave.variables]
     assert len(names) >= 10
     kept = Kept(slave, names, TICKS + 1)
+    if is_plant:
+        assert np.ptp(run.held("scale.F_z")) > 0.0
     kept.keep(0)
     for k in range(TICKS):
         slave.set({"theta_m": theta_m[k + 1]} if is_plant else {"theta_m": theta_m[k], "theta_l": theta_l[k]})

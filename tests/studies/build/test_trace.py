@@ -27,7 +27,8 @@ def own(settings: Sequence[str]) -> tuple[Trace, float]:
 
 
 @pytest.mark.parametrize(
-    ("fmi", "jacobi"), [("2.0", False), ("2.0", True), pytest.param("3.0", False), pytest.param("3.0", True)]
+    ("fmi", "jacobi"),
+    [("2.0", False), ("2.0", True), ("3.0", False), pytest.param("3.0", True, marks=pytest.mark.endurance)],
 )
 def test_fig4_in_a_plain_loop_is_the_twins_own_bit_for_bit(built: Callable[..., Path], fmi: str, jacobi: bool) -> None:
     run, droop = own(JACOBI if jacobi else ())

@@ -2,7 +2,8 @@
 
 Numba keeps the optimised LLVM module of a `cfunc`. Beside the function that C can call, which asks the interpreter for
 its error messages, stands an inner one, `int inner(int32 *result, void **exception, <arguments of the step>)`. That one
-is kept, under another name, and all that it does not call is removed.
+is kept, under another name; what it does not call is removed, and so is the counting of references to arrays in memory
+that nobody counts, once LLVM sees the whole.
 
 LLVM ends the process where it cannot write code for a target: whoever calls this should be ready to lose it.
 """
@@ -17,9 +18,6 @@ from twin.cosim.native import Step
 from twin.errors import InputRefused
 
 LINUX = "x86_64-unknown-linux-gnu"
-COUNTING = ("NRT_incref", "NRT_decref")
-"""Reference counting. A step's arrays lie in memory that nobody counts, so for it these do nothing; what they are made
-of is written for one processor."""
 MATHEMATICS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
     r"nearbyint|round|fabs|fmod|copysign|memcpy|memset|memmove)"
@@ -50,10 +48,7 @@ def emitted(step: Step, symbol: str, triple: str = LINUX) -> Emitted:
     # anew: what comes from the cache has no module
     compiled = cfunc(step.signature, error_model="numpy")(step.function)
     inner = compiled._wrapper_name.removeprefix("cfunc.")
-    text = str(compiled._library._final_module)
-    for name in COUNTING:
-        text = re.sub(rf"(define [^\n]*@{name}\([^\n]*\{{\n).*?\n\}}\n", r"\1  ret void\n}\n", text, flags=re.DOTALL)
-    module = llvm.parse_assembly(text)
+    module = llvm.parse_assembly(str(compiled._library._final_module))
     for item in (*module.functions, *module.global_variables):
         if not item.is_declaration and item.name != inner:
             item.linkage = "internal"
