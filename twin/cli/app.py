@@ -9,6 +9,7 @@ from twin import __version__
 from twin.cli import (
     accuracy,
     analyse,
+    build,
     check,
     compare,
     component,
@@ -65,6 +66,7 @@ app.command("converge")(converge.converge)
 app.command("accuracy")(accuracy.accuracy)
 app.command("identify")(identify.identify)
 app.command("export")(export.export)
+app.command("build")(build.build)
 app.command("analyse")(analyse.analyse)
 app.command("tune")(tune.tune)
 app.add_typer(drive.app, name="drive")

@@ -136,8 +136,7 @@ def step(m, t, h, u, y):
     if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
     y.dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0
-    y.p_cmd_B[:] = p_ref_B
-    y.p_cmd_B[2] += y.dp_z
+    y.p_cmd_B[0], y.p_cmd_B[1], y.p_cmd_B[2] = p_ref_B[0], p_ref_B[1], p_ref_B[2] + y.dp_z
     motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
     y.triggered, y.F_z, y.F_z_ref = m.triggered, m.F_z, m.law.F_z_ref
     return 0
@@ -164,9 +163,9 @@ class Controller(NativeComponent):
     ):
         times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
         memory = memory_of(MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
-        memory["way_points"], memory["times"], memory["points"] = len(times_), times_.ctypes.data, points_.ctypes.data
-        kept = (times_, points_)
-        super().__init__("controller", INPUTS, OUTPUTS, True, step, memory, period=period, keep=kept)
+        memory["way_points"] = len(times_)
+        kept = {"times": times_, "points": points_}
+        super().__init__("controller", INPUTS, OUTPUTS, True, step, memory, period=period, pointers=kept)
 
 
 NEVER = math.inf

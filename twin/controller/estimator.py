@@ -70,7 +70,9 @@ def step(m, t, h, u, y):
     # one sum is NaN or infinite if any of them is; a lost or garbled sample may not take the controller with it
     y.valid = np.isfinite(np.sum(newest))
     if y.valid:
-        carray(doubles_at(address_of(y)), ESTIMATES)[:] = newest
+        given = carray(doubles_at(address_of(y)), ESTIMATES)
+        for i in range(ESTIMATES):
+            given[i] = newest[i]
         m.estimated = 1
     return 0 if m.estimated else NO_POSE
 

@@ -77,7 +77,7 @@ def fed_forward(m, phase, J, t, h):
         motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag, m.p, m.v)
     else:
         # the machine turns round before the next call and has set the mean speed until then
-        m.v[:] = machine.v
+        m.v[0], m.v[1], m.v[2] = machine.v[0], machine.v[1], machine.v[2]
     for i in range(3):
         m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * m.v[2])
     if phase.force_on:
@@ -107,7 +107,8 @@ def step(m, t, h, u, y):
         rest(m.force)
     fed_forward(m, phase, u.J, t, h)
     damp(m.damper, m.law.N * m.forward.eta, u.tau_l, h, m.lead)
-    y.p_ref_B[:], y.v_ref_B[:], y.p_cmd_B[:] = machine.p, machine.v, machine.p
+    for i in range(3):
+        y.p_ref_B[i], y.v_ref_B[i], y.p_cmd_B[i] = machine.p[i], machine.v[i], machine.p[i]
     y.p_cmd_B[2] += m.dp_z
     motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
     y.dp_z, y.triggered, y.F_z, y.F_z_ref = m.dp_z, phase.force_on, m.F_z, machine.F_ref
@@ -142,9 +143,10 @@ class TaskController(NativeComponent):
         table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
         memory = memory_of(MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
         memory["forward"][0], memory["damper"][0] = tuple(feed_forward), damper(damping)
-        memory["phases"], memory["count"] = table.ctypes.data, len(table)
+        memory["count"] = len(table)
         machine = memory[0]["machine"]
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
-        super().__init__("controller", TASK_INPUTS, TASK_OUTPUTS, True, step, memory, period=period, keep=table)
+        kept = {"phases": table}
+        super().__init__("controller", TASK_INPUTS, TASK_OUTPUTS, True, step, memory, period=period, pointers=kept)

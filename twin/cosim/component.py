@@ -1,5 +1,6 @@
 """What the master needs to know of a component."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -75,8 +76,14 @@ class NativeComponent(Component):
         step: made by `native.step_function`.
         memory: (1,) record that the step works on.
         initial_outputs: zeros if not given; a sampled component overwrites them at tick 0.
-        keep: what `memory` points to.
+        keep: what `memory` points to, unless `pointers` says it.
         rewindable: whether all that its steps change lies in `memory` itself.
+        pointers: by field of `memory` the array whose address is put there; then all that the step works on is known,
+            and can be taken elsewhere.
+
+    Attributes:
+        step, memory, pointers: see there.
+        portable: whether `memory` and `pointers` are all that the step works on.
     """
 
     def __init__(
@@ -91,7 +98,11 @@ class NativeComponent(Component):
         period: int = 1,
         keep: Any = None,
         rewindable: bool = False,
+        pointers: Mapping[str, np.ndarray] | None = None,
     ):
+        self.step, self.memory, self.pointers, self.portable = step, memory, dict(pointers or {}), keep is None
+        for field_name, array in self.pointers.items():
+            memory[field_name] = array.ctypes.data
         super().__init__(
             name=name,
             inputs=inputs,
@@ -103,7 +114,6 @@ class NativeComponent(Component):
             period=period,
             keep=(memory, keep),
         )
-        self.memory = memory
         self._rewindable = rewindable
 
     def rewind(self) -> Rewind | None:

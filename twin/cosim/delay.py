@@ -25,5 +25,5 @@ def step(m, t, h, u, y):
 def delay(name: str, port: Port, ticks: int, initial: np.ndarray) -> Component:
     """Sampled component: its output `port` is its input of `ticks` (>= 1) ticks ago, before that `initial`."""
     ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))
-    memory = np.array([(width((port,)), ticks, 0, ring.ctypes.data)], dtype=MEMORY)
-    return NativeComponent(name, (port,), (port,), True, step, memory, ring[0].copy(), keep=ring)
+    memory = np.array([(width((port,)), ticks, 0, 0)], dtype=MEMORY)
+    return NativeComponent(name, (port,), (port,), True, step, memory, ring[0].copy(), pointers={"ring": ring})

@@ -29,7 +29,7 @@ class Step:
     """
 
     def __init__(self, signature: Any, function: Callable):
-        self._signature, self._function = signature, function
+        self.signature, self.function = signature, function
 
     @cached_property
     def address(self) -> int:
@@ -39,7 +39,7 @@ class Step:
     @cached_property
     def _compiled(self) -> Any:
         # an exception would be printed and lost, and the step's status with it; NaN and infinity are seen by the master
-        return cfunc(self._signature, cache=True, error_model="numpy")(self._function)
+        return cfunc(self.signature, cache=True, error_model="numpy")(self.function)
 
 
 def step_function(

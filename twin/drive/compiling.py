@@ -138,7 +138,7 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
     headers = scratch / "headers"
     headers.mkdir()
     (headers / "fmi2Functions.h").write_text(_WITHOUT_PREFIX)
-    includes = [f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{Path(fmpy.__file__).parent / 'c-code'}"]
+    includes = [f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{fmi_headers()}"]
     objects: list[str] = []
     plus = False
     for number, one in enumerate(sets):
@@ -151,11 +151,11 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
             where = str(_inside(file, scratch, source))
             _call(
                 file,
-                [*_compiler(file, is_plus), "-c", "-O2", "-fPIC", "-w", "-DFMI3_OVERRIDE_FUNCTION_PREFIX",
+                [*compiler(file, is_plus), "-c", "-O2", "-fPIC", "-w", "-DFMI3_OVERRIDE_FUNCTION_PREFIX",
                  *options, *includes, where, "-o", str(target)],
             )  # fmt: skip
             objects.append(str(target))
-    linker = _compiler(file, plus)
+    linker = compiler(file, plus)
     _call(file, [*linker, "-shared", *objects, "-lm", "-o", str(library)])
     said = subprocess.run([*linker, "--version"], capture_output=True, text=True, check=False).stdout
     return Compiled(library, (said.splitlines() or [linker[0]])[0].strip())
@@ -170,15 +170,28 @@ def _inside(file: Path, scratch: Path, name: str) -> Path:
     return path
 
 
-def _compiler(file: Path, plus: bool) -> list[str]:
-    """The platform's compiler, else that of ziglang."""
+def compiler(wanted: Path, plus: bool = False) -> list[str]:
+    """The platform's compiler, else that of ziglang.
+
+    Args:
+        wanted: what is to be built, for the sentence.
+        plus: whether it has C++ in it.
+
+    Raises:
+        InputRefused: there is none.
+    """
     for name in ("c++", "g++", "clang++") if plus else ("cc", "gcc", "clang"):
         found = shutil.which(name)
         if found:
             return [found]
     if importlib.util.find_spec("ziglang") is not None:
         return [sys.executable, "-m", "ziglang", "c++" if plus else "cc"]
-    raise InputRefused(f"{file}: there is no C compiler to build it with; install one (cc), or pip install ziglang")
+    raise InputRefused(f"{wanted}: there is no C compiler to build it with; install one (cc), or pip install ziglang")
+
+
+def fmi_headers() -> Path:
+    """The folder of FMI's C headers, which come with FMPy."""
+    return Path(fmpy.__file__).parent / "c-code"
 
 
 def _call(file: Path, command: list[str]) -> None:

@@ -115,5 +115,5 @@ class Body(NativeComponent):
 
     def __init__(self, motions: Sequence[Motion]):
         table = np.array([tuple(motion) for motion in motions], dtype=MOTION)
-        memory = np.array([(table.ctypes.data, len(table))], dtype=MEMORY)
-        super().__init__("body", (), OUTPUTS, True, step, memory, keep=table)
+        memory = np.array([(0, len(table))], dtype=MEMORY)
+        super().__init__("body", (), OUTPUTS, True, step, memory, pointers={"motions": table})

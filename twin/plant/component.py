@@ -102,7 +102,10 @@ def outputs(parameters, x, theta_m, s_B, v_s_B, y):
     The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s).
     """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
-    y.p_B[:], y.v_B[:], y.z_b[:] = x[0:3], x[3:6], x[6:8]
+    # value by value: copying a slice allocates memory for what may overlap, which an exported step must not
+    for i in range(3):
+        y.p_B[i], y.v_B[i] = x[i], x[3 + i]
+    y.z_b[0], y.z_b[1] = x[6], x[7]
     inside = True
     for leg in range(3):
         theta_l = leg_angle(parameters, leg, px, py, pz)
@@ -141,7 +144,8 @@ def step_over(moving, ramp):
             start = triple(u.theta_m_start)
             omega_m = (theta_m[0] - start[0]) / h, (theta_m[1] - start[1]) / h, (theta_m[2] - start[2]) / h
         # where the robot was, for the sentence of a step that leaves nothing but NaN
-        m.last[:] = m.x
+        for i in range(STATES):
+            m.last[i] = m.x[i]
         substep = h / m.substeps
         for i in range(m.substeps):
             turned = moved(start, omega_m, i * substep)

@@ -1,0 +1,23 @@
+"""`twin build` as a command: one answer, one exit code, and a file only if all went well."""
+
+import json
+from pathlib import Path
+
+from tests.cli.commands import twin
+
+
+def test_it_writes_an_fmu_and_says_what_it_holds(root: Path, tmp_path: Path):
+    done = twin("build", root / "experiments/fig4_force_position.toml", "--fmu", "encoder", "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    facts = json.loads(done.stdout)
+    assert (tmp_path / facts["file"]).stat().st_size == facts["bytes"]
+    assert facts["file"] == "results/build/fig4_force_position/encoder.fmu"
+    assert facts["inputs"] == ["theta_m", "theta_l"]
+    assert "plant.motor_zero_deg" in facts["parameters"] and "controller.period_ms" in facts["fixed"]
+
+
+def test_a_part_that_is_none_is_refused_with_exit_code_2_and_leaves_nothing(root: Path, tmp_path: Path):
+    done = twin("build", root / "experiments/fig4_force_position.toml", "--fmu", "plent", cwd=tmp_path)
+    assert (done.returncode, done.stdout) == (2, "")
+    assert done.stderr.strip().endswith("did you mean 'plant'?")
+    assert list(tmp_path.iterdir()) == []

@@ -1,0 +1,137 @@
+"""What `twin build --fmu` writes, and what it refuses before it writes anything."""
+
+import importlib.util
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+
+import fmpy.validation
+import numpy as np
+import pytest
+from numba import carray
+
+from tests.studies.build.conftest import FIG4, MODULES, silent
+from twin.cosim.native import step_function
+from twin.cosim.record import record
+from twin.errors import InputRefused, NotWritten
+from twin.runs.assembly.load import load_experiment
+from twin.studies.build import fmu
+from twin.studies.build.emission import emitted
+from twin.studies.build.layout import laid_out
+from twin.studies.build.parameters import parameters
+from twin.studies.build.part import part_of
+from twin.studies.build.study import build_fmu
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+@pytest.mark.parametrize("part", ["plant", "computer"])
+def test_fmpy_finds_nothing_to_complain_of(built: Callable[..., Path], part: str, fmi: str) -> None:
+    assert fmpy.validation.validate_fmu(str(built(part, fmi))) == []
+
+
+def test_no_step_counts_references_allocates_or_is_of_one_processor(built: Callable[..., Path]) -> None:
+    built("plant")
+    built("computer")
+    assert {"step_plant", "begin_plant_0", "begin_plant_1", "step_estimator", "step_controller"} <= MODULES.keys()
+    for symbol, text in MODULES.items():
+        for foreign in ("NRT_", "llvm.x86.", "Py", "numba_"):
+            assert foreign not in text, (symbol, foreign)
+
+
+def test_a_step_that_allocates_cannot_leave_python() -> None:
+    @step_function(record(n="i8"))
+    def step(m, t, h, u, y):  # type: ignore[no-untyped-def]
+        kept = np.zeros(m.n)
+        carray(y, 1)[0] = kept.sum()
+        return 0
+
+    with pytest.raises(InputRefused, match=r"its compiled step needs .*NRT_"):
+        emitted(step, "step_of_mine")
+
+
+def test_it_is_small_and_brings_no_file_beside_its_library(built: Callable[..., Path]) -> None:
+    for part in ("plant", "computer"):
+        with zipfile.ZipFile(built(part)) as archive:
+            assert archive.namelist() == [
+                f"binaries/linux64/{part}.so", "documentation/README.md", "modelDescription.xml"
+            ]  # fmt: skip
+        assert built(part).stat().st_size < 100_000
+
+
+def test_parameters_are_called_and_said_as_in_the_file(built: Callable[..., Path]) -> None:
+    variables = {v.name: v for v in fmpy.read_model_description(str(built("plant"))).modelVariables}
+    stiffness, height = variables["plant.k_s_Nm_per_rad"], variables["contact.height_mm"]
+    assert (stiffness.causality, stiffness.variability, stiffness.start) == ("parameter", "fixed", "1.0")
+    assert stiffness.description == "stiffness of the series elastic spring, Eq. 18"
+    unit = stiffness.declaredType or stiffness
+    assert unit.unit == "Nm/rad"
+    assert (height.start, height.unit) == ("-101.0", "mm")
+    assert "plant.substeps" not in variables
+
+
+def test_the_same_experiment_gives_the_same_bytes(built: Callable[..., Path], tmp_path: Path) -> None:
+    # the computer: its way points lie elsewhere each time
+    build_fmu(FIG4, "computer", "2.0", tmp_path / "again.fmu", [], silent)
+    assert (tmp_path / "again.fmu").read_bytes() == built("computer").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("part", "settings", "sentence"),
+    [
+        ("plent", (), "no part of fig4_force_position that can be built; did you mean 'plant'"),
+        ("monitor", (), "no part of fig4_force_position that can be built"),
+        ("../plant", (), "no part of fig4_force_position that can be built"),
+        ("drive_1", (), "a drive is an FMU already"),
+        ("body", (), "its body does not move"),
+        ("plant", ("cosim.inputs=linear",), "holds its inputs over a step"),
+        ("computer", ("controller.fmu=fmus/parts/paper_law",), "of another make"),
+        ("plant", ('fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]',), r"has \[\[fault\]\] tables"),
+        (
+            "computer",
+            ('change=[{t_s=1.0, key="controller.force.reference_N", value=4.0}]',),
+            r"has \[\[change\]\] tables",
+        ),
+    ],
+)
+def test_what_cannot_be_built_is_refused_in_a_sentence(
+    tmp_path: Path, part: str, settings: tuple[str, ...], sentence: str
+) -> None:
+    with pytest.raises(InputRefused, match=sentence):
+        build_fmu(FIG4, part, "2.0", tmp_path / "it.fmu", settings, silent)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_without_a_compiler_nothing_is_compiled_or_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(shutil, "which", lambda name: None)
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(InputRefused, match=r"it\.fmu: there is no C compiler.*pip install ziglang"):
+        build_fmu(FIG4, "plant", "2.0", tmp_path / "it.fmu", [], silent)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_compiler_that_refuses_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(fmu, "FLAGS", (*fmu.FLAGS, "-Dint=nonsense"))
+    with pytest.raises(InputRefused, match=r"it\.fmu: does not compile with cc: .*error"):
+        build_fmu(FIG4, "encoder", "2.0", tmp_path / "it.fmu", [], silent)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_elsewhere_it_says_for_what_it_builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("platform.machine", lambda: "aarch64")
+    with pytest.raises(InputRefused, match="built on x86-64 Linux"):
+        build_fmu(FIG4, "encoder", "2.0", tmp_path / "it.fmu", [], silent)
+
+
+def test_a_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
+    with pytest.raises(NotWritten):
+        build_fmu(FIG4, "encoder", "2.0", tmp_path / "nowhere" / "it.fmu", [], silent)
+
+
+def test_no_address_of_this_process_leaves_it() -> None:
+    part = part_of(load_experiment(FIG4, ["controller.delay_ticks=2"]), "computer")
+    layout = laid_out(part, parameters(part))
+    assert len(layout.pointers) == 3
+    for field, target in layout.pointers:
+        assert layout.image[field : field + 8] == bytes(8)
+        assert 0 < target < len(layout.image)

@@ -1,0 +1,65 @@
+"""What a plant that is taken elsewhere works out for itself before its first step, compiled as its steps are."""
+
+import math
+from functools import cache
+
+from numba import njit
+
+from twin.cosim.native import step_function
+from twin.cosim.port import Port
+from twin.plant.component import LEFT_WORKSPACE, MEMORY, OUTPUTS, STILL, inputs, outputs, triple
+from twin.plant.contact import contact_force
+from twin.plant.dynamics import joint_torque
+from twin.robot.gravity import arm_gravity_torque, platform_weight
+from twin.robot.inverse_kinematics import leg_angle
+from twin.robot.jacobian import jacobian_row
+
+REST_OUTPUTS = (
+    Port("theta_m_rest", 3, "rad", "motor angles at which the platform rests where it starts, to rounding"),
+)
+
+
+@cache
+def outputs_at_start(moving, ramp):
+    """The outputs of a plant before its first step, from its state and the motor angles in its inputs."""
+
+    @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
+    def start(m, t, h, u, y):
+        inside = outputs(m.parameters, m.x, triple(u.theta_m), STILL, STILL, y)
+        return 0 if inside else LEFT_WORKSPACE
+
+    return start
+
+
+@njit(cache=True)
+def cross(a, b):
+    """Vector product of two triples."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+@njit(cache=True, error_model="numpy")
+def _share(w, a, b, c):
+    """How much of the triple `a` is in `w`, which is a sum of multiples of `a`, `b` and `c`: Cramer's rule."""
+    n = cross(b, c)
+    return (w[0] * n[0] + w[1] * n[1] + w[2] * n[2]) / (a[0] * n[0] + a[1] * n[1] + a[2] * n[2])
+
+
+@step_function(MEMORY, outputs=REST_OUTPUTS)
+def rest(m, t, h, u, y):
+    # `equilibrium.resting` without a solver of LAPACK, which no FMU has
+    p = m.parameters
+    px, py, pz = m.x[0], m.x[1], m.x[2]
+    fx, fy, fz = contact_force(p, px, py, pz, 0.0, 0.0, 0.0, 0.0, 0.0)
+    w = fx, fy, fz + platform_weight(p)
+    theta_1, theta_2, theta_3 = leg_angle(p, 0, px, py, pz), leg_angle(p, 1, px, py, pz), leg_angle(p, 2, px, py, pz)
+    row_1 = jacobian_row(p, 0, theta_1, px, py, pz)
+    row_2 = jacobian_row(p, 1, theta_2, px, py, pz)
+    row_3 = jacobian_row(p, 2, theta_3, px, py, pz)
+    tau = _share(w, row_1, row_2, row_3), _share(w, row_2, row_3, row_1), _share(w, row_3, row_1, row_2)
+    theta = theta_1, theta_2, theta_3
+    for leg in range(3):
+        d = (tau[leg] - arm_gravity_torque(p, p, theta[leg])) / joint_torque(p, leg, 1.0, 0.0)
+        slack = p.backlash + p.backlash_added[leg]
+        gap = 0.0 if d == 0.0 else math.copysign(slack, d)
+        y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]
+    return 0

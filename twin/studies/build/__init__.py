@@ -1,0 +1,1 @@
+"""Parts of the robot built for other people's masters."""

@@ -1,0 +1,263 @@
+"""A part laid out for C: the values that FMI sees, inputs and outputs of its components, one block of memory."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from twin.cosim.component import NativeComponent
+from twin.cosim.port import Port, by_port, width
+from twin.cosim.wiring import End
+from twin.studies.build.parameters import UNLIMITED, Destination, Limits, Parameter
+from twin.studies.build.part import Beginning, RobotPart
+from twin.units import Unit, known_unit
+
+ALIGNED = 64
+"""Bytes to whose multiples components and what they point to begin."""
+
+Kind = Literal["parameter", "tunable", "input", "output"]
+
+
+class Variable(NamedTuple):
+    """A variable of the FMU: one value, or an array of several.
+
+    Attributes:
+        name: `plant.F_ee_B`.
+        kind: what it is to FMI.
+        meaning: one phrase.
+        unit, text: what its values are in, and as it is written.
+        first: where its values begin.
+        start: they, at the start; an output's before anything is known of inputs.
+        limits: as of a parameter.
+    """
+
+    name: str
+    kind: Kind
+    meaning: str
+    unit: Unit
+    text: str
+    first: int
+    start: tuple[float, ...]
+    limits: Limits = UNLIMITED
+
+
+class Place(NamedTuple):
+    """memory[offset] = value * factor / divisor * times, see `part.h`."""
+
+    value: int
+    offset: int
+    factor: float
+    divisor: float
+    times: float
+
+
+class Row(NamedTuple):
+    """A component's row of the table of C, or that of what begins it.
+
+    Attributes:
+        symbol: of its function.
+        step: the function.
+        period: in ticks; 0: before the first step only.
+    """
+
+    component: NativeComponent
+    symbol: str
+    step: object
+    period: int
+    memory: int
+    u: int
+    y: int
+    y_size: int
+
+
+@dataclass(frozen=True)
+class Layout:
+    """See the tables of `part.h`, whose names these are."""
+
+    variables: tuple[Variable, ...]
+    rows: tuple[Row, ...]
+    places: tuple[Place, ...]
+    pointers: tuple[tuple[int, int], ...]
+    sources: tuple[int, ...]
+    outputs: tuple[int, ...]
+    first_y: tuple[float, ...]
+    image: bytes
+
+    @property
+    def values(self) -> int:
+        """How many values the variables have."""
+        return sum(len(variable.start) for variable in self.variables)
+
+    def scalars(self) -> tuple[Variable, ...]:
+        """The same variables for who knows no arrays: `p_B[1]`, `p_B[2]`, `p_B[3]`."""
+        return tuple(
+            variable
+            if len(variable.start) == 1
+            else variable._replace(name=f"{variable.name}[{n + 1}]", first=variable.first + n, start=(start,))
+            for variable in self.variables
+            for n, start in enumerate(variable.start)
+        )
+
+
+def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
+    """The layout of `part` with its open `parameters`."""
+    blocks = list(_blocks(part))
+    variables = list(_variables(part, parameters))
+    first_of = {variable.name: variable.first for variable in variables}
+    places = [
+        place
+        for parameter in parameters
+        for destination in parameter.destinations
+        for place in _places(blocks, parameter, first_of[parameter.key], destination)
+    ]
+    rows = tuple(_rows(part, {block.name: block.offset for block in blocks}))
+    y_of = {row.component.name: row.y for row in rows if row.period}
+    sources = [
+        _source(part, component, port, n, y_of, first_of)
+        for component in part.components
+        for port in component.inputs
+        for n in range(port.size)
+    ]
+    ports = [(name, port) for name, port, _ in _outputs(part)]
+    outputs = [first_of[f"{name}.{port.name}"] + n for name, port in ports for n in range(port.size)]
+    return Layout(
+        tuple(variables),
+        rows,
+        tuple(places),
+        tuple(
+            (_offset(blocks, component.memory[field]), _offset(blocks, array))
+            for component in part.components
+            for field, array in component.pointers.items()
+        ),
+        tuple(sources),
+        tuple(outputs),
+        tuple(float(x) for _, _, start in _outputs(part) for x in start),
+        _image(part, blocks),
+    )
+
+
+class _Block(NamedTuple):
+    name: str
+    array: np.ndarray
+    offset: int
+
+
+def _blocks(part: RobotPart) -> Iterator[_Block]:
+    offset = 0
+    for component in part.components:
+        for name, array in ((component.name, component.memory), *component.pointers.items()):
+            yield _Block(name if array is component.memory else f"{component.name}.{name}", array, offset)
+            offset += -(-array.nbytes // ALIGNED) * ALIGNED
+
+
+def _offset(blocks: Sequence[_Block], memory: np.ndarray) -> int:
+    """Where `memory`, a view of one of the blocks, begins."""
+    address = memory.ctypes.data
+    for block in blocks:
+        inside = address - block.array.ctypes.data
+        if 0 <= inside < block.array.nbytes:
+            return block.offset + inside
+    raise AssertionError("memory of no component")
+
+
+def _image(part: RobotPart, blocks: Sequence[_Block]) -> bytes:
+    last = blocks[-1]
+    image = bytearray(last.offset + -(-last.array.nbytes // ALIGNED) * ALIGNED)
+    for block in blocks:
+        image[block.offset : block.offset + block.array.nbytes] = block.array.tobytes()
+    for component in part.components:
+        # an address of this process means nothing elsewhere
+        for field in component.pointers:
+            at = _offset(blocks, component.memory[field])
+            image[at : at + 8] = bytes(8)
+    return bytes(image)
+
+
+def _places(blocks: Sequence[_Block], parameter: Parameter, first: int, destination: Destination) -> Iterator[Place]:
+    memory, unit = destination.memory, parameter.unit
+    factor, divisor = (unit.scale, 1.0) if unit.pi else (float(unit.factor.numerator), float(unit.factor.denominator))
+    for n, index in enumerate(np.ndindex(memory.shape)):
+        address = memory[tuple(slice(i, i + 1) for i in index)]
+        value = first + (n if len(parameter.start) > 1 else 0)
+        # one of both is 1 wherever a place has a divisor
+        assert destination.divisor == 1.0 or divisor == 1.0
+        yield Place(value, _offset(blocks, address), factor, divisor * destination.divisor, destination.times)
+
+
+def _variables(part: RobotPart, parameters: Sequence[Parameter]) -> Iterator[Variable]:
+    first = 0
+    for p in parameters:
+        kind: Kind = "tunable" if p.tunable else "parameter"
+        yield Variable(p.key, kind, p.meaning, p.unit, _bracketed(p.text), first, p.start, p.limits)
+        first += len(p.start)
+    named: list[tuple[Kind, str, Port, np.ndarray]] = []
+    named += [("input", name, port, start) for name, (port, start) in part.starts.items()]
+    named += [("output", f"{name}.{port.name}", port, start) for name, port, start in _outputs(part)]
+    for kind, name, port, start in named:
+        text = port.unit.replace(" ", ".")
+        unit = known_unit(text)
+        assert unit is not None, f"{name} is in {port.unit}"
+        yield Variable(name, kind, port.meaning, unit, _bracketed(text), first, tuple(float(x) for x in start))
+        first += port.size
+
+
+def _bracketed(text: str) -> str:
+    """`mm/(N.s)` for what we spell `mm/N.s`."""
+    above, per, below = text.partition("/")
+    below = below.replace("/", ".")
+    return f"{above}{per}({below})" if "." in below else f"{above}{per}{below}"
+
+
+def _outputs(part: RobotPart) -> Iterator[tuple[str, Port, np.ndarray]]:
+    """(component, port, values at the start) of all values of y in their order."""
+    for component in part.components:
+        for port, start in zip(
+            component.outputs, by_port(component.outputs, component.initial_outputs).values(), strict=True
+        ):
+            yield component.name, port, start
+    for name, beginning in _beginnings(part):
+        for port in beginning.outputs:
+            yield name, port, np.zeros(port.size)
+
+
+def _beginnings(part: RobotPart) -> Iterator[tuple[str, Beginning]]:
+    for name, found in part.beginnings.items():
+        for beginning in found:
+            yield name, beginning
+
+
+def _rows(part: RobotPart, memory: dict[str, int]) -> Iterator[Row]:
+    u = y = 0
+    placed = {}
+    for component in part.components:
+        size = width(component.outputs)
+        row = Row(
+            component, f"step_{component.name}", component.step, component.period, memory[component.name], u, y, size
+        )
+        placed[component.name] = row
+        yield row
+        u, y = u + width(component.inputs), y + size
+    for n, (name, beginning) in enumerate(_beginnings(part)):
+        row = placed[name]._replace(symbol=f"begin_{name}_{n}", step=beginning.step, period=0)
+        if beginning.outputs:
+            row = row._replace(y=y, y_size=width(beginning.outputs))
+            y += row.y_size
+        yield row
+
+
+def _source(
+    part: RobotPart, component: NativeComponent, port: Port, n: int, y_of: dict[str, int], first_of: dict[str, int]
+) -> int:
+    """What feeds a value of an input: the index of an output, or -1 less that of a value from outside."""
+    end = part.feeds.get(End(component.name, port.name, n))
+    if end is None:
+        return -1 - (first_of[port.name] + n)
+    source = part.component(end.component)
+    assert source is not None
+    start = y_of[source.name]
+    for other in source.outputs:
+        if other.name == end.port:
+            return start + end.element
+        start += other.size
+    raise AssertionError(f"{end} is no output")
