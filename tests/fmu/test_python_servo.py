@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from builder.drive import source_guid
 from builder.python_slave import pack_python_drive
+from builder.references import carry_references
 from fmpy.fmi1 import FMICallException
 from fmpy.fmi2 import fmi2Discard
 from fmpy.validation import validate_fmu
@@ -251,6 +252,7 @@ def test_the_description_is_valid_and_asks_for_no_tool() -> None:
 @pytest.mark.skipif(find_spec("pythonfmu") is None, reason="no pythonfmu: pip install .[fmus]")
 def test_rebuilding_gives_the_same_bytes(tmp_path: Path) -> None:
     pack_python_drive(DRIVE, tmp_path / "scratch", tmp_path / "rebuilt.fmu")
+    carry_references(DRIVE, tmp_path / "rebuilt.fmu")
     assert (tmp_path / "rebuilt.fmu").read_bytes() == fmu_path(DRIVE).read_bytes()
 
 

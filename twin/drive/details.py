@@ -7,7 +7,7 @@ import zipfile
 from pathlib import Path
 from typing import Any
 
-from lxml import etree
+from twin.files import xml_of
 
 DESCRIPTION = "modelDescription.xml"
 NUMBERS = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
@@ -19,8 +19,7 @@ def complete(model: Any, file: Path) -> None:
     if model.fmiVersion != "1.0" and not model.fmiVersion.startswith("3."):
         return
     with zipfile.ZipFile(file) as archive:
-        # FMPy has read it before; what it takes for text is no entity of ours
-        root = etree.fromstring(archive.read(DESCRIPTION), etree.XMLParser(resolve_entities=False))
+        root = xml_of(archive.read(DESCRIPTION), f"{file}: {DESCRIPTION}")
     if model.fmiVersion == "1.0":
         _capabilities(model, root)
     else:

@@ -7,6 +7,7 @@ from typing import NamedTuple
 
 from twin.drive.archive import entries, place
 from twin.errors import InputRefused
+from twin.files import xml_of
 
 STRUCTURE = "SystemStructure.ssd"
 MOST_STRUCTURE = 16 << 20
@@ -36,13 +37,6 @@ class SystemStructure(NamedTuple):
     connections: tuple[Connection, ...]
 
 
-class _NoDocumentType(ET.TreeBuilder):
-    """Refuses what an entity could be declared in, before it is."""
-
-    def doctype(self, name: str, pubid: str | None, system: str | None) -> None:
-        raise InputRefused("declares a document type, which no system structure needs; do not trust this file")
-
-
 def structure(file: Path) -> SystemStructure:
     """What the SSP archive `file` says.
 
@@ -52,7 +46,7 @@ def structure(file: Path) -> SystemStructure:
     sizes = entries(file)
     if STRUCTURE not in sizes:
         raise InputRefused(f"{file}: no {STRUCTURE} inside; this is not an SSP")
-    root = _root(file, _content(file, STRUCTURE, MOST_STRUCTURE))
+    root = xml_of(_content(file, STRUCTURE, MOST_STRUCTURE), f"{file}: {STRUCTURE}")
     system = root.find(f"{NAMESPACE}System")
     if system is None:
         raise InputRefused(f"{file}: {STRUCTURE} has no system of SSP 1.0")
@@ -79,16 +73,6 @@ def _content(file: Path, entry: str, most: int) -> bytes:
         if info.file_size > most:
             raise InputRefused(f"{file}: {entry} has {info.file_size / 1e6:.0f} MB; do not trust this file")
         return archive.read(info)
-
-
-def _root(file: Path, content: bytes) -> ET.Element:
-    try:
-        return ET.fromstring(content, ET.XMLParser(target=_NoDocumentType()))
-    except InputRefused as refusal:
-        raise InputRefused(f"{file}: {STRUCTURE} {refusal}") from None
-    # an encoding that nobody knows is a LookupError
-    except (ET.ParseError, LookupError, ValueError) as problem:
-        raise InputRefused(f"{file}: {STRUCTURE} cannot be read: {problem}") from None
 
 
 def _source(file: Path, element: ET.Element, sizes: dict[str, int]) -> str:

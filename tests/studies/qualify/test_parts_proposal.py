@@ -113,8 +113,8 @@ def test_the_wires_of_an_ssp_are_those_of_its_structure(shop: Path, tmp_path: Pa
 @pytest.mark.parametrize(
     ("head", "fmus", "sentence"),
     [
-        ('<!DOCTYPE x [<!ENTITY a "b">]>', FMUS, "declares a document type"),
-        ("<open>", FMUS, "cannot be read: "),
+        ('<!DOCTYPE x [<!ENTITY a "b">]>', FMUS, "it has a document type"),
+        ("<open>", FMUS, "not valid XML: "),
         ("", (("motor", "../motor.fmu"),), "part 'motor' is no FMU inside this archive (../motor.fmu)"),
         ("", (("motor", "http://x/motor.fmu"),), "no FMU inside this archive"),
         ("", (), "0 parts; expected 1 to 50"),

@@ -51,8 +51,16 @@ class BareRun:
     failure: str = ""
 
 
-def bare_run(description: FmuDescription, described: Described, files: Prepared) -> BareRun:
+def bare_run(
+    description: FmuDescription, described: Described, files: Prepared, ended: Callable[[BareRun], None]
+) -> None:
     """Run the FMU as an experiment describes it; what it does not say is the FMU's default experiment.
+
+    Args:
+        description: the FMU.
+        described: the experiment.
+        files: what it is told, and its results.
+        ended: told of the run before the FMU is freed, in which some crash.
 
     Raises:
         InputRefused: a step, duration or input that cannot be.
@@ -82,11 +90,11 @@ def bare_run(description: FmuDescription, described: Described, files: Prepared)
             slices.append(simulation.advance().copy())
         rows = np.concatenate(slices)
         columns = {p.variable.name: system.columns(f"fmu.{p.port.name}").start for p in outputs}
+        failure = str(simulation.failure) if simulation.failure else ""
+        names = {name: rows[:, column] for name, column in columns.items()}
+        ended(BareRun(step, step * np.arange(len(rows), dtype=float), names, unknown, failure))
     finally:
         component.close()
-    failure = str(simulation.failure) if simulation.failure else ""
-    names = {name: rows[:, column] for name, column in columns.items()}
-    return BareRun(step, step * np.arange(len(rows), dtype=float), names, unknown, failure)
 
 
 def _component(description: FmuDescription) -> Callable[..., FmuComponent]:

@@ -1,6 +1,7 @@
 """What came of the experiments that came with an FMU; each is run in a process of its own, if that is asked for."""
 
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -94,28 +95,43 @@ def default_outcome(file: Path) -> Outcome:
 
 def tried(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
     """Fields of the outcome of the trial `number` of the FMU `file`; a job of the guard."""
-    return asdict(_here(Path(file), number, carried(Path(file)).trials[number], Limits()))
+    trial = carried(Path(file)).trials[number]
+    return asdict(_here(Path(file), number, trial, Limits(), lambda outcome: reporter.note(outcome=asdict(outcome))))
 
 
 def _apart(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
+    noted: list[dict[str, Any]] = []
     try:
         # what can be refused without a process is
         _files(file, trial)
-        return Outcome(**guarded(JOB, {"file": str(file), "number": number}, limits))
+        return Outcome(**guarded(JOB, {"file": str(file), "number": number}, limits, noted.append))
     except (JobEnded, JobEndedLoading) as failure:
+        # whether it can be freed is another question than whether it does what the results say
+        if noted:
+            outcome = Outcome(**noted[-1]["outcome"])
+            return replace(outcome, detail=f"{outcome.detail}; then: {failure}")
         return Outcome(trial.described.name, "lost", str(failure))
     except InputRefused as refusal:
         return Outcome(trial.described.name, "refused", str(refusal))
 
 
-def _here(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
+def _here(
+    file: Path, number: int, trial: Trial, limits: Limits, ended: Callable[[Outcome], None] = lambda outcome: None
+) -> Outcome:
+    name = trial.described.name
+    outcomes: list[Outcome] = []
+
+    def judge(run: BareRun) -> None:
+        outcomes.append(_judged(name, run, files.results))
+        ended(outcomes[-1])
+
     try:
         description, files = _files(file, trial)
-        run = bare_run(description, trial.described, files)
+        bare_run(description, trial.described, files, judge)
     except TwinError as trouble:
         word = "refused" if isinstance(trouble, InputRefused) else "failed"
-        return Outcome(trial.described.name, word, str(trouble))
-    return _judged(trial.described.name, run, files.results)
+        return Outcome(name, word, str(trouble))
+    return outcomes[-1]
 
 
 def _files(file: Path, trial: Trial) -> tuple[FmuDescription, Prepared]:
