@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from tests.cli.commands import twin
+from tests.command_line import twin
 
 
 def test_it_writes_an_fmu_and_says_what_it_holds(root: Path, tmp_path: Path):
