@@ -4,7 +4,7 @@ import os
 import signal
 import threading
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -148,4 +148,9 @@ def test_only_failures_are_recorded_if_only_those_are_asked_for(hostile, tmp_pat
 
 def children() -> set[int]:
     """Processes that this one has begun and that have not ended."""
-    return {int(pid) for task in Path("/proc/self/task").iterdir() for pid in (task / "children").read_text().split()}
+    begun = set()
+    for task in Path("/proc/self/task").iterdir():
+        # a thread may end while it is looked at
+        with suppress(FileNotFoundError):
+            begun |= {int(pid) for pid in (task / "children").read_text().split()}
+    return begun

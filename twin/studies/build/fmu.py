@@ -122,16 +122,13 @@ def _linked(name: str, fmi: str, generated: dict[str, str], steps: list[Emitted]
         tempfile.TemporaryDirectory(prefix="twin-build-") as scratch,
     ):
         folder = Path(scratch)
-        for file, content in _ceremony(fmi).items():
+        objects = {f"{step.symbol}.o": step.content for step in steps}
+        for file, content in (_ceremony(fmi) | objects).items():
             (folder / file).write_bytes(content)
         for file, text in generated.items():
             (folder / file).write_text(text, encoding="utf-8")
-        objects = []
-        for step in steps:
-            objects.append(folder / f"{step.symbol}.o")
-            objects[-1].write_bytes(step.content)
         # relative: the name of a folder would end in the library
-        inputs = ["part.c", f"fmi{fmi[0]}.c", "tables.c", *(file.name for file in objects)]
+        inputs = ["part.c", f"fmi{fmi[0]}.c", "tables.c", *objects]
         library = folder / f"{name}.so"
         command = [*tool, *target, *FLAGS, "-I.", "-isystem", str(fmi_headers()), *inputs, "-lm", "-o", library.name]
         try:
