@@ -3,7 +3,6 @@
 It is slower than `PythonComponent`, which works in the master's memory, and nothing can be written by mistake.
 """
 
-import ctypes
 import hashlib
 import inspect
 import os
@@ -16,9 +15,8 @@ from typing import Any
 
 import numpy as np
 
-from twin.cosim.component import Component
-from twin.cosim.port import Port, width
-from twin.cosim.python_component import FAILED, STEP, doubles
+from twin.cosim.port import Port
+from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused, nearest
 from twin.files import read_bytes
 from twin.units import known_unit
@@ -69,7 +67,22 @@ def _gain(label: str, port: Port, unit: Any) -> float:
     return told.scale
 
 
-class ClassComponent(Component):
+class _Called:
+    """A user's class as `PythonComponent` calls one: arrays into a dictionary, and back."""
+
+    sampled = True
+
+    def __init__(self, model: Any, inputs: Wanted, outputs: Wanted):
+        self.inputs, self.outputs = inputs.ports, outputs.ports
+        self._model, self._inputs, self._outputs = model, inputs, outputs
+
+    def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
+        # copies, so that what a class keeps stays what it was
+        given = {n: u[p] / g if s > 1 else float(u[p][0]) / g for n, s, p, g in self._inputs.places}
+        _put(self._model.step(t, given), self._outputs, y)
+
+
+class ClassComponent(PythonComponent):
     """Wraps an instance of a user's class as a sampled component.
 
     Args:
@@ -81,37 +94,8 @@ class ClassComponent(Component):
     """
 
     def __init__(self, name: str, label: str, model: Any, inputs: Wanted, outputs: Wanted, period: int):
-        self.exception: BaseException | None = None
-        views: dict[tuple[int, int], tuple[np.ndarray, np.ndarray]] = {}
-        sizes = width(inputs.ports), width(outputs.ports)
-
-        def callback(_self: int, t: float, h: float, u: int, y: int) -> int:
-            if (u, y) not in views:
-                views[u, y] = doubles(u, sizes[0]), doubles(y, sizes[1])
-            values, into = views[u, y]
-            try:
-                # copies, so that what a class keeps stays what it was
-                given = {n: values[p] / g if s > 1 else float(values[p][0]) / g for n, s, p, g in inputs.places}
-                _put(model.step(t, given), outputs, into)
-            # anything that leaves a callback would be printed and lost; it is kept for `explain`
-            except BaseException as exception:
-                self.exception = exception
-                return FAILED
-            return 0
-
-        function = STEP(callback)
-        super().__init__(
-            name=name,
-            inputs=inputs.ports,
-            outputs=outputs.ports,
-            sampled=True,
-            step_address=ctypes.cast(function, ctypes.c_void_p).value or 0,
-            self_address=0,
-            initial_outputs=np.zeros(sizes[1]),
-            period=period,
-            label=label,
-            keep=function,
-        )
+        super().__init__(name, _Called(model, inputs, outputs), period)
+        self.label = label
 
     def explain(self, status: int) -> str:
         if isinstance(self.exception, KeyboardInterrupt):

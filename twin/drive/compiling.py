@@ -139,6 +139,10 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
     headers.mkdir()
     (headers / "fmi2Functions.h").write_text(_WITHOUT_PREFIX)
     includes = [f"-I{headers}", f"-I{scratch / 'sources'}", f"-I{fmi_headers()}"]
+    said = (
+        f"{file}: its sources do not compile",
+        f"{file}: its sources still compile after {PATIENCE:g} s; build it elsewhere",
+    )
     objects: list[str] = []
     plus = False
     for number, one in enumerate(sets):
@@ -149,16 +153,15 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
             is_plus = source.lower().endswith(CPLUSPLUS)
             plus |= is_plus
             where = str(_inside(file, scratch, source))
-            _call(
-                file,
+            call_compiler(
                 [*compiler(file, is_plus), "-c", "-O2", "-fPIC", "-w", "-DFMI3_OVERRIDE_FUNCTION_PREFIX",
-                 *options, *includes, where, "-o", str(target)],
+                 *options, *includes, where, "-o", str(target)], *said,
             )  # fmt: skip
             objects.append(str(target))
     linker = compiler(file, plus)
-    _call(file, [*linker, "-shared", *objects, "-lm", "-o", str(library)])
-    said = subprocess.run([*linker, "--version"], capture_output=True, text=True, check=False).stdout
-    return Compiled(library, (said.splitlines() or [linker[0]])[0].strip())
+    call_compiler([*linker, "-shared", *objects, "-lm", "-o", str(library)], *said)
+    version = subprocess.run([*linker, "--version"], capture_output=True, text=True, check=False).stdout
+    return Compiled(library, (version.splitlines() or [linker[0]])[0].strip())
 
 
 def _inside(file: Path, scratch: Path, name: str) -> Path:
@@ -194,12 +197,25 @@ def fmi_headers() -> Path:
     return Path(fmpy.__file__).parent / "c-code"
 
 
-def _call(file: Path, command: list[str]) -> None:
+def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path | None = None) -> None:
+    """Run a compiler.
+
+    Args:
+        command: the compiler first.
+        refused: begins the sentence if it refuses.
+        late: the sentence if it takes longer than `PATIENCE`.
+        folder: in which; else the present one.
+
+    Raises:
+        InputRefused: it refuses, or takes too long.
+    """
     try:
-        done = subprocess.run(command, capture_output=True, text=True, timeout=PATIENCE, errors="replace", check=False)
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE, errors="replace", check=False
+        )
     except subprocess.TimeoutExpired:
-        raise InputRefused(f"{file}: its sources still compile after {PATIENCE:g} s; build it elsewhere") from None
+        raise InputRefused(late) from None
     if done.returncode:
         errors = [line for line in done.stderr.splitlines() if "error" in line or "undefined" in line]
         said = (errors or done.stderr.splitlines() or ["without a word"])[0][:SHOWN]
-        raise InputRefused(f"{file}: its sources do not compile with {Path(command[0]).name}: {said}")
+        raise InputRefused(f"{refused} with {Path(command[0]).name}: {said}")

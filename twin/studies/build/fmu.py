@@ -3,7 +3,6 @@
 import hashlib
 import io
 import platform
-import subprocess
 import sys
 import tempfile
 import uuid
@@ -12,7 +11,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twin.drive.compiling import PATIENCE, SHOWN, compiler, fmi_headers
+from twin.drive.compiling import PATIENCE, call_compiler, compiler, fmi_headers
 from twin.errors import InputRefused, disk_refusals
 from twin.studies.build.description import model_description
 from twin.studies.build.emission import Emitted, emitted
@@ -131,14 +130,10 @@ def _linked(name: str, fmi: str, generated: dict[str, str], steps: list[Emitted]
         inputs = ["part.c", f"fmi{fmi[0]}.c", "tables.c", *objects]
         library = folder / f"{name}.so"
         command = [*tool, *target, *FLAGS, "-I.", "-isystem", str(fmi_headers()), *inputs, "-lm", "-o", library.name]
-        try:
-            done = subprocess.run(
-                command, cwd=folder, capture_output=True, text=True, timeout=PATIENCE, errors="replace", check=False
-            )
-        except subprocess.TimeoutExpired:
-            raise InputRefused(f"{wanted}: its C still compiles after {PATIENCE:g} s; try another compiler") from None
-        if done.returncode:
-            errors = [line for line in done.stderr.splitlines() if "error" in line or "undefined" in line]
-            said = (errors or done.stderr.splitlines() or ["without a word"])[0][:SHOWN]
-            raise InputRefused(f"{wanted}: does not compile with {Path(tool[0]).name}: {said}")
+        call_compiler(
+            command,
+            f"{wanted}: does not compile",
+            f"{wanted}: its C still compiles after {PATIENCE:g} s; try another compiler",
+            folder,
+        )
         return library.read_bytes()
