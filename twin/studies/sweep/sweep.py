@@ -11,6 +11,7 @@ from typing import Any
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.folder import claim
+from twin.studies.sweep.interrupt import remembered
 from twin.studies.sweep.measures import within
 from twin.studies.sweep.plan import Plan, Task
 from twin.studies.sweep.pool import Pool
@@ -82,12 +83,13 @@ def run_sweep(
         if tasks:
             job = _job(plan, folder, record, limits)
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
-            with closing(engine.results(job, tasks)) as batches:
+            with remembered() as raise_if_pressed, closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
                     fresh = [_row(plan, task, facts) for task, facts in batch]
                     rows.add(fresh)
                     tally.take(fresh)
                     show(tally.state)
+                    raise_if_pressed()
         return rows.rows
 
 

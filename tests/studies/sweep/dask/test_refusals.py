@@ -127,8 +127,6 @@ def test_options_that_contradict_each_other_are_refused(root: Path, options: lis
     assert told in str(result.exception)
 
 
-# of some ten whole runs of all tests it did not end within a minute in one, and never alone: not understood yet
-@pytest.mark.endurance
 def test_ctrl_c_keeps_what_is_finished_ends_all_processes_and_says_how_to_go_on(root: Path, tmp_path: Path):
     command = Command(root, tmp_path)
     # batches hold half a second's worth of runs: it takes a minute, and is not over when the first rows are there
