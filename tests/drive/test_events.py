@@ -8,13 +8,10 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.drive.commanded import stepped
 from tests.drive.eventful import KINDS, eventful_drive, eventful_library
 from tests.drive.test_component import TICK, made, run
 from twin.cli.drive import _table
-from twin.cosim.port import Port
-from twin.cosim.python_component import PythonComponent
-from twin.cosim.simulation import Simulation
-from twin.cosim.system import System
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
@@ -103,31 +100,6 @@ def test_an_input_clock_ticks_where_it_has_to(shaft: Maker, rhythm: str, first: 
     # sums of 50 products
     assert out["theta_m"][1:] == pytest.approx(np.cumsum(held) * TICK, rel=1e-14)
     assert out["status"][1:].tolist() == np.maximum((k - first) // every, 0).tolist()
-
-
-def stepped(component: Any, command: Callable[[float], float], ticks: int, **coupling: Any) -> dict[str, np.ndarray]:
-    """What a drive does at a command that is a function of time, sampled at each tick."""
-    source = PythonComponent("source", Source(command, sampled="inputs" not in coupling))
-    wires = [(f"source.{p.name.partition(':')[0]}", f"{component.name}.{p.name}") for p in component.inputs]
-    system = System([source, component], wires, TICK, **coupling)
-    try:
-        rows = Simulation(system, ticks).run()
-    finally:
-        component.close()
-    return {p.name: rows[:, system.columns(f"{component.name}.{p.name}")][:, 0] for p in component.outputs}
-
-
-class Source:
-    """A command that is a function of time: of that at a tick if sampled, else of that at the end of a step."""
-
-    inputs = ()
-    outputs = (Port("omega_ref", 1, "rad/s"), Port("tau_load", 1, "N m"))
-
-    def __init__(self, command: Callable[[float], float], sampled: bool):
-        self.command, self.sampled = command, sampled
-
-    def step(self, t: float, h: float, u: np.ndarray, y: np.ndarray) -> None:
-        y[:] = self.command(t if self.sampled else t + h), 0.0
 
 
 def test_a_discrete_input_is_set_in_an_event_and_only_when_it_changes(shaft: Maker):
