@@ -11,8 +11,8 @@ from tests.recording.forgery import data_records, sealed, without_last
 from tests.studies.paper.fig5_recordings import pressed
 from twin.recording.reader import read
 from twin.recording.recording import Recording
-from twin.report.page.panels import commanded_speed
 from twin.report.page.page import report_page, write_report
+from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
