@@ -105,9 +105,7 @@ def assemble(
     return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others)
 
 
-def broken(
-    experiment: Experiment, components: Sequence[Component], feeds: Feeds
-) -> tuple[list[Component], Feeds]:
+def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds) -> tuple[list[Component], Feeds]:
     """The same robot with the faults of `experiment` in it, see `inject`."""
     return inject(
         components,
