@@ -90,9 +90,13 @@ def test_the_same_experiment_gives_the_same_bytes(built: Callable[..., Path], tm
         ("body", (), "its body does not move"),
         ("plant", ("cosim.inputs=linear",), "holds its inputs over a step"),
         ("computer", ("controller.fmu=fmus/parts/paper_law",), "of another make"),
-        ("plant", (SOFT,), r"fault_1 \(spring_broken\) writes into the memory of plant.*build the sound plant with --set"),
+        (
+            "plant",
+            (SOFT,),
+            r"fault_1 \(spring_broken\) writes into the memory of plant.*build the sound plant with --set",
+        ),
         ("fault_1", (SOFT,), "writes into the memory of plant, which no FMU can do to another; it cannot be built"),
-        ("computer", (BIAS,), "stands between encoder and estimator, within computer; build its components one by one"),
+        ("computer", (BIAS,), "between encoder and estimator, within computer; build its components one by one"),
         ("fault_1", (JUMP,), "is a motion of the body, and is built with it: expected body or plant"),
         ("fault_2", (BIAS,), "can be built; did you mean 'fault_1'"),
         (
