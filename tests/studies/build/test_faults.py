@@ -60,7 +60,7 @@ def test_a_fault_in_an_fmu_is_the_twins_own_bit_for_bit(built: Callable[..., Pat
 def test_every_kind_of_fault_is_a_part_or_is_refused_in_words() -> None:
     faults = []
     for kind, known in CATALOGUE.items():
-        magnitude = {f"magnitude_{known.unit}": known.magnitudes[0]} if known.unit else {}
+        magnitude = {f"magnitude_{known.unit}": known.magnitudes[0]} if known.magnitudes else {}
         faults.append({"kind": kind, "onset_s": 1.0} | magnitude | ({"share": 0.1} if known.has_share else {}))
     texts = (", ".join(f"{k} = {v!r}" for k, v in table.items()) for table in faults)
     experiment = load_experiment(MASSAGE, [f"fault=[{', '.join(f'{{{text}}}' for text in texts)}]"])

@@ -108,7 +108,7 @@ def references(build: Build) -> Makers:
 
 
 def delays(build: Build) -> Makers:
-    """What makes the delay between controller and drives, if one is set."""
+    """What makes the delay of the computation behind the controller, if one is set."""
     ticks = build.experiment.controller.delay_ticks
     return {"delay": lambda: delay("delay", (OMEGA_REF,), ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
 

@@ -94,7 +94,7 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
     chosen = sorted((c for c in native if c.name in wanted), key=lambda component: not component.sampled)
     within = {target: source for target, source in feeds.items() if {target.component, source.component} <= {*wanted}}
     beginnings: dict[str, tuple[Beginning, ...]] = {}
-    if plant in chosen:
+    if "plant" in wanted:
         moving = len(plant.inputs) > len(plant_inputs(False, False))
         beginnings["plant"] = Beginning(outputs_at_start(moving, False)), Beginning(rest, REST_OUTPUTS)
     starts = {
