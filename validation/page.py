@@ -18,13 +18,17 @@ def table(facts: Mapping[str, Any]) -> str:
     rows: Sequence[Mapping[str, Any]] = facts["findings"]
     verdicts = [row["verdict"] for row in rows]
     summary = ", ".join(
-        f"{verdicts.count(verdict)} {verdict}" for verdict in ("holds", "EXCEEDED", "FAILED", "not run") if verdict in verdicts
+        f"{verdicts.count(verdict)} {verdict}"
+        for verdict in ("holds", "EXCEEDED", "FAILED", "not run")
+        if verdict in verdicts
     )
     lines = [f"{counted(len(rows), 'comparison')} on {facts['platform']}: {summary}.", ""]
     lines += [markdown(HEAD, map(_cells, rows)), ""]
     lines += ["Why these bounds, and where the differences come from:", ""]
     for reason in dict.fromkeys(row["reason"] for row in rows):
-        names = dict.fromkeys(f"`{row['name']}`, at most {_amount(row, 'bound')}" for row in rows if row["reason"] == reason)
+        names = dict.fromkeys(
+            f"`{row['name']}`, at most {_amount(row, 'bound')}" for row in rows if row["reason"] == reason
+        )
         lines.append(f"- {'; '.join(names)}: {reason}.")
     remarks = [f"- `{row['name']}`, {row['claim']}: {row['remark']}." for row in rows if row["remark"]]
     return "\n".join([*lines, *(["", "Without a difference:", "", *remarks] if remarks else [])]) + "\n"

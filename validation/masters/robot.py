@@ -1,7 +1,7 @@
 """The robot of an experiment taken apart for another master: FMUs, wires, and what the twin's own run gave."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from shutil import copyfile
@@ -52,6 +52,7 @@ class Robot:
         parameters: of components, set before initialisation.
         wires: all of them.
         outputs: names of the outputs of each component.
+        zeros: angle of each motor where its drive counts 0 (rad): where the robot rests at the beginning.
         own: the twin's own run in the corresponding scheme.
     """
 
@@ -60,12 +61,19 @@ class Robot:
     parameters: Mapping[str, Mapping[str, float]]
     wires: tuple[Wire, ...]
     outputs: Mapping[str, tuple[str, ...]]
+    zeros: Mapping[str, float]
     own: Trace
 
     @property
     def ticks(self) -> int:
         """How many steps of `own.tick` there are."""
         return len(self.own.t) - 1
+
+    def starting_inside(self) -> "Robot":
+        """The same for a master whose wires cannot add: the drives are told where they begin."""
+        parameters = {name: {**self.parameters[name], "theta_m": self.zeros[name]} for name in DRIVES}
+        wires = tuple(replace(wire, offset=0.0) for wire in self.wires)
+        return replace(self, parameters=parameters, wires=wires, zeros=dict.fromkeys(DRIVES, 0.0))
 
 
 class Rows:
@@ -77,15 +85,16 @@ class Rows:
 
     def __init__(self, robot: Robot):
         self.values = {name: np.full((robot.ticks + 1, len(names)), np.nan) for name, names in robot.outputs.items()}
-        self._outputs = robot.outputs
+        self._robot = robot
 
     def signals(self) -> Signals:
-        """The same by signal; those of a drive are called after it."""
+        """The same by signal; those of a drive are called after it, and its angle is the motor's."""
         columns: dict[str, list[NDArray[np.float64]]] = {}
-        for component, names in self._outputs.items():
+        for component, names in self._robot.outputs.items():
             for i, name in enumerate(names):
                 key = f"{component}.{name}" if component in DRIVES else name.partition("[")[0]
-                columns.setdefault(key, []).append(self.values[component][:, i])
+                zero = self._robot.zeros[component] if component in DRIVES and name == "theta_m" else 0.0
+                columns.setdefault(key, []).append(self.values[component][:, i] + zero)
         return {key: np.column_stack(found) for key, found in columns.items()}
 
 
@@ -117,20 +126,23 @@ def robot(experiment: str, duration_s: float) -> Robot:
         component: tuple(v.name for v in read_model_description(str(file)).modelVariables if v.causality == "output")
         for component, file in files.items()
     }
-    start = own.of_drives("theta_m")[0]
-    command = "monitor.omega_ref" if "monitor.omega_ref[1]" in outputs["computer"] else "controller.omega_ref"
-    wires = []
-    for i, drive_ in enumerate(DRIVES):
-        angle = f"theta_m[{i + 1}]"
-        wires += [
-            Wire((drive_, "theta_m"), ("plant", angle), float(start[i])),
-            Wire((drive_, "theta_m"), ("computer", angle), float(start[i])),
-            Wire(("plant", f"plant.theta_l[{i + 1}]"), ("computer", f"theta_l[{i + 1}]")),
-            Wire(("plant", f"plant.tau_load[{i + 1}]"), (drive_, "tau_load")),
-            Wire(("computer", f"{command}[{i + 1}]"), (drive_, "omega_ref")),
-        ]
+    zeros = dict(zip(DRIVES, own.of_drives("theta_m")[0].tolist(), strict=True))
     parameters = {name: {"droop": float(str(loaded.drives[0].parameters["droop"]))} for name in DRIVES}
-    return Robot(folder, files, parameters, tuple(wires), outputs, own)
+    return Robot(folder, files, parameters, _wires(outputs, zeros), outputs, zeros, own)
+
+
+def _wires(outputs: Mapping[str, tuple[str, ...]], zeros: Mapping[str, float]) -> tuple[Wire, ...]:
+    command = "monitor.omega_ref" if "monitor.omega_ref[1]" in outputs["computer"] else "controller.omega_ref"
+    wires: list[Wire] = []
+    for i, drive in enumerate(DRIVES, 1):
+        wires += [
+            Wire((drive, "theta_m"), ("plant", f"theta_m[{i}]"), zeros[drive]),
+            Wire((drive, "theta_m"), ("computer", f"theta_m[{i}]"), zeros[drive]),
+            Wire(("plant", f"plant.theta_l[{i}]"), ("computer", f"theta_l[{i}]")),
+            Wire(("plant", f"plant.tau_load[{i}]"), (drive, "tau_load")),
+            Wire(("computer", f"{command}[{i}]"), (drive, "omega_ref")),
+        ]
+    return tuple(wires)
 
 
 def differences(signals: Signals, own: Trace) -> dict[str, float]:
@@ -151,11 +163,6 @@ def differences(signals: Signals, own: Trace) -> dict[str, float]:
     found = {}
     for signal in signals.keys() & known.keys():
         theirs, ours = signals[signal], own.held(known[signal]).astype(float).reshape(len(own.t), -1)
-        is_drive = signal.startswith("drive_")
-        if is_drive and signal.endswith(".theta_m"):
-            # as on the wires: a drive counts from a zero of its own
-            theirs = theirs + ours[0]
-        later = is_drive or signal.startswith("plant.")
-        ours = ours[1:] if later else ours[:-1]
+        ours = ours[1:] if signal.startswith(("drive_", "plant.")) else ours[:-1]
         found[signal] = float(np.max(np.abs(theirs[1:] - ours))) / (float(np.ptp(ours)) or 1.0)
     return found

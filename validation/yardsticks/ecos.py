@@ -1,15 +1,14 @@
 """The robot in Ecos."""
 
-from collections.abc import Callable, Mapping
-from functools import partial
+from collections.abc import Callable
 
-from validation.masters.bounds import DURATIONS
-from validation.masters.robot import Rows, differences, robot
-from validation.yardstick import NotHere, Yardstick
+from validation.masters.master import BIT_FOR_BIT, Master, beside_the_twin
+from validation.masters.robot import Robot, Rows, Signals
+from validation.yardstick import NotHere
 
 
-def run(experiment: str) -> Mapping[str, float]:
-    """Ecos beside the twin's own run.
+def run(given: Robot) -> Signals:
+    """What Ecos gives.
 
     Raises:
         NotHere: the library of Ecos does not load.
@@ -19,7 +18,6 @@ def run(experiment: str) -> Mapping[str, float]:
     except OSError as missing:
         raise NotHere(f"Ecos does not load: {missing}; it needs TBB 12, which Debian has as libtbb12") from None
     EcosLib.set_log_level("warn")
-    given = robot(experiment, DURATIONS[experiment])
     structure = EcosSimulationStructure()
     for name, file in given.files.items():
         structure.add_model(name, str(file))
@@ -38,7 +36,7 @@ def run(experiment: str) -> Mapping[str, float]:
         for values, names in seen:
             values[k + 1] = [simulation.get_real(name) for name in names]
     simulation.terminate()
-    return differences(rows.signals(), given.own)
+    return rows.signals()
 
 
 def shifted(offset: float) -> Callable[[float], float]:
@@ -46,15 +44,8 @@ def shifted(offset: float) -> Callable[[float], float]:
     return lambda value: value + offset
 
 
-YARDSTICKS = tuple(
-    Yardstick(
-        claim=f"{duration:g} s of {experiment}: every output of drives, plant and computer beside the twin's own run",
-        source="Ecos (NTNU), in ecospy",
-        unit="of the signal's range",
-        bound=0.0,
-        reason="every step is the same 0.001 s, and values go over the wires as they are: the same bits",
-        differences=partial(run, experiment),
-        packages=("ecospy",),
-    )
-    for experiment, duration in DURATIONS.items()
+YARDSTICKS = beside_the_twin(
+    Master(run, "Ecos (NTNU)", ("ecospy",)),
+    BIT_FOR_BIT,
+    "Ecos hands on the same 0.001 s with every step, and values as they are, so that there is nothing to round",
 )

@@ -1,18 +1,13 @@
 """The robot in libcosim, out of an OspSystemStructure.xml as its users write it."""
 
-from collections.abc import Mapping
-from functools import cache, partial
 from xml.etree import ElementTree as ET
 
 from fmpy import read_model_description
 
-from validation.masters.bounds import DURATIONS, RANGE, RANGE_REASON, RANGE_UNIT
-from validation.masters.plain_loop import looped
-from validation.masters.robot import Robot, Rows, Signals, differences, robot
-from validation.yardstick import Yardstick
+from validation.masters.master import ROUNDING, WHY_ROUNDING, Master, beside_a_loop, beside_the_twin
+from validation.masters.robot import Robot, Rows, Signals
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
-NANOSECONDS = 1_000_000_000
 
 
 def structure(robot: Robot) -> bytes:
@@ -47,9 +42,8 @@ def structure(robot: Robot) -> bytes:
     return ET.tostring(root, encoding="UTF-8", xml_declaration=True) + b"\n"
 
 
-@cache
-def run(experiment: str) -> Signals:
-    """What libcosim gives for an experiment.
+def run(given: Robot) -> Signals:
+    """What libcosim gives.
 
     Raises:
         RuntimeError: libcosim refuses or fails.
@@ -60,7 +54,6 @@ def run(experiment: str) -> Signals:
     from libcosimpy.CosimObserver import CosimObserver
 
     log_output_level(CosimLogLevel.WARNING)
-    given = robot(experiment, DURATIONS[experiment])
     (given.folder / "OspSystemStructure.xml").write_bytes(structure(given))
     execution = CosimExecution.from_osp_config_file(str(given.folder))
     observer = CosimObserver.create_last_value()
@@ -79,44 +72,20 @@ def run(experiment: str) -> Signals:
     return rows.signals()
 
 
-def beside_the_twin(experiment: str) -> Mapping[str, float]:
-    return differences(run(experiment), robot(experiment, DURATIONS[experiment]).own)
+def time_of(tick: int) -> float:
+    """As libcosim hands it on: whole nanoseconds, divided (s)."""
+    return tick * 1_000_000 / 1_000_000_000
 
 
-def explained() -> Mapping[str, float]:
-    """libcosim beside a plain loop that counts time as it does, in whole nanoseconds: the last bit of a step differs."""
-    again = looped(robot("fig4_force_position", DURATIONS["fig4_force_position"]), libcosims_time)
-    theirs = run("fig4_force_position")
-    return {key: float(abs(theirs[key][1:] - again[key][1:]).max()) for key in theirs}
-
-
-def libcosims_time(tick: int) -> float:
-    """Of an instant between two steps of 1 ms, s."""
-    return tick * 1_000_000 / NANOSECONDS
-
-
-SOURCE = "libcosim of the Open Simulation Platform (DNV, SINTEF, Kongsberg, NTNU), in libcosimpy"
+LIBCOSIM = Master(
+    run, "libcosim of the Open Simulation Platform (DNV, Kongsberg Maritime, SINTEF, NTNU)", ("libcosimpy",)
+)
 YARDSTICKS = (
-    *(
-        Yardstick(
-            claim=f"{duration:g} s of {experiment}: every output of drives, plant and computer beside the twin's own run",
-            source=SOURCE,
-            unit=RANGE_UNIT,
-            bound=RANGE,
-            reason=RANGE_REASON + "libcosim counts whole nanoseconds and hands on the difference of two times as numbers, "
-            "so that a step is not always the same 0.001 s in its last bit; the drives reckon with it",
-            differences=partial(beside_the_twin, experiment),
-            packages=("libcosimpy",),
-        )
-        for experiment, duration in DURATIONS.items()
+    *beside_the_twin(
+        LIBCOSIM,
+        ROUNDING,
+        f"{WHY_ROUNDING}. libcosim counts nanoseconds and hands on the difference of two times as a number, so that the "
+        "last bits of a step vary, and the drives reckon with it",
     ),
-    Yardstick(
-        claim="20 s of fig4_force_position beside a plain loop that counts time in nanoseconds: that is all there is to it",
-        source=SOURCE,
-        unit="",
-        bound=0.0,
-        reason="the same FMUs, the same numbers on the wires, the same steps: the same bits",
-        differences=explained,
-        packages=("libcosimpy",),
-    ),
+    beside_a_loop(LIBCOSIM, time_of, "counts nanoseconds"),
 )
