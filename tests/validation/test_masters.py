@@ -63,7 +63,7 @@ def test_a_trace_that_is_late_or_off_or_not_there_exceeds_the_bound(spoil: Calla
 
 
 @pytest.mark.parametrize(
-    "setting", ["plant.k_s_Nm_per_rad=1.000000001", "controller.delay_ticks=2", "cosim.scheme=gauss_seidel"]
+    "setting", ["plant.k_s_Nm_per_rad=1.000000001", "controller.bus_delay_ticks=2", "cosim.scheme=gauss_seidel"]
 )
 def test_a_master_that_runs_another_robot_or_in_another_order_exceeds_the_bound(setting: str):
     assert max(differences(as_another_master_gives_it(own(setting)), own()).values()) > ROUNDING

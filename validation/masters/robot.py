@@ -17,14 +17,34 @@ from twin.studies.build.study import build_fmu
 ROOT = Path(__file__).parents[2]
 PLACE = ROOT / "results" / "validation"
 """Where the parts are left, for whoever wants to open them in another tool."""
-JACOBI = ("cosim.scheme=jacobi", "controller.delay_ticks=1")
+JACOBI = ("cosim.scheme=jacobi", "controller.bus_delay_ticks=1")
 """What a master in which all exchange their values between steps comes to."""
 DRIVES = ("drive_1", "drive_2", "drive_3")
-UNMATCHED = {"plant.theta_m_rest", "delay.omega_ref"}
-"""An output that no recording has; a signal of ours that in another master is the delay of its own."""
+UNMATCHED = {"plant.theta_m_rest", "bus.omega_ref", "bus.power"}
+"""An output that no recording has; a signal of ours that in another master are the delay of its own."""
 
 Signals = Mapping[str, NDArray[np.float64]]
 """Values after each step by `component.name`, (ticks + 1, size); the first row, before any step, is not compared."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """What is run.
+
+    Attributes:
+        experiment: name of the file.
+        duration: of the run (s).
+        settings: laid over the experiment.
+        remark: what they do, in a word.
+    """
+
+    experiment: str
+    duration: float
+    settings: tuple[str, ...] = ()
+    remark: str = ""
+
+    def __str__(self) -> str:
+        return f"{self.duration:g} s of {self.experiment}{self.remark and f' {self.remark}'}"
 
 
 @dataclass(frozen=True)
@@ -99,26 +119,22 @@ class Rows:
 
 
 @cache
-def robot(experiment: str, duration_s: float) -> Robot:
-    """The robot of `experiment` in a Jacobi master.
-
-    Args:
-        experiment: name of the file.
-        duration_s: of the run.
+def robot(case: Case) -> Robot:
+    """The robot of an experiment for a Jacobi master.
 
     Raises:
         InputRefused: a part cannot be built here.
     """
-    path = ROOT / "experiments" / f"{experiment}.toml"
-    lasting = f"duration_s={duration_s}"
-    loaded = load_experiment(path, [lasting, *JACOBI])
+    path = ROOT / "experiments" / f"{case.experiment}.toml"
+    settings = [f"duration_s={case.duration}", *case.settings]
+    loaded = load_experiment(path, [*settings, *JACOBI])
     own = run_in_memory(loaded)
-    folder = PLACE / experiment
+    folder = PLACE / f"{case.experiment}{case.remark and '_' + case.remark.replace(' ', '_').replace('/', '_')}"
     folder.mkdir(parents=True, exist_ok=True)
     files = {part: folder / f"{part}.fmu" for part in ("plant", "computer")}
     for part, file in files.items():
         # without the delay: the computer has that of its own step
-        build_fmu(path, part, "2.0", file, [lasting], lambda what: None)
+        build_fmu(path, part, "2.0", file, settings, lambda what: None)
     drive = folder / "drive.fmu"
     copyfile(loaded.drives[0].fmu, drive)
     files |= dict.fromkeys(DRIVES, drive)

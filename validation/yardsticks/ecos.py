@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from validation.masters.master import BIT_FOR_BIT, Master, beside_the_twin
+from validation.masters.master import BIT_FOR_BIT, FIG4, MASSAGE, SAME_BITS, Master, beside_the_twin
 from validation.masters.robot import Robot, Rows, Signals
 from validation.yardstick import NotHere
 
@@ -44,8 +44,10 @@ def shifted(offset: float) -> Callable[[float], float]:
     return lambda value: value + offset
 
 
-YARDSTICKS = beside_the_twin(
-    Master(run, "Ecos (NTNU)", ("ecospy",)),
-    BIT_FOR_BIT,
-    "Ecos hands on the same 0.001 s with every step, and values as they are, so that there is nothing to round",
+ECOS = Master(run, "Ecos (NTNU)", ("ecospy",))
+YARDSTICKS = tuple(
+    beside_the_twin(
+        ECOS, case, BIT_FOR_BIT, f"Ecos hands on the same 0.001 s with every step, and values as they are; {SAME_BITS}"
+    )
+    for case in (FIG4, MASSAGE)
 )

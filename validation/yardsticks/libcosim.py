@@ -4,8 +4,20 @@ from xml.etree import ElementTree as ET
 
 from fmpy import read_model_description
 
-from validation.masters.master import ROUNDING, WHY_ROUNDING, Master, beside_a_loop, beside_the_twin
-from validation.masters.robot import Robot, Rows, Signals
+from validation.masters.master import (
+    BIT_FOR_BIT,
+    FIG4,
+    MASSAGE,
+    PARTED,
+    ROUNDING,
+    SAME_BITS,
+    WHY_PARTED,
+    WHY_ROUNDING,
+    Master,
+    beside_a_loop,
+    beside_the_twin,
+)  # fmt: skip
+from validation.masters.robot import Case, Robot, Rows, Signals
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
 
@@ -80,12 +92,21 @@ def time_of(tick: int) -> float:
 LIBCOSIM = Master(
     run, "libcosim of the Open Simulation Platform (DNV, Kongsberg Maritime, SINTEF, NTNU)", ("libcosimpy",)
 )
+NANOSECONDS = (
+    "libcosim counts nanoseconds and hands on the difference of two times as a number, so that the last bits of a step "
+    "vary, and the drives reckon with it"
+)
+POWER_OF_TWO = Case(
+    "massage",
+    62.0,
+    ("cosim.tick_ms=1.953125", "controller.period_ms=3.90625", "monitor.period_ms=3.90625"),
+    "in steps of 1/512 s",
+)
+"""Of such steps all times and their differences are exact."""
 YARDSTICKS = (
-    *beside_the_twin(
-        LIBCOSIM,
-        ROUNDING,
-        f"{WHY_ROUNDING}. libcosim counts nanoseconds and hands on the difference of two times as a number, so that the "
-        "last bits of a step vary, and the drives reckon with it",
-    ),
-    beside_a_loop(LIBCOSIM, time_of, "counts nanoseconds"),
+    beside_the_twin(LIBCOSIM, FIG4, ROUNDING, f"{NANOSECONDS}; {WHY_ROUNDING}"),
+    beside_a_loop(LIBCOSIM, FIG4, time_of, "counts nanoseconds"),
+    beside_the_twin(LIBCOSIM, MASSAGE, PARTED, f"{NANOSECONDS}; {WHY_PARTED}"),
+    beside_a_loop(LIBCOSIM, MASSAGE, time_of, "counts nanoseconds"),
+    beside_the_twin(LIBCOSIM, POWER_OF_TWO, BIT_FOR_BIT, SAME_BITS),
 )

@@ -8,7 +8,17 @@ import ctypes
 import os
 from functools import cache
 
-from validation.masters.master import ROUNDING, WHY_ROUNDING, Master, beside_a_loop, beside_the_twin
+from validation.masters.master import (
+    FIG4,
+    MASSAGE,
+    PARTED,
+    ROUNDING,
+    WHY_PARTED,
+    WHY_ROUNDING,
+    Master,
+    beside_a_loop,
+    beside_the_twin,
+)  # fmt: skip
 from validation.masters.robot import Robot, Rows, Signals
 from validation.yardstick import NotHere
 
@@ -95,12 +105,13 @@ def time_of(tick: int) -> float:
 OMSIMULATOR = Master(
     run, "OMSimulator 3.0 of the Open Source Modelica Consortium, built from its sources", starts_inside=True
 )
+SUMS = (
+    "OMSimulator adds up time and hands on the difference of two sums, which after 20 s is off by 1e-12 of a step; its "
+    "wires add nothing, so that the drives count from the angles where they begin"
+)
 YARDSTICKS = (
-    *beside_the_twin(
-        OMSIMULATOR,
-        ROUNDING,
-        f"{WHY_ROUNDING}. OMSimulator adds up time and hands on the difference of two sums, which after 20 s is off by "
-        "1e-12 of a step; its wires add nothing, so that the drives count from the angles where they begin",
-    ),
-    beside_a_loop(OMSIMULATOR, time_of, "adds up time"),
+    beside_the_twin(OMSIMULATOR, FIG4, ROUNDING, f"{SUMS}; {WHY_ROUNDING}"),
+    beside_a_loop(OMSIMULATOR, FIG4, time_of, "adds up time"),
+    beside_the_twin(OMSIMULATOR, MASSAGE, PARTED, f"{SUMS}; {WHY_PARTED}"),
+    beside_a_loop(OMSIMULATOR, MASSAGE, time_of, "adds up time"),
 )
