@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.errors import nearest
 from validation.page import rewritten
 from validation.trial import apart, names
 from validation.yardstick import Finding
@@ -30,10 +31,10 @@ def code(findings: Sequence[Finding]) -> int:
 
 def main(wanted: Sequence[str]) -> int:
     """Run them, tell and, if these are all, write the page and its data; the exit code."""
-    unknown = set(wanted) - set(names())
-    if unknown:
-        print(f"{', '.join(sorted(unknown))}: no such yardstick; there are {', '.join(names())}", file=sys.stderr)
-        return 2
+    for name in wanted:
+        if name not in names():
+            print(f"{name}: no such yardstick; {nearest(name, names(), 'there are {}')}", file=sys.stderr)
+            return 2
     findings: list[Finding] = []
     for name in wanted or names():
         come = apart(name)

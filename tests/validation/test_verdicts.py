@@ -75,7 +75,7 @@ def test_one_that_failed_without_a_difference_ends_it_with_1():
 
 def test_a_name_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]):
     assert command.main(["libcosin"]) == 2
-    assert "libcosin: no such yardstick; there are ecos, libcosim" in capsys.readouterr().err
+    assert "libcosin: no such yardstick; did you mean 'libcosim'?" in capsys.readouterr().err
 
 
 def test_a_page_that_does_not_say_where_the_table_begins_is_left_alone():

@@ -12,9 +12,7 @@ from validation.masters.master import (
     FIG4,
     MASSAGE,
     PARTED,
-    ROUNDING,
     WHY_PARTED,
-    WHY_ROUNDING,
     Master,
     beside_a_loop,
     beside_the_twin,
@@ -109,8 +107,10 @@ SUMS = (
     "OMSimulator adds up time and hands on the difference of two sums, which after 20 s is off by 1e-12 of a step; its "
     "wires add nothing, so that the drives count from the angles where they begin"
 )
+SUMMED = 1e-10
+"""Ten times what is allowed to rounding: steps are off by as much, and for long in the same direction."""
 YARDSTICKS = (
-    beside_the_twin(OMSIMULATOR, FIG4, ROUNDING, f"{SUMS}; {WHY_ROUNDING}"),
+    beside_the_twin(OMSIMULATOR, FIG4, SUMMED, f"{SUMS}; for long in the same direction, so that it comes to more"),
     beside_a_loop(OMSIMULATOR, FIG4, time_of, "adds up time"),
     beside_the_twin(OMSIMULATOR, MASSAGE, PARTED, f"{SUMS}; {WHY_PARTED}"),
     beside_a_loop(OMSIMULATOR, MASSAGE, time_of, "adds up time"),
