@@ -1,9 +1,10 @@
 """The table of docs/validation.md."""
 
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from twin.studies.lines import counted, markdown
+from twin.studies.lines import markdown
 
 BEGIN = "<!-- from here on written by make validation -->\n"
 HEAD = ("", "what is compared", "made by", "difference", "at most", "")
@@ -16,20 +17,13 @@ def table(facts: Mapping[str, Any]) -> str:
         facts: as in docs/validation.json.
     """
     rows: Sequence[Mapping[str, Any]] = facts["findings"]
-    verdicts = [row["verdict"] for row in rows]
-    summary = ", ".join(
-        f"{verdicts.count(verdict)} {verdict}"
-        for verdict in ("holds", "EXCEEDED", "FAILED", "not run")
-        if verdict in verdicts
-    )
-    lines = [f"{counted(len(rows), 'comparison')} on {facts['platform']}: {summary}.", ""]
-    lines += [markdown(HEAD, map(_cells, rows)), ""]
-    lines += ["Why these bounds, and where the differences come from:", ""]
+    verdicts = Counter(row["verdict"] for row in rows)
+    others = "".join(f", {count} {verdict}" for verdict, count in sorted(verdicts.items()) if verdict != "holds")
+    lines = [f"On {facts['platform']}: {verdicts['holds']} of {len(rows)} hold{others}.", ""]
+    lines += [markdown(HEAD, map(_cells, rows)), "", "Why these bounds, and where the differences come from:", ""]
     for reason in dict.fromkeys(row["reason"] for row in rows):
-        names = dict.fromkeys(
-            f"`{row['name']}`, at most {_amount(row, 'bound')}" for row in rows if row["reason"] == reason
-        )
-        lines.append(f"- {'; '.join(names)}: {reason}.")
+        bounds = {f"`{row['name']}`, {row['bound']:g}" for row in rows if row["reason"] == reason}
+        lines.append(f"- {'; '.join(sorted(bounds))}: {reason}.")
     remarks = [f"- `{row['name']}`, {row['claim']}: {row['remark']}." for row in rows if row["remark"]]
     return "\n".join([*lines, *(["", "Without a difference:", "", *remarks] if remarks else [])]) + "\n"
 
@@ -47,13 +41,10 @@ def rewritten(page: str, facts: Mapping[str, Any]) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    versions = " ".join(f"{name} {version}" for name, version in (row["versions"] or {}).items())
-    difference = "" if row["difference"] is None else f"{_amount(row, 'difference')} (`{row['quantity']}`)"
-    if row["difference"] == 0.0:
-        difference = "0"
+    versions = ", ".join(f"{name} {version}" for name, version in (row["versions"] or {}).items())
     source = row["source"] + (f" ({versions})" if versions else "")
-    return f"`{row['name']}`", row["claim"], source, difference, _amount(row, "bound"), row["verdict"]
-
-
-def _amount(row: Mapping[str, Any], key: str) -> str:
-    return "0" if row[key] == 0.0 else f"{row[key]:.1e} {row['unit']}".strip()
+    difference = ""
+    if row["difference"] is not None:
+        where = f" {row['unit']}, `{row['quantity']}`" if row["difference"] else ""
+        difference = f"{row['difference']:.2g}{where}"
+    return f"`{row['name']}`", row["claim"], source, difference, f"{row['bound']:g}", row["verdict"]

@@ -20,8 +20,8 @@ WHY_ROUNDING = (
 PARTED = 0.1
 WHY_PARTED = (
     "a bristle that slides lies on the cone of friction, and whether it is taken for one inside is up to its last bit; "
-    "in the 22nd second that comes to 2e-6 N, a second later to a count of an encoder, and from then on runs are apart "
-    "by up to 0.01 N and 0.01 mm, which is less than the encoders see; most in the monitor's estimate of the speed"
+    "where it falls the other way that comes to some 1e-6 N, soon to a count of an encoder, and from then on runs are "
+    "apart by up to 0.01 N and 0.01 mm, less than the encoders see; most in the monitor's estimate of the speed"
 )
 
 

@@ -2,7 +2,9 @@
 
 from collections.abc import Callable
 
-from tests.studies.build.slaves import Slave
+import numpy as np
+
+from tests.studies.build.slaves import Ends, Slave
 from validation.masters.robot import Robot, Rows, Signals
 
 
@@ -14,18 +16,33 @@ def looped(robot: Robot, time_of: Callable[[int], float]) -> Signals:
         time_of: of the instant between the steps k - 1 and k (s); a step is as long as the difference of two.
     """
     slaves = {name: Slave(file, robot.parameters.get(name, {})).ready() for name, file in robot.files.items()}
-    sources = [(slaves[w.source[0]], slaves[w.source[0]].references(w.source[1]), w.offset) for w in robot.wires]
-    targets = [(slaves[w.target[0]], slaves[w.target[0]].references(w.target[1])) for w in robot.wires]
-    outputs = {name: [slaves[name].variables[v].valueReference for v in robot.outputs[name]] for name in slaves}
+    outputs = {
+        name: Ends(slave, [slave.variables[output].valueReference for output in robot.outputs[name]])
+        for name, slave in slaves.items()
+    }
+    wires = {name: [wire for wire in robot.wires if wire.target[0] == name] for name in slaves}
+    inputs = {
+        name: Ends(slave, [slave.variables[wire.target[1]].valueReference for wire in wires[name]])
+        for name, slave in slaves.items()
+    }
+    sources = {
+        name: [
+            (outputs[c].values, robot.outputs[c].index(output), w.offset)
+            for w in wires[name]
+            for c, output in [w.source]
+        ]
+        for name in slaves
+    }
     rows = Rows(robot)
+    for end in outputs.values():
+        end.take()
     for k in range(robot.ticks):
         t = time_of(k)
-        values = [slave.take(references)[0] + offset for slave, references, offset in sources]
-        for (slave, references), value in zip(targets, values, strict=True):
-            slave.put(references, [value])
+        for name, end in inputs.items():
+            end.put(np.array([values[i] + offset for values, i, offset in sources[name]]))
         for name, slave in slaves.items():
             slave.fmu.doStep(currentCommunicationPoint=t, communicationStepSize=time_of(k + 1) - t)
-            rows.values[name][k + 1] = slave.take(outputs[name])
+            rows.values[name][k + 1] = outputs[name].take()
     for slave in slaves.values():
         slave.close()
     return rows.signals()

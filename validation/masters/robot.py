@@ -177,7 +177,7 @@ def differences(signals: Signals, own: Trace) -> dict[str, float]:
     if odd := (signals.keys() ^ known.keys()) - UNMATCHED:
         raise ValueError(f"on one side only: {', '.join(sorted(odd))}")
     found = {}
-    for signal in signals.keys() & known.keys():
+    for signal in (key for key in known if key in signals):
         theirs, ours = signals[signal], own.held(known[signal]).astype(float).reshape(len(own.t), -1)
         ours = ours[1:] if signal.startswith(("drive_", "plant.")) else ours[:-1]
         found[signal] = float(np.max(np.abs(theirs[1:] - ours))) / (float(np.ptp(ours)) or 1.0)

@@ -72,7 +72,7 @@ YARDSTICKS = tuple(
         (package,),
     )
     for source, package, count in (
-        ("FMPy (Dassault Systèmes)", "fmpy", fmpy_complaints),
-        ("FMU Manipulation Toolbox (Renault)", "fmu-manipulation-toolbox", toolbox_complaints),
+        ("FMPy, Dassault Systèmes", "fmpy", fmpy_complaints),
+        ("FMU Manipulation Toolbox, Renault", "fmu-manipulation-toolbox", toolbox_complaints),
     )
 )

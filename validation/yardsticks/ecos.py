@@ -44,7 +44,7 @@ def shifted(offset: float) -> Callable[[float], float]:
     return lambda value: value + offset
 
 
-ECOS = Master(run, "Ecos (NTNU)", ("ecospy",))
+ECOS = Master(run, "Ecos, NTNU", ("ecospy",))
 YARDSTICKS = tuple(
     beside_the_twin(
         ECOS, case, BIT_FOR_BIT, f"Ecos hands on the same 0.001 s with every step, and values as they are; {SAME_BITS}"

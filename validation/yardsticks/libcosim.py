@@ -89,9 +89,7 @@ def time_of(tick: int) -> float:
     return tick * 1_000_000 / 1_000_000_000
 
 
-LIBCOSIM = Master(
-    run, "libcosim of the Open Simulation Platform (DNV, Kongsberg Maritime, SINTEF, NTNU)", ("libcosimpy",)
-)
+LIBCOSIM = Master(run, "libcosim, Open Simulation Platform", ("libcosimpy",))
 NANOSECONDS = (
     "libcosim counts nanoseconds and hands on the difference of two times as a number, so that the last bits of a step "
     "vary, and the drives reckon with it"

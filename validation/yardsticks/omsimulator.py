@@ -36,11 +36,11 @@ class Library:
     def __init__(self) -> None:
         where = os.environ.get(LIBRARY)
         if not where:
-            raise NotHere(f"libOMSimulator.so is not installed; build it and make validation {LIBRARY}=/its/path")
+            raise NotHere(f"libOMSimulator.so is not installed; build it, and make validation {LIBRARY}=its_path")
         try:
             self._functions = ctypes.CDLL(where)
         except OSError as missing:
-            raise NotHere(f"OMSimulator does not load: {missing}") from None
+            raise NotHere(f"{LIBRARY} does not load: {str(missing).rpartition('/')[2]}") from None
 
     def call(self, name: str, *arguments: object) -> None:
         """A function; texts and floats in the types of C.
@@ -101,7 +101,7 @@ def time_of(tick: int) -> float:
 
 
 OMSIMULATOR = Master(
-    run, "OMSimulator 3.0 of the Open Source Modelica Consortium, built from its sources", starts_inside=True
+    run, "OMSimulator 3.0, Open Source Modelica Consortium, built from its sources", starts_inside=True
 )
 SUMS = (
     "OMSimulator adds up time and hands on the difference of two sums, which after 20 s is off by 1e-12 of a step; its "
