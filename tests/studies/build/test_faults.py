@@ -30,7 +30,7 @@ RUNAWAY = 'fault=[{kind="drive_runaway", target="drive_2", onset_s=0.4, magnitud
 def broken(degrees: float = 2.0, share: float = 0.2, supply: float = 0.004) -> tuple[str, ...]:
     """An encoder that hiccups, messages that come late, a supply that sags: one behind the other."""
     return (
-        f'fault=[{{kind="encoder_glitch", onset_s=0.1, duration_s=0.3, magnitude_deg={degrees}, share={share}, seed=3}},'
+        f'fault=[{{kind="encoder_glitch", onset_s=0.1, duration_s=0.3, magnitude_deg={degrees}, share={share}}},'
         '{kind="sample_jitter", onset_s=0.2, magnitude_ms=6},'
         f'{{kind="brown_out", onset_s=0.1, magnitude_share={supply}}}]',
     )
