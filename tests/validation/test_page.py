@@ -29,3 +29,11 @@ def test_the_data_are_of_the_yardsticks_there_are_and_judged_by_their_bounds(roo
 
 def test_the_data_name_no_place_of_the_machine_they_were_made_on(root: Path):
     assert re.findall(r"(?<![\w./:-])/\w[\w.-]*/", (root / "docs" / "validation.json").read_text()) == []
+
+
+def test_the_page_of_the_parts_has_the_same_figures(root: Path):
+    rows = read_json(root / "docs" / "validation.json")["findings"]
+    page = (root / "docs" / "export_fmu.md").read_text()
+    for row in rows:
+        if "fig4" in row["claim"] and row["difference"]:
+            assert f"| {row['difference']:.2g} of a signal's range |" in page
