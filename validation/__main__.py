@@ -19,9 +19,10 @@ PAGE = ROOT / "docs" / "validation.md"
 
 def line(finding: Finding) -> str:
     """What is said of a finding while they come in."""
-    difference = "" if finding.difference is None else f"{finding.difference:.2g} {finding.unit}, {finding.quantity}"
-    told = finding.remark or f"{difference.strip()}; at most {finding.bound:g}"
-    return f"{finding.verdict:<9} {finding.name}: {finding.claim}\n          {told}"
+    stated = finding.yardstick
+    difference = "" if finding.difference is None else f"{finding.difference:.2g} {stated.unit}, {finding.quantity}"
+    told = finding.remark or f"{difference}; at most {stated.bound:g}"
+    return f"{finding.verdict:<9} {finding.name}: {stated.claim}\n          {told}"
 
 
 def code(findings: Sequence[Finding]) -> int:

@@ -41,7 +41,7 @@ def rewritten(page: str, facts: Mapping[str, Any]) -> str:
 
 
 def _cells(row: Mapping[str, Any]) -> tuple[str, ...]:
-    versions = ", ".join(f"{name} {version}" for name, version in (row["versions"] or {}).items())
+    versions = ", ".join(f"{name} {version}" for name, version in row["versions"].items())
     source = row["source"] + (f" ({versions})" if versions else "")
     difference = ""
     if row["difference"] is not None:

@@ -31,6 +31,4 @@ def apart(name: str) -> list[Finding]:
         try:
             return pool.submit(tried, name).result()
         except BrokenProcessPool:
-            kept = ("claim", "source", "unit", "bound", "reason")
-            facts = [{key: getattr(yardstick, key) for key in kept} for yardstick in of_file(name)]
-            return [Finding(name, **fact, remark="its process crashed") for fact in facts]
+            return [Finding(name, yardstick, remark="its process crashed") for yardstick in of_file(name)]

@@ -1,8 +1,9 @@
 """One way to say what somebody else made, how far from it the twin may be, and how far it is."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, field
 from importlib.metadata import PackageNotFoundError, version
+from math import inf, isnan
 from typing import Any
 
 
@@ -33,35 +34,31 @@ class Yardstick:
     packages: tuple[str, ...] = ()
 
 
+STATED = ("claim", "source", "unit", "bound", "reason")
+"""What a yardstick says before it is run."""
+
+
 @dataclass(frozen=True)
 class Finding:
     """What came of a yardstick.
 
     Attributes:
         name: of its file.
-        claim: as in `Yardstick`, like source, unit, bound and reason.
-        source: see there.
-        unit: see there.
-        bound: see there.
-        reason: see there.
+        yardstick: it.
         difference: the largest one; None if there is none.
         quantity: that differs most.
         remark: why there is no difference to tell.
-        ran: whether it was run; one that ended without a difference was, and failed.
+        ran: whether it was run; one that was and has no difference failed.
         versions: of the packages it used.
     """
 
     name: str
-    claim: str
-    source: str
-    unit: str
-    bound: float
-    reason: str
+    yardstick: Yardstick
     difference: float | None = None
     quantity: str = ""
     remark: str = ""
     ran: bool = True
-    versions: Mapping[str, str] | None = None
+    versions: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def verdict(self) -> str:
@@ -71,12 +68,14 @@ class Finding:
         if self.difference is None:
             return "FAILED"
         # nan is no difference that holds
-        return "holds" if self.difference <= self.bound else "EXCEEDED"
+        return "holds" if self.difference <= self.yardstick.bound else "EXCEEDED"
 
     @property
     def facts(self) -> dict[str, Any]:
         """For JSON."""
-        return asdict(self) | {"verdict": self.verdict}
+        stated = {key: getattr(self.yardstick, key) for key in STATED}
+        come = {key: getattr(self, key) for key in ("difference", "quantity", "remark", "versions", "verdict")}
+        return {"name": self.name, **stated, **come}
 
 
 def found(name: str, yardstick: Yardstick) -> Finding:
@@ -86,22 +85,20 @@ def found(name: str, yardstick: Yardstick) -> Finding:
         name: of its file.
         yardstick: one of those in it.
     """
-    facts: dict[str, Any] = {key: getattr(yardstick, key) for key in ("claim", "source", "unit", "bound", "reason")}
     try:
         versions = {package: version(package) for package in yardstick.packages}
     except PackageNotFoundError as missing:
-        return Finding(name, **facts, ran=False, remark=f"{missing.name} is not installed: make validation installs it")
+        lacks = f"{missing.name} is not installed: make validation installs it"
+        return Finding(name, yardstick, ran=False, remark=lacks)
     try:
         differences = yardstick.differences()
     except NotHere as missing:
-        return Finding(name, **facts, ran=False, remark=str(missing))
+        return Finding(name, yardstick, ran=False, remark=str(missing))
     except Exception as failure:
         # a foreign library: whatever it was, the other yardsticks go on, and this one has not passed
-        return Finding(name, **facts, remark=f"{type(failure).__name__}: {failure}", versions=versions)
-    # max() may pass over nan
-    quantity = next((key for key in differences if differences[key] != differences[key]), "") or max(
-        differences, key=lambda key: differences[key], default=""
-    )
-    if not quantity:
-        return Finding(name, **facts, remark="nothing was compared", versions=versions)
-    return Finding(name, **facts, difference=differences[quantity], quantity=quantity, versions=versions)
+        return Finding(name, yardstick, remark=f"{type(failure).__name__}: {failure}", versions=versions)
+    if not differences:
+        return Finding(name, yardstick, remark="nothing was compared", versions=versions)
+    # max() alone would pass over nan
+    quantity = max(differences, key=lambda key: inf if isnan(differences[key]) else differences[key])
+    return Finding(name, yardstick, differences[quantity], quantity, versions=versions)

@@ -15,6 +15,9 @@ def yardstick(differences: Callable[[], Mapping[str, float]], packages: tuple[st
     return Yardstick("a claim", "its maker", "N", 0.5, "a reason", differences, packages)
 
 
+STATED = yardstick(dict)
+
+
 def raises(error: Exception) -> Callable[[], Mapping[str, float]]:
     def differences() -> Mapping[str, float]:
         raise error
@@ -50,9 +53,8 @@ def test_only_a_difference_within_its_bound_holds(
 def test_what_is_exceeded_ends_it_with_1_and_what_was_not_run_does_not(
     verdicts: tuple[float | None, ...], code: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    facts = ("claim", "maker", "N", 0.5, "reason")
     come = [
-        Finding("one", *facts, remark="no library", ran=False) if d is None else Finding("one", *facts, d, "F_z")
+        Finding("one", STATED, remark="no library", ran=False) if d is None else Finding("one", STATED, d, "F_z")
         for d in verdicts
     ]
     monkeypatch.setattr(command, "names", lambda: ["one"])
@@ -70,7 +72,7 @@ def test_what_is_exceeded_ends_it_with_1_and_what_was_not_run_does_not(
 
 
 def test_one_that_failed_without_a_difference_ends_it_with_1():
-    assert command.code([Finding("one", "", "", "", 0.0, "", remark="its process crashed")]) == 1
+    assert command.code([Finding("one", STATED, remark="its process crashed")]) == 1
 
 
 def test_a_name_that_is_none_is_refused(capsys: pytest.CaptureFixture[str]):

@@ -21,7 +21,7 @@ JACOBI = ("cosim.scheme=jacobi", "controller.bus_delay_ticks=1")
 """What a master in which all exchange their values between steps comes to."""
 DRIVES = ("drive_1", "drive_2", "drive_3")
 UNMATCHED = {"plant.theta_m_rest", "bus.omega_ref", "bus.power"}
-"""An output that no recording has; a signal of ours that in another master are the delay of its own."""
+"""An output that no recording has, and the delay that in another master is its own."""
 
 Signals = Mapping[str, NDArray[np.float64]]
 """Values after each step by `component.name`, (ticks + 1, size); the first row, before any step, is not compared."""

@@ -16,7 +16,7 @@ from validation.masters.master import (
     Master,
     beside_a_loop,
     beside_the_twin,
-)  # fmt: skip
+)
 from validation.masters.robot import Case, Robot, Rows, Signals
 
 NAMESPACE = "http://opensimulationplatform.com/MSMI/OSPSystemStructure"
