@@ -5,7 +5,7 @@ import zipfile
 from pathlib import Path, PurePosixPath
 from typing import NamedTuple
 
-from twin.drive.archive import entries, place
+from twin.archive import entries, place
 from twin.errors import InputRefused
 from twin.files import xml_of
 

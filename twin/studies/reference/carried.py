@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from twin.drive.archive import entries
+from twin.archive import content_of, entries, entry_of
 from twin.drive.description import FmuDescription
-from twin.drive.related import Related, content_of, entry_of, related
+from twin.drive.related import Related, related
 from twin.errors import InputRefused
 from twin.files import read_bytes, read_text
 from twin.studies.reference.experiment_file import MIMES, Described, experiments_of, options_of
