@@ -116,10 +116,9 @@ class MessageFault(NativeComponent):
     ):
         size, capacity = width(ports), most // sender_period + 2
         messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
-        kept = (messages, arrivals, present)
+        pointers = {"messages": messages, "arrivals": arrivals, "present": present}
         memory = memory_of(MEMORY, window=window(span, 1), size=size, sender_period=sender_period, capacity=capacity)
         memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
-        memory["messages"], memory["arrivals"], memory["present"] = (array.ctypes.data for array in kept)
         # a count that came through a fault before may be NaN
         read = (replace(port, kind="double") for port in ports)
-        super().__init__(name, ports, (*read, ACTIVE), True, step, memory, keep=kept)
+        super().__init__(name, ports, (*read, ACTIVE), True, step, memory, pointers=pointers)
