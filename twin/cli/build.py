@@ -11,6 +11,11 @@ from twin.cli.completion import experiment_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
 
 
+Platforms = Annotated[
+    list[str] | None, typer.Option(metavar="NAME", help="Also for aarch64-linux, x86_64-windows .. or all; repeat it.")
+]
+
+
 class Fmi(StrEnum):
     """Versions of FMI that are written."""
 
@@ -24,6 +29,7 @@ def build(
     ],
     fmu: Annotated[str, typer.Option("--fmu", metavar="PART", help="plant, computer, or a component: encoder ..")],
     fmi: Annotated[Fmi, typer.Option(help="Version of FMI.")] = Fmi.TWO,
+    platform: Platforms = None,
     out: Annotated[
         Path | None, typer.Option(metavar="FILE", help="Without it, results/build/EXPERIMENT/PART.fmu.")
     ] = None,
@@ -42,5 +48,5 @@ def build(
 
     Example: twin build fig4_force_position --fmu plant
     """
-    asked = {"experiment": experiment, "part": fmu, "fmi": f"{fmi}.0", "out": out, "settings": settings or []}
+    asked = {"experiment": experiment, "part": fmu, "fmi": f"{fmi}.0", "platforms": platform or [], "out": out, "settings": settings or []}
     ask("twin.studies.build.study:build_fmu", asked, as_json, isolate)

@@ -22,6 +22,7 @@ DRIVE = "drive"
 PARTS = {
     "plant": ("body", "scale", "plant"),
     "computer": ("encoder", "estimator", "controller", "delay", "monitor"),
+    "controls": ("estimator", "controller", "delay", "monitor"),
 }
 """Parts of several components, as far as an experiment has them; any other component is one by its name."""
 
