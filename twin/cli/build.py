@@ -9,6 +9,12 @@ import typer
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
+from twin.errors import InputRefused
+
+
+Platforms = Annotated[
+    list[str] | None, typer.Option(metavar="NAME", help="Also for aarch64-linux, x86_64-windows .. or all; repeat it.")
+]
 
 
 class Fmi(StrEnum):
@@ -22,25 +28,38 @@ def build(
     experiment: Annotated[
         Path, typer.Argument(metavar="EXPERIMENT", help="File or name.", autocompletion=experiment_files)
     ],
-    fmu: Annotated[str, typer.Option("--fmu", metavar="PART", help="plant, computer, or a component: encoder ..")],
-    fmi: Annotated[Fmi, typer.Option(help="Version of FMI.")] = Fmi.TWO,
+    fmu: Annotated[
+        str | None, typer.Option("--fmu", metavar="PART", help="An FMU of plant, computer, or a component: encoder ..")
+    ] = None,
+    c: Annotated[bool, typer.Option("--c", help="C for the robot's own computer: counts in, speeds out.")] = False,
+    fmi: Annotated[Fmi | None, typer.Option(help="Version of FMI; without it 2.")] = None,
+    platform: Platforms = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="FILE", help="Without it, results/build/EXPERIMENT/PART.fmu.")
+        Path | None, typer.Option(metavar="PATH", help="Without it, results/build/EXPERIMENT/PART.fmu, or c.")
     ] = None,
     settings: Settings = None,
     isolate: Isolate = JOB_ISOLATION,
     as_json: AsJson = False,
 ) -> None:
-    """Build a part of the robot as a co-simulation FMU: native code for x86-64 Linux, without Python.
+    """Build a part of the robot for other programs: native code without Python.
 
-    plant: springs, mechanism, contact, with body and scale.
-    computer: encoders, estimator, controller, delay, monitor.
+    --fmu plant: a co-simulation FMU of springs, mechanism, contact, with body and scale.
+    --fmu computer: one of encoders, estimator, controller, delay, monitor.
+    --c: the same from the encoders' counts on, as a C header with static libraries.
 
-    Its numbers stay open as parameters, called as in the file.
+    For x86-64 Linux, and whatever --platform adds. Its numbers stay open as parameters, called as in the file.
 
     Exit code: 0 written, 2 refused, 3 it could not be written.
 
-    Example: twin build fig4_force_position --fmu plant
+    Example: twin build fig4_force_position --fmu plant --platform x86_64-windows
     """
-    asked = {"experiment": experiment, "part": fmu, "fmi": f"{fmi}.0", "out": out, "settings": settings or []}
-    ask("twin.studies.build.study:build_fmu", asked, as_json, isolate)
+    asked = {"experiment": experiment, "platforms": platform or [], "out": out, "settings": settings or []}
+    if c == (fmu is not None):
+        raise InputRefused("twin build: expected either --fmu PART or --c: what shall be built")
+    if c:
+        if fmi is not None:
+            raise InputRefused("twin build --c: --fmi is of an FMU; leave it out")
+        ask("twin.studies.build.library:build_c", asked, as_json, isolate)
+    else:
+        asked |= {"part": fmu, "fmi": f"{fmi or Fmi.TWO}.0"}
+        ask("twin.studies.build.study:build_fmu", asked, as_json, isolate)

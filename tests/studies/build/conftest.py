@@ -5,14 +5,15 @@ from pathlib import Path
 
 import pytest
 
-from twin.studies.build import fmu
-from twin.studies.build.emission import Emitted, emitted
+from twin.studies.build import emission
+from twin.studies.build.emission import Emitted, Module, emitted
+from twin.studies.build.platforms import Platform
 from twin.studies.build.study import build_fmu
 
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"
-MODULES: dict[str, str] = {}
-"""LLVM's assembly of all steps that were built, by their symbols."""
+MODULES: dict[tuple[str, str], str] = {}
+"""LLVM's assembly of all steps that were built, by their symbols and platforms."""
 
 
 def silent(what: str) -> None:
@@ -24,19 +25,25 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Builds a part: `built("plant")`, once for each."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
 
-    def kept(step: object, symbol: str) -> Emitted:
-        made = emitted(step, symbol)  # type: ignore[arg-type]
-        MODULES[symbol] = made.text
+    def kept(step: Module, platform: Platform) -> Emitted:
+        made = emitted(step, platform)
+        MODULES[step.symbol, platform.name] = made.text
         return made
 
-    def build(part: str, fmi: str = "2.0", settings: tuple[str, ...] = (), experiment: str = str(FIG4)) -> Path:
-        key = part, fmi, settings, experiment
+    def build(
+        part: str,
+        fmi: str = "2.0",
+        settings: tuple[str, ...] = (),
+        experiment: str = str(FIG4),
+        platforms: tuple[str, ...] = (),
+    ) -> Path:
+        key = part, fmi, settings, experiment, platforms
         if key not in done:
             file = folder / f"{len(done)}" / f"{part}.fmu"
             file.parent.mkdir()
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(fmu, "emitted", kept)
-                build_fmu(Path(experiment), part, fmi, file, settings, silent)
+                patch.setattr(emission, "emitted", kept)
+                build_fmu(Path(experiment), part, fmi, platforms, file, settings, silent)
             done[key] = file
         return done[key]
 

@@ -26,6 +26,7 @@ SHAFTS = (Port("theta_m", JOINTS, "rad"),)
 PARTS = {
     "plant": ("body", "scale", "plant"),
     "computer": ("encoder", "estimator", "controller", "delay", "monitor"),
+    "controls": ("estimator", "controller", "delay", "monitor"),
 }
 """Parts of several components, as far as an experiment has them; any other component is one by its name. The bus is not
 the computer's: where all exchange their values between steps, these take the time that it takes."""
