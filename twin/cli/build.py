@@ -32,10 +32,11 @@ def build(
         str | None, typer.Option("--fmu", metavar="PART", help="An FMU of plant, computer, or a component: encoder ..")
     ] = None,
     c: Annotated[bool, typer.Option("--c", help="C for the robot's own computer: counts in, speeds out.")] = False,
+    ssp: Annotated[bool, typer.Option("--ssp", help="The whole robot, drives too, as a system of FMUs.")] = False,
     fmi: Annotated[Fmi | None, typer.Option(help="Version of FMI; without it 2.")] = None,
     platform: Platforms = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Without it, results/build/EXPERIMENT/PART.fmu, or c.")
+        Path | None, typer.Option(metavar="PATH", help="Without it, results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp.")
     ] = None,
     settings: Settings = None,
     isolate: Isolate = JOB_ISOLATION,
@@ -46,6 +47,7 @@ def build(
     --fmu plant: a co-simulation FMU of springs, mechanism, contact, with body and scale.
     --fmu computer: one of encoders, estimator, controller, delay, monitor.
     --c: the same from the encoders' counts on, as a C header with static libraries.
+    --ssp: plant, computer and the drives as they came, joined: an SSP archive.
 
     For x86-64 Linux, and whatever --platform adds. Its numbers stay open as parameters, called as in the file.
 
@@ -54,12 +56,14 @@ def build(
     Example: twin build fig4_force_position --fmu plant --platform x86_64-windows
     """
     asked = {"experiment": experiment, "platforms": platform or [], "out": out, "settings": settings or []}
-    if c == (fmu is not None):
-        raise InputRefused("twin build: expected either --fmu PART or --c: what shall be built")
+    if c + ssp + (fmu is not None) != 1:
+        raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
     if c:
         if fmi is not None:
             raise InputRefused("twin build --c: --fmi is of an FMU; leave it out")
         ask("twin.studies.build.library:build_c", asked, as_json, isolate)
+    elif ssp:
+        ask("twin.studies.build.system:build_ssp", asked | {"fmi": f"{fmi or Fmi.TWO}.0"}, as_json, isolate)
     else:
         asked |= {"part": fmu, "fmi": f"{fmi or Fmi.TWO}.0"}
         ask("twin.studies.build.study:build_fmu", asked, as_json, isolate)

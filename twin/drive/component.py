@@ -11,7 +11,7 @@ from twin.cosim.rewind import Rewind
 from twin.drive import reuse
 from twin.drive.description import FmuDescription
 from twin.drive.instance import Instance, Setup
-from twin.drive.ports import FmuPort, placed
+from twin.drive.ports import FmuPort, Placed, placed
 from twin.drive.setting import Setting
 from twin.drive.stepping import Stepping
 from twin.errors import InputRefused
@@ -87,6 +87,11 @@ class FmuComponent(Component):
     def zero(self, name: str) -> float:
         """Value of the output port `name` where the FMU's own is 0."""
         return float(by_port(self.outputs, self._shift)[name][0])
+
+    @property
+    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
+        """What of the FMU is behind its inputs and its outputs."""
+        return self._stepping.inputs, self._stepping.outputs
 
     @property
     def called(self) -> str:

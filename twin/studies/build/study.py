@@ -47,8 +47,8 @@ def build_fmu(
     refuse_platform(file, targets)
     offered = parameters(found)
     layout, closed = laid_out(found, offered), fixed(found, offered)
-    readme = _readme(found, layout, closed, targets)
-    content = packed(found, layout, fmi, targets, about(found), readme, file, say)
+    text = readme(found, layout, closed, targets)
+    content = packed(found, layout, fmi, targets, about(found), text, file, say)
     if out is None:
         made_folder(file.parent)
     write_bytes(file, content)
@@ -101,7 +101,7 @@ def _names(layout: Layout, kind: str) -> list[str]:
     return [variable.name for variable in layout.variables if variable.kind == kind]
 
 
-def _readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Sequence[Platform]) -> str:
+def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Sequence[Platform]) -> str:
     rows = [
         f"| `{v.name}` | {v.kind} | {v.text} | {', '.join(f'{x:g}' for x in v.start) if v.kind != 'output' else ''} | "
         f"{v.meaning} |"

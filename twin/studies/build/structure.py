@@ -1,0 +1,190 @@
+"""The robot of an experiment as the structure of an SSP: its parts, the drives, and what leads where."""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.metadata import version
+
+from twin.drive import variable as fmu
+from twin.drive.description import FmuDescription
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.robot import COMMAND, POWER
+from twin.ssp.metadata import Annotation, Metadata
+from twin.ssp.parameters import ParameterBinding, ParameterSet
+from twin.ssp.structure import (
+    Connection,
+    Connector,
+    ConnectorKind,
+    DefaultExperiment,
+    End,
+    SspComponent,
+    SspSystem,
+    Structure,
+)
+from twin.ssp.unit import Transformation, UnitDefinition
+from twin.studies.build.drives import JointDrive, Socket
+from twin.studies.build.layout import Kind, Variable
+from twin.studies.build.values import defined, measured, measured_here
+
+OURS = "urn:twin:build"
+OPEN_MODELICA = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
+PACKAGES = ("twin", "numba", "llvmlite", "numpy")
+KINDS: dict[Kind, ConnectorKind] = {
+    "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
+}  # fmt: skip
+ET.register_namespace("twin", OURS)
+ET.register_namespace("oms", OPEN_MODELICA)
+
+Told = tuple[Connector, UnitDefinition | None]
+"""A connector, and the unit that it names."""
+
+
+@dataclass(frozen=True)
+class Member:
+    """An element of the system.
+
+    Attributes:
+        name: of the element.
+        about: what it is, one sentence.
+        entry: of the archive, its FMU.
+        connectors: of it.
+        values: that it is set to.
+    """
+
+    name: str
+    about: str
+    entry: str
+    connectors: tuple[Told, ...]
+    values: ParameterSet | None
+
+
+def connectors_here(variables: Sequence[Variable]) -> tuple[Told, ...]:
+    """Of an FMU of ours, for each of its scalars."""
+    return tuple(
+        (Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), measured_here(v).unit) for v in variables
+    )
+
+
+def connectors_of(description: FmuDescription, variables: Sequence[fmu.Variable]) -> tuple[Told, ...]:
+    """Of an FMU of another make, for some of its variables."""
+    found = []
+    for v in variables:
+        kind, unit = measured(v, description)
+        # some tools leave their outputs marked as local
+        causality: ConnectorKind = "output" if v.causality == "local" else v.causality  # type: ignore[assignment]
+        found.append((Connector(v.name, causality, kind, unit.name if unit else "", (), v.description), unit))
+    return tuple(found)
+
+
+def structure(
+    experiment: Experiment,
+    members: Sequence[Member],
+    drives: Sequence[JointDrive],
+    hashes: Mapping[str, str],
+    metadata: Metadata,
+) -> Structure:
+    """The whole of it.
+
+    Args:
+        experiment: that is built.
+        members: elements in the order in which a Gauss-Seidel master steps them.
+        drives: of the joints.
+        hashes: SHA-256 by entry of the archive.
+        metadata: of the file.
+
+    Raises:
+        InputRefused: a drive has an input that nothing in the robot feeds.
+    """
+    units = defined(unit for member in members for _, unit in member.connectors)
+    tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
+    system = SspSystem(
+        name=experiment.name,
+        elements=tuple(_component(member, units) for member in members),
+        connections=tuple(_connections(members, drives)),
+        description=experiment.title,
+        annotations=(Annotation("org.openmodelica", _fixed_steps(tick)),),
+    )
+    return Structure(
+        name=experiment.name,
+        system=system,
+        units=tuple(units.values()),
+        experiment=DefaultExperiment(0.0, duration),
+        metadata=metadata,
+        annotations=(Annotation("twin", _provenance(experiment, hashes)),),
+    )
+
+
+def _component(member: Member, units: Mapping[str, UnitDefinition]) -> SspComponent:
+    connectors = (c if c.unit in units else replace(c, unit="") for c, _ in member.connectors)
+    return SspComponent(
+        name=member.name,
+        source=member.entry,
+        implementation="CoSimulation",
+        connectors=tuple(connectors),
+        bindings=() if member.values is None else (ParameterBinding(member.values),),
+        description=member.about,
+    )
+
+
+def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[Connection]:
+    given = {c.name: Socket(member.name, c.name) for member in members for c, _ in member.connectors if c.kind == "output"}
+    last = {name: _last(given, sources) for name, sources in (("omega_ref", COMMAND), ("enable", POWER))}
+    for member in members:
+        if member.name.startswith("drive_"):
+            continue
+        for connector, _ in member.connectors:
+            if connector.kind == "input":
+                yield _joined(_feeding(connector.name, given, drives), Socket(member.name, connector.name))
+    for number, drive in enumerate(drives, start=1):
+        for source, target in drive.connections:
+            yield _joined(source, target)
+        fed = {"omega_ref": f"{last['omega_ref']}[{number}]", "tau_load": f"plant.tau_load[{number}]"}
+        fed["enable"] = last["enable"]
+        for port, sockets in drive.inputs.items():
+            for socket in sockets:
+                yield _joined(given[fed[port]], socket)
+
+
+def _feeding(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive]) -> Socket:
+    """What feeds an input of a part of ours."""
+    port, index = re.fullmatch(r"(\w+)(\[\d+\])?", name).groups("")
+    if port == "theta_m":
+        return drives[int(index[1:-1]) - 1].theta_m
+    # what the bus takes is what is in front of it
+    sources = {"theta_l": ("plant.theta_l",), "omega_ref": COMMAND[1:], "power": POWER[1:]}[port]
+    return given[_last(given, sources) + index]
+
+
+def _last(given: Mapping[str, Socket], sources: Sequence[str]) -> str:
+    """The first of `sources` that is there, as a whole or by its elements; "" if none is."""
+    return next((name for name in sources if name in given or f"{name}[1]" in given), "")
+
+
+def _joined(source: Socket, target: Socket) -> Connection:
+    factor, offset = source.gain / target.gain, (source.offset - target.offset) / target.gain
+    line = Transformation(factor, offset)
+    ends = End(source.element, source.variable), End(target.element, target.variable)
+    # a line does all of it: whoever converts units as well would do it twice
+    return Connection(*ends, line, suppress_unit_conversion=line != Transformation())
+
+
+def _fixed_steps(tick: float) -> str:
+    """What OMSimulator reads and writes of a master with fixed steps; SSP has no word for them."""
+    root = ET.Element(f"{{{OPEN_MODELICA}}}Annotations")
+    about = ET.SubElement(root, f"{{{OPEN_MODELICA}}}SimulationInformation")
+    steps = {"description": "oms-ma", "stepSize": repr(tick), "absoluteTolerance": "1e-4", "relativeTolerance": "1e-4"}
+    ET.SubElement(about, f"{{{OPEN_MODELICA}}}FixedStepMaster", steps)
+    return ET.tostring(root, encoding="unicode")
+
+
+def _provenance(experiment: Experiment, hashes: Mapping[str, str]) -> str:
+    """What it was made of and by what, and in which scheme the twin runs it."""
+    cosim = experiment.cosim
+    stated = {"experiment": experiment.name, "scheme": cosim.scheme, "stepSize": repr(cosim.tick)}
+    root = ET.Element(f"{{{OURS}}}Build", stated)
+    for entry, digest in hashes.items():
+        ET.SubElement(root, f"{{{OURS}}}File", source=entry, sha256=digest)
+    for package in PACKAGES:
+        ET.SubElement(root, f"{{{OURS}}}Software", name=package, version=version(package))
+    return ET.tostring(root, encoding="unicode")
