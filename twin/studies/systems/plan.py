@@ -10,7 +10,7 @@ from twin.cosim.port import Port
 from twin.drive.description import FmuDescription, described
 from twin.drive.parameter_values import given_values
 from twin.drive.ports import FmuPort
-from twin.drive.setting import Setting, Value
+from twin.drive.setting import Setting, Value, set_to
 from twin.drive.steps import stated_step
 from twin.drive.units import conversion
 from twin.drive.variable import Variable, number
@@ -25,6 +25,8 @@ from twin.studies.systems.way import Measure, measure, spelt, way
 KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
 """Of a recording, by the type of a variable; whole numbers are all others."""
 SETTABLE = ("parameter", "structuralParameter", "input")
+STARTED = ("exact", "approx")
+"""What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
 
 
 @dataclass(frozen=True)
@@ -199,13 +201,18 @@ class _Planner:
         description = self._descriptions[path]
         fed = {lead.end.connector for lead, _ in self._leads[path]}
         kept = tuple(v for v in description.offered("input") if v.name not in fed)
+        started = {v.name for v in description.model.modelVariables if v.start is not None} | set(self._given[path])
         for variable in kept:
-            if math.isnan(variable.start) and variable.name not in self._given[path]:
+            if variable.name not in started:
                 raise InputRefused(
                     f"{self._package.file}: input {path}.{variable.name} is fed by nobody and has no start value; "
                     "connect it, or give it one in a parameter set"
                 )
-        settings = description.settings(self._given[path])
+        settings = [
+            (variable, set_to(description.path, variable, value))
+            for name, value in self._given[path].items()
+            if (variable := description.variables[name])
+        ]
         return Part(
             path, self._names[path], description, tuple(self._ports[path]), self._outputs[path], tuple(settings), kept
         )
@@ -227,15 +234,17 @@ class _Planner:
                 )
 
     def _values(self, path: str, description: FmuDescription) -> Iterator[tuple[str, Value]]:
+        started = {v.name for v in description.model.modelVariables if v.initial in STARTED}
         for name, assigned in self._flat.assigned.get(path, {}).items():
             variable = description.variables.get(name)
             if variable is None:
                 self.ignored.append(f"{path}.{name}")
                 continue
             where = f"{self._package.file}: {path}.{name}"
-            if variable.causality not in SETTABLE:
+            if variable.variability == "constant" or (variable.causality not in SETTABLE and name not in started):
                 raise InputRefused(
-                    f"{where}: cannot be set, being {variable.causality}; parameters and inputs can be set here"
+                    f"{where}: cannot be set, being {variable.causality} without a start value; parameters, inputs and "
+                    "start values can"
                 )
             yield name, self._value(assigned, variable, description, path, where)
 

@@ -65,8 +65,10 @@ def recorded_system(
         plan = _planned(package, Path(scratch), tick, stop, scheme)
         with coupled(plan) as made:
             folder = _folder(package.file, out)
-            reporter.note(name=package.file.stem, folder=str(folder), duration=plan.ticks * plan.tick)
-            done, events, writing = _recorded(plan, made, folder / RECORDING, reporter)
+            # absolute: an FMU may change the working directory
+            path = folder.absolute() / RECORDING
+            reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.ticks * plan.tick)
+            done, events, writing = _recorded(plan, made, path, reporter)
             came = facts(plan, made, done, events, writing, folder / RECORDING)
     return {"text": text(came), "facts": came}
 
@@ -93,9 +95,7 @@ def _named(package: Package, scratch: str) -> Iterator[None]:
 
 
 def _folder(file: Path, out: str | None) -> Path:
-    # absolute: an FMU may change the working directory
-    made = claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), file.stem, datetime.now())
-    return made.absolute()
+    return claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), file.stem, datetime.now())
 
 
 def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tuple[Simulated, list[TickEvent], float]:
@@ -135,7 +135,7 @@ def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
             "order": json.dumps([part.path for part in plan.parts]),
             "wires": json.dumps(plan.wires),
         },
-        "fmu": {
+        "components": {
             part.path: json.dumps(
                 {
                     "file": part.description.path.name,

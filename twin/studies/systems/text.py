@@ -1,14 +1,17 @@
 """What a run of a system has to say."""
 
-from collections.abc import Iterable, Mapping, Sequence
+import math
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from twin.drive.setting import told
+from twin.drive.variable import Variable
 from twin.runs.loop import Simulated
 from twin.runs.observer import TickEvent
 from twin.studies.lines import counted, labelled
 from twin.studies.systems.coupled import Coupled
-from twin.studies.systems.plan import Plan
+from twin.studies.systems.plan import Part, Plan
 
 MOST = 6
 """Of a list that are told; programs get all."""
@@ -43,13 +46,7 @@ def facts(
         },
         "connections": len(plan.wires),
         "late": [f"{source} -> {target}" for source, target in plan.late],
-        "kept": {
-            f"{part.path}.{v.name}": next(
-                (told for variable, told in _set(part.settings) if variable == v.name), v.start
-            )
-            for part in plan.parts
-            for v in part.kept
-        },
+        "kept": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.kept},
         "ignored": list(plan.ignored),
         "settled": made.settled,
         "events": [{"t_s": e.tick * plan.tick, "level": e.level, "text": e.text, "source": e.source} for e in events],
@@ -57,10 +54,12 @@ def facts(
     }
 
 
-def _set(settings: Iterable[Any]) -> Iterable[tuple[str, Any]]:
-    from twin.drive.setting import told
-
-    return [(variable.name, told(value)) for variable, value in settings]
+def _start(part: Part, variable: Variable) -> Any:
+    """The value of an input that nobody feeds."""
+    given = next((told(value) for v, value in part.settings if v == variable), variable.start)
+    # of an array FMPy has the text
+    listed = [v.start for v in part.description.model.modelVariables if v.name == variable.name]
+    return listed[0] if isinstance(given, float) and math.isnan(given) else given
 
 
 def text(came: Mapping[str, Any]) -> str:
