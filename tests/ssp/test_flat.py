@@ -61,6 +61,23 @@ def test_connections_through_systems_lead_from_component_to_component(tmp_path: 
     assert [hop.unit for hop in leads[End("sink", "u")].hops] == ["", "deg", ""]
 
 
+def test_the_kinds_of_connectors_say_which_way_a_value_goes_and_not_start_and_end(tmp_path: Path):
+    ends = [connector("y", "output"), connector("u", "input")]
+    arm = system(
+        [component("motor", "m.fmu", ends)],
+        [connection("motor.u", "speed", line(3.0)), connection("angle", "motor.y")],
+        [connector("speed", "input"), connector("angle", "output")],
+        name="arm",
+    )
+    wires = [connection("arm.speed", "a.y"), connection("a.u", "arm.angle"), connection("b.v", "a.y")]
+    found = flat(tmp_path, system([arm, component("a", "a.fmu", ends), component("b", "a.fmu")], wires))
+    assert {lead.end: lead.start for lead in found.leads} == {
+        End("arm.motor", "u"): End("a", "y"), End("a", "u"): End("arm.motor", "y"), End("b", "v"): End("a", "y"),
+    }  # fmt: skip
+    with pytest.raises(InputRefused, match=r"a\.y and arm\.angle, which both give values"):
+        flat(tmp_path, system([arm, component("a", "a.fmu", ends)], [connection("a.y", "arm.angle")]))
+
+
 def test_an_input_of_the_outermost_system_is_fed_by_nobody(tmp_path: Path):
     found = flat(tmp_path, system(
         [component("a", "a.fmu")], [connection("u", "a.u"), connection("a.y", "y")],

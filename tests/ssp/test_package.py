@@ -170,5 +170,5 @@ def test_an_archive_that_is_none_or_leads_outside_is_refused(tmp_path: Path, mon
             read_package(tmp_path / name)
     monkeypatch.setattr(package_module, "MOST_STRUCTURE", 1 << 10)
     large = archive(tmp_path / "large.ssp", structure(system([ONE])) + " " * 1024, {})
-    with pytest.raises(InputRefused, match="SystemStructure.ssd: 0 MB; expected at most"):
+    with pytest.raises(InputRefused, match=r"SystemStructure\.ssd: 0 MB; expected at most"):
         read_package(large)

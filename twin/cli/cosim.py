@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.compiling import CompileWatch
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation, LimitStep, LimitWall
+from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
 from twin.cli.progress import progress
 from twin.errors import ComponentFailed, InputRefused, visible_lines
 from twin.runs.guard.guard import JobEnded, guarded
@@ -42,6 +42,7 @@ def cosim(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/SYSTEM/TIME.")
     ] = None,
+    compile_: Compile = False,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
     limit_step: LimitStep = Limits.step,
@@ -63,6 +64,7 @@ def cosim(
         "stop": stop_s,
         "scheme": scheme.value,
         "out": str(out) if out else None,
+        "compiled": compile_,
     }
     shown = progress()
     watch = CompileWatch(shown)

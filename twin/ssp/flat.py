@@ -9,6 +9,8 @@ from twin.ssp.parameters import ParameterBinding, ParameterValue
 from twin.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
 from twin.ssp.unit import NONE, Transformation, UnitDefinition
 
+SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
+"""Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""
 MOST_BINDINGS = 1_000_000
 """Values on their ways, of all components together."""
 
@@ -112,7 +114,7 @@ class _Flat:
             else:
                 self._components[below] = part
         for connection in system.connections:
-            start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
+            start, end = self._directed(connection, path, system)
             if end in self._into:
                 first, second = _text(self._into[end][0]), _text(start)
                 raise InputRefused(
@@ -120,6 +122,28 @@ class _Flat:
                 )
             self._into[end] = start, connection
             self._out.setdefault(start, []).append((end, connection))
+
+    def _directed(self, connection: Connection, path: str, system: SspSystem) -> tuple[End, End]:
+        """Where the value comes from, and where it gets: the standard leaves that to the kinds of the connectors."""
+        start, end = (self._node(at, path, system) for at in (connection.start, connection.end))
+        gives = [self._gives(at, inside) for at, inside in ((start, connection.start), (end, connection.end))]
+        if None not in gives and gives[0] == gives[1]:
+            both = "give values" if gives[0] else "take values"
+            raise InputRefused(
+                f"{self._where}: the connection of {_text(start)} and {_text(end)}, which both {both}; expected one of "
+                "each kind"
+            )
+        return (end, start) if gives[0] is False or gives[1] is True else (start, end)
+
+    def _gives(self, node: End, said: End) -> bool | None:
+        """Whether values leave a connector here; None: nobody says."""
+        within = self._systems.get(node.element)
+        owner = within or self._components[node.element]
+        kind = next((one.kind for one in owner.connectors if one.name == node.connector), "")
+        if kind not in (*SOURCES, *SINKS):
+            return None
+        # a system's own connector, seen from inside
+        return (kind in SOURCES) == bool(said.element)
 
     def _node(self, end: End, path: str, system: SspSystem) -> End:
         if not end.element:

@@ -157,7 +157,7 @@ def _stated_tick(package: Package, parts: Sequence[Part]) -> tuple[float, str]:
     for note in notes:
         where = f"{package.file}: annotation {note.type}"
         for found in xml_of(note.content.encode(), where).iter() if note.content else ():
-            if 0.0 < (step := number(found.get("stepSize"))) < math.inf:
+            if 0.0 < (step := number(found.get("stepSize") or found.get("baseStepSize"))) < math.inf:
                 return step, f"an annotation of the structure ({note.type})"
     steps = {part.path: step for part in parts if 0.0 < (step := stated_step(part.description)) < math.inf}
     if not steps:

@@ -2,6 +2,7 @@
 
 import json
 import platform
+import re
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from twin.cosim.interpolation import Scheme
+from twin.drive.description import build
 from twin.drive.setting import told
 from twin.errors import ComponentFailed, TwinError
 from twin.recording.folder import RECORDING, claim_run_folder, create_run_folder
@@ -39,6 +41,7 @@ def recorded_system(
     stop: float | None = None,
     scheme: Scheme = "gauss_seidel",
     out: str | None = None,
+    compiled: bool = False,
 ) -> dict[str, Any]:
     """Run the system of an SSP archive and record it.
 
@@ -50,6 +53,7 @@ def recorded_system(
         stop: end of the run (s); None: likewise.
         scheme: "gauss_seidel" in the order of the components in the file, or "jacobi".
         out: the run's own folder; None: results/NAME/TIME.
+        compiled: whether FMUs without a binary for this machine are built from their sources.
 
     Returns:
         `text` for people and `facts` for programs.
@@ -62,7 +66,7 @@ def recorded_system(
     reporter.loading()
     package = read_package(Path(system))
     with tempfile.TemporaryDirectory() as scratch, _named(package, scratch):
-        plan = _planned(package, Path(scratch), tick, stop, scheme)
+        plan = _planned(package, Path(scratch), tick, stop, scheme, compiled)
         with coupled(plan) as made:
             folder = _folder(package.file, out)
             # absolute: an FMU may change the working directory
@@ -73,7 +77,9 @@ def recorded_system(
     return {"text": text(came), "facts": came}
 
 
-def _planned(package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme) -> Plan:
+def _planned(
+    package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool = False
+) -> Plan:
     flat = flattened(package.structure, f"{package.file}")
     files: dict[str, Path] = {}
     for entry in fmu_sources(package, flat).values():
@@ -81,6 +87,8 @@ def _planned(package: Package, scratch: Path, tick: float | None, stop: float | 
             files[entry] = scratch / entry
             files[entry].parent.mkdir(parents=True, exist_ok=True)
             write_bytes(files[entry], package.content(entry))
+            if compiled:
+                build(files[entry])
     return planned(package, flat, files, tick, stop, scheme)
 
 
@@ -90,7 +98,9 @@ def _named(package: Package, scratch: str) -> Iterator[None]:
     try:
         yield
     except TwinError as error:
-        error.args = (str(error).replace(f"{scratch}/", f"{package.file}: "),)
+        # how to build a file that the archive holds
+        text = re.sub(rf"twin drive info {re.escape(scratch)}/\S+ --compile builds", "--compile builds", str(error))
+        error.args = (text.replace(f"{scratch}/", f"{package.file}: "),)
         raise
 
 

@@ -83,7 +83,7 @@ def text(came: Mapping[str, Any]) -> str:
         lines += labelled("not fed", _some([f"{name} = {value:g}" if isinstance(value, float) else f"{name} = {value}"
                                             for name, value in came["kept"].items()]), True)  # fmt: skip
     if came["ignored"]:
-        lines += labelled("ignored", f"values for what is not there: {_some(came['ignored'])}", True)
+        lines += labelled("ignored", f"values that get to no variable: {_some(came['ignored'])}", True)
     if not came["settled"]:
         lines += labelled(
             "start", "the initial values never agree: inputs at the start follow from each other in a circle"
