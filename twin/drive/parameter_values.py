@@ -17,7 +17,6 @@ def taken(
     description: FmuDescription,
     units: Sequence[UnitDefinition],
     where: str,
-    suppressed: bool = False,
 ) -> Value:
     """A value for a variable.
 
@@ -27,15 +26,13 @@ def taken(
         description: of its FMU.
         units: that the set defines; what it does not define may be one of the FMU's, or known to all.
         where: for sentences.
-        suppressed: whether its unit is passed over.
 
     Raises:
         InputRefused: its unit is not one of the same quantity, or it is binary.
     """
-    if value.type == "Binary":
-        raise InputRefused(f"{where}: {value.name} is binary, which is not read here")
-    unit, numbers = value.unit, [v for v in value.values if isinstance(v, float)]
-    if numbers and unit and unit != variable.unit and not suppressed:
+    values = given_values(value, where)
+    unit = value.unit
+    if unit and unit != variable.unit and not isinstance(values[0], str):
         stated, own = (
             stated_unit(unit, units) or conversion(unit, description.model.unitDefinitions),
             variable.conversion,
@@ -43,9 +40,20 @@ def taken(
         if stated is None or own is None or stated.dimension != own.dimension:
             wanted = f"'{variable.unit or '1'}', as in the FMU, or a unit like it"
             raise InputRefused(f"{where}: {value.name} in '{unit}'; expected {wanted}")
-        numbers = [(stated.factor * number + stated.offset - own.offset) / own.factor for number in numbers]
-    given: Sequence[float] | Sequence[str] = numbers or [str(v) for v in value.values]
-    return given[0] if len(given) == 1 else given
+        values = [(stated.factor * float(number) + stated.offset - own.offset) / own.factor for number in values]
+    return values[0] if len(values) == 1 else values
+
+
+def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
+    """What a parameter set gives, at least one value.
+
+    Raises:
+        InputRefused: it is binary, or nothing.
+    """
+    if value.type == "Binary" or not value.values:
+        what = "binary, which is not read here" if value.values else "given no value"
+        raise InputRefused(f"{where}: {value.name} is {what}")
+    return list(value.values)  # type: ignore[return-value]
 
 
 def stated_unit(unit: str, definitions: Sequence[UnitDefinition]) -> Conversion | None:

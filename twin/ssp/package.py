@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from pathlib import Path
 
-from twin.archive import content_of, entries, entry_of
+from twin.archive import content_of, entries, entry_of, sha256
 from twin.errors import InputRefused
 from twin.files import LIMIT
 from twin.ssp.ssd import Resource, structure_of
@@ -21,11 +21,13 @@ class Package:
 
     Attributes:
         file: of the archive.
+        sha256: of its bytes.
         entries: sizes (bytes) of what is in it, by name.
         structure: of the system.
     """
 
     file: Path
+    sha256: str
     entries: dict[str, int]
     structure: Structure
 
@@ -62,4 +64,4 @@ def read_package(file: Path) -> Package:
         return Resource(content_of(file, entry, LIMIT), entry, f"{file}: {entry}")
 
     where = f"{file}: {STRUCTURE}"
-    return Package(file, sizes, structure_of(content_of(file, STRUCTURE, MOST_STRUCTURE), where, brought))
+    return Package(file, sha256(file), sizes, structure_of(content_of(file, STRUCTURE, MOST_STRUCTURE), where, brought))

@@ -100,6 +100,8 @@ def mapping_of(root: ET.Element, where: str, source: str = "") -> ParameterMappi
             truth(entry, "suppressUnitConversion", where),
         )
         for entry in found
+        # tools write entries that lead from nothing, for people to fill in
+        if entry.get("source") != ""
     ]
     return ParameterMapping(tuple(entries), source, metadata_of(root))
 
