@@ -8,7 +8,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
 from twin.errors import InputRefused
 
 
@@ -38,6 +38,7 @@ def build(
     out: Annotated[
         Path | None, typer.Option(metavar="PATH", help="Without it, results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp.")
     ] = None,
+    drive: DriveName = None,
     settings: Settings = None,
     isolate: Isolate = JOB_ISOLATION,
     as_json: AsJson = False,
@@ -58,12 +59,15 @@ def build(
     asked = {"experiment": experiment, "platforms": platform or [], "out": out, "settings": settings or []}
     if c + ssp + (fmu is not None) != 1:
         raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
+    if drive is not None and not ssp:
+        raise InputRefused("twin build: --drive is of a whole robot; leave it out, or say --ssp")
     if c:
         if fmi is not None:
             raise InputRefused("twin build --c: --fmi is of an FMU; leave it out")
         ask("twin.studies.build.library:build_c", asked, as_json, isolate)
     elif ssp:
-        ask("twin.studies.build.system:build_ssp", asked | {"fmi": f"{fmi or Fmi.TWO}.0"}, as_json, isolate)
+        asked |= {"fmi": f"{fmi or Fmi.TWO}.0", "drive": drive}
+        ask("twin.studies.build.system:build_ssp", asked, as_json, isolate)
     else:
         asked |= {"part": fmu, "fmi": f"{fmi or Fmi.TWO}.0"}
         ask("twin.studies.build.study:build_fmu", asked, as_json, isolate)

@@ -37,6 +37,7 @@ def build_ssp(
     fmi: str,
     platforms: Sequence[str],
     out: Path | None,
+    drive: str | None,
     settings: Sequence[str],
     say: Callable[[str], None],
 ) -> Answer:
@@ -47,6 +48,7 @@ def build_ssp(
         fmi: of the FMUs of ours, "2.0" or "3.0"; their arrays are scalars in both, as SSP 1.0 has no arrays.
         platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/EXPERIMENT.ssp.
+        drive: of every joint, in place of the experiment's own.
         settings: laid over the experiment.
         say: told what is being done.
 
@@ -55,7 +57,7 @@ def build_ssp(
         NotWritten: the disk refuses.
     """
     targets = platforms_named(platforms, fmi)
-    loaded = load_experiment(experiment, settings)
+    loaded = load_experiment(experiment, settings, drive)
     file = out or HOME / loaded.name / f"{loaded.name}.ssp"
     _refuse_bound(loaded)
     refuse_platform(file, targets)
