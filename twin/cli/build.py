@@ -36,7 +36,8 @@ def build(
     fmi: Annotated[Fmi | None, typer.Option(help="Version of FMI; without it 2.")] = None,
     platform: Platforms = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="PATH", help="Without it, results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp.")
+        Path | None,
+        typer.Option(metavar="PATH", help="Without it, results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp."),
     ] = None,
     drive: DriveName = None,
     settings: Settings = None,

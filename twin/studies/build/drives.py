@@ -3,7 +3,7 @@
 The master of a system of FMUs makes one step of all of them in each tick; a drive travels if that is all it needs.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -68,7 +68,7 @@ class JointDrive:
 
     elements: tuple[Element, ...]
     connections: tuple[tuple[Socket, Socket], ...]
-    inputs: dict[str, tuple[Socket, ...]]
+    inputs: Mapping[str, tuple[Socket, ...]]
     theta_m: Socket
 
 
@@ -130,8 +130,8 @@ def _refuse_bound(plan: DrivePlan, tick: float) -> None:
 def _joint_drive(component: Component, plan: DrivePlan) -> JointDrive:
     if isinstance(component, FmuComponent):
         element = _fmu_element(component.name, "", component, plan)
-        inputs = {port.name: (_input(component, component.name, port.name),) for port in component.inputs}
-        return JointDrive((element,), (), inputs, _output(component, component.name, "theta_m"))
+        taken = {port.name: (_input(component, component.name, port.name),) for port in component.inputs}
+        return JointDrive((element,), (), taken, _output(component, component.name, "theta_m"))
     assert isinstance(component, Subsystem)
     inside = {part.name: part for part in component.system.components if part.name != INLET}
     alone = sum(isinstance(part, FmuComponent) for part in inside.values()) == 1
@@ -148,7 +148,7 @@ def _joint_drive(component: Component, plan: DrivePlan) -> JointDrive:
         for name, part in inside.items()
     ]
     connections: list[tuple[Socket, Socket]] = []
-    inputs = {}
+    inputs: dict[str, tuple[Socket, ...]] = {}
     for source, target in component.wires:
         (giver, output), (taker, port) = source.split(".", 1), target.split(".", 1)
         to = _input(inside[taker], names[taker], port)
@@ -165,7 +165,9 @@ def _fmu_element(name: str, part: str, component: FmuComponent, plan: DrivePlan)
     variables = [p.variable for p in inputs] + [placed.port.variable for placed in outputs]
     for variable in variables:
         if variable.size > 1:
-            raise InputRefused(f"{plan.label}: {variable.name} is an array, which SSP 1.0 has not; choose another drive")
+            raise InputRefused(
+                f"{plan.label}: {variable.name} is an array, which SSP 1.0 has not; choose another drive"
+            )
     for p in inputs:
         if p.variable.type not in REALS:
             raise InputRefused(

@@ -1,6 +1,5 @@
 """The robot of an experiment as the structure of an SSP: its parts, the drives, and what leads where."""
 
-import re
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -128,7 +127,9 @@ def _component(member: Member, units: Mapping[str, UnitDefinition]) -> SspCompon
 
 
 def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[Connection]:
-    given = {c.name: Socket(member.name, c.name) for member in members for c, _ in member.connectors if c.kind == "output"}
+    given = {
+        c.name: Socket(member.name, c.name) for member in members for c, _ in member.connectors if c.kind == "output"
+    }
     last = {name: _last(given, sources) for name, sources in (("omega_ref", COMMAND), ("enable", POWER))}
     for member in members:
         if member.name.startswith("drive_"):
@@ -148,12 +149,12 @@ def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Ite
 
 def _feeding(name: str, given: Mapping[str, Socket], drives: Sequence[JointDrive]) -> Socket:
     """What feeds an input of a part of ours."""
-    port, index = re.fullmatch(r"(\w+)(\[\d+\])?", name).groups("")
+    port, bracket, number = name.removesuffix("]").partition("[")
     if port == "theta_m":
-        return drives[int(index[1:-1]) - 1].theta_m
+        return drives[int(number) - 1].theta_m
     # what the bus takes is what is in front of it
     sources = {"theta_l": ("plant.theta_l",), "omega_ref": COMMAND[1:], "power": POWER[1:]}[port]
-    return given[_last(given, sources) + index]
+    return given[_last(given, sources) + (f"[{number}]" if bracket else "")]
 
 
 def _last(given: Mapping[str, Socket], sources: Sequence[str]) -> str:

@@ -2,10 +2,12 @@
 
 import hashlib
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
+
+import numpy as np
 
 from twin.drive.description import FmuDescription
 from twin.errors import InputRefused
@@ -60,17 +62,19 @@ def build_ssp(
     loaded = load_experiment(experiment, settings, drive)
     file = out or HOME / loaded.name / f"{loaded.name}.ssp"
     _refuse_bound(loaded)
+    # a tick of the bus is what Jacobi masters make by themselves
+    bus = [BUS] if loaded.controller.bus_delay_ticks and loaded.cosim.scheme != "jacobi" else []
+    parts = [part_of(loaded, name) for name in (COMPUTER, *bus, PLANT)]
     refuse_platform(file, targets)
     say("loading drives")
     drives = travelling_drives(loaded)
     makers = _Makers(loaded, fmi, targets, file, say)
-    order = [COMPUTER, *([BUS] if loaded.cosim.scheme == "gauss_seidel" and loaded.controller.bus_delay_ticks else [])]
-    for name in order:
-        makers.add_part(name, part_of(loaded, name))
-    for number, drive in enumerate(drives, start=1):
-        for element in drive.elements:
+    for part in parts[:-1]:
+        makers.add_part(part)
+    for number, joint in enumerate(drives, start=1):
+        for element in joint.elements:
             makers.add_element(number, element)
-    makers.add_part(PLANT, part_of(loaded, PLANT))
+    makers.add_part(parts[-1])
     content = makers.packed(drives)
     if out is None:
         made_folder(file.parent)
@@ -99,7 +103,8 @@ def _refuse_bound(experiment: Experiment) -> None:
     for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
         if found:
             raise InputRefused(
-                f"{experiment.name}: has [[{table}]] tables, which an SSP has no words for; build it with --set {table}=[]"
+                f"{experiment.name}: has [[{table}]] tables, which an SSP has no words for; build it "
+                f"with --set {table}=[]"
             )
     cosim, bus = experiment.cosim, experiment.controller.bus_delay_ticks
     if cosim.iterations > 1:
@@ -138,9 +143,9 @@ class _Makers:
         """SHA-256 of the files until now, by entry."""
         return {entry: hashlib.sha256(content).hexdigest() for entry, content in sorted(self._files.items())}
 
-    def add_part(self, name: str, part: RobotPart) -> None:
+    def add_part(self, part: RobotPart) -> None:
         """A part of ours: its FMU and its values."""
-        offered = parameters(part)
+        name, offered = part.name, parameters(part)
         layout = laid_out(part, offered)
         # SSP 1.0 has no arrays
         layout = replace(layout, variables=layout.scalars())
@@ -148,7 +153,14 @@ class _Makers:
         text = readme(part, layout, closed, self._platforms)
         entry = f"resources/{name}.fmu"
         self._files[entry] = packed(
-            part, layout, self._fmi, self._platforms, said, text, self._wanted, lambda what: self._say(f"{name}: {what}")
+            part,
+            layout,
+            self._fmi,
+            self._platforms,
+            said,
+            text,
+            self._wanted,
+            lambda what: self._say(f"{name}: {what}"),
         )
         values = own_values(self._experiment, name, layout.variables, f"resources/{name}.ssv", self._metadata)
         self._add(Member(name, said, entry, connectors_here(layout.variables), values))
@@ -157,11 +169,9 @@ class _Makers:
         """An element of the drive of joint `number`."""
         if not isinstance(element.content, FmuDescription):
             component, starts = element.content, iter(element.starts)
-            inputs = {port.name: (port, [next(starts)]) for port in component.inputs}
-            experiment = self._experiment
-            self.add_part(
-                element.name, RobotPart(element.name, experiment, (component,), {}, {}, inputs, experiment.start)
-            )
+            inputs = {port.name: (port, np.array([next(starts)])) for port in component.inputs}
+            at = self._experiment.start
+            self.add_part(RobotPart(element.name, self._experiment, (component,), {}, {}, inputs, at))
             return
         fmu = element.content
         told = {variable.name: variable for variable in (*element.variables, *(v for v, _ in element.settings))}
@@ -189,9 +199,7 @@ class _Makers:
         self._files["resources/experiment.json"] = (json_text(facts, indent=2) + "\n").encode()
         whole = structure(experiment, self.members, drives, self.hashes, self._metadata)
         text = system_readme(experiment, self.members, whole.system.connections, self.hashes, self._platforms)
-        return archive(
-            self._files | {STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()}
-        )
+        return archive(self._files | {STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
 
     def _add(self, member: Member) -> None:
         if member.values is not None and not member.values.parameters:

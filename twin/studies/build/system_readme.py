@@ -39,10 +39,7 @@ def system_readme(
         "",
         "| element | FMU | values | |",
         "|---|---|---|---|",
-        *(
-            f"| `{m.name}` | `{m.entry}` | {f'`{m.values.source}`' if m.values else ''} | {m.about} |"
-            for m in members
-        ),
+        *(f"| `{m.name}` | `{m.entry}` | {f'`{m.values.source}`' if m.values else ''} | {m.about} |" for m in members),
         "",
         f"FMUs of twin's own are native code for {', '.join(p.name for p in platforms)}; drives are as they came.",
         "",
@@ -60,7 +57,8 @@ def system_readme(
         "| from | to | factor | offset |",
         "|---|---|---|---|",
         *(
-            f"| `{'.'.join(c.start)}` | `{'.'.join(c.end)}` | {c.transformation.factor!r} | {c.transformation.offset!r} |"
+            f"| `{'.'.join(c.start)}` | `{'.'.join(c.end)}` | {c.transformation.factor!r} | "
+            f"{c.transformation.offset!r} |"
             for c in connections
             if c.transformation != NONE
         ),
