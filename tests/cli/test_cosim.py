@@ -33,7 +33,7 @@ def test_a_system_is_run_recorded_and_exported(two: Path, tmp_path: Path):
     exported = twin("export", "results/two", "--csv", "--signals", "b", cwd=tmp_path)
     assert exported.returncode == 0, exported.stderr
     head, *rows = (tmp_path / "results/two/latest/run.csv").read_text().splitlines()
-    assert head == "t_s,b.theta_m_rad,b.omega_m_rad/s" and len(rows) == 51 and rows[-1].endswith(",1.0")
+    assert head == "t_s,b.theta_m_rad,b.omega_m_rad_per_s" and len(rows) == 51 and rows[-1].endswith(",1.0")
 
 
 def test_programs_get_facts_and_the_same_run_gives_the_same_bytes(two: Path, tmp_path: Path):
