@@ -209,7 +209,9 @@ class _Flat:
             for value in binding.parameters.parameters:
                 name = binding.prefix + value.name
                 entries = [one for one in binding.mapping.entries if one.source == name] if binding.mapping else []
-                targets = [(one.target, (Hop(one.transformation, one.suppress_unit_conversion),)) for one in entries]
+                targets: list[tuple[str, tuple[Hop, ...]]] = [
+                    (one.target, (Hop(one.transformation, one.suppress_unit_conversion),)) for one in entries
+                ]
                 for target, hops in targets or [(name, ())]:
                     reached = list(self._resolved(target, path, hops))
                     for end, way in reached:

@@ -1,9 +1,10 @@
 """A planned system made: its FMUs loaded, initialised together, and joined."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
@@ -13,7 +14,6 @@ from twin.drive.component import FmuComponent
 from twin.drive.instance import Instance, Setup
 from twin.drive.ports import FmuPort
 from twin.drive.steps import refuse_step
-from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.studies.systems.plan import Part, Plan
 
@@ -32,11 +32,15 @@ class Coupled:
 
 
 @contextmanager
-def coupled(plan: Plan) -> Iterator[Coupled]:
+def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
     """The system of a plan, whose FMUs are freed at the end.
 
     All FMUs are in initialisation mode together, until their inputs have what feeds them; those of FMI 1.0, which has
     no such mode, have their start values then.
+
+    Args:
+        plan: of the system.
+        folders: where FMUs are unpacked, by their SHA-256.
 
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or takes no such steps.
@@ -49,7 +53,7 @@ def coupled(plan: Plan) -> Iterator[Coupled]:
         for part in plan.parts:
             description = part.description
             setup = Setup(description.tolerance, stop, plan.tick, waiting=True)
-            folder = unpacked(description.path, description.sha256)
+            folder = folders[description.sha256]
             instances[part.name] = Instance(part.path, description, folder, part.settings, (), setup)
             made.callback(instances[part.name].close)
         settled = _settle(plan, instances)

@@ -78,10 +78,19 @@ class Plan:
 
     @property
     def late(self) -> list[tuple[str, str]]:
-        """Wires that give what was valid at the start of the step: in Gauss-Seidel order those that lead back."""
+        """(output, input) of what gets values from the start of the step: in Gauss-Seidel order what leads back. Both
+        as the system calls them."""
         order = {part.name: number for number, part in enumerate(self.parts)}
+        outputs, inputs = (
+            {
+                f"{part.name}.{port.port.name}": f"{part.path}.{port.variable.name}"
+                for part in self.parts
+                for port in getattr(part, side)
+            }
+            for side in ("outputs", "inputs")
+        )
         return [
-            (source, target)
+            (outputs[source], inputs[target])
             for source, target in self.wires
             if self.scheme == "jacobi" or order[source.partition(".")[0]] >= order[target.partition(".")[0]]
         ]

@@ -3,6 +3,7 @@
 import json
 import platform
 import re
+import shutil
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -16,6 +17,7 @@ import numpy as np
 from twin.cosim.interpolation import Scheme
 from twin.drive.description import build
 from twin.drive.setting import told
+from twin.drive.unpacked import unpacked
 from twin.errors import ComponentFailed, TwinError
 from twin.recording.folder import RECORDING, claim_run_folder, create_run_folder
 from twin.recording.writer import Writer
@@ -65,9 +67,15 @@ def recorded_system(
     """
     reporter.loading()
     package = read_package(Path(system))
-    with tempfile.TemporaryDirectory() as scratch, _named(package, scratch):
-        plan = _planned(package, Path(scratch), tick, stop, scheme, compiled)
-        with coupled(plan) as made:
+    scratch = tempfile.mkdtemp()
+    with _named(package, scratch):
+        try:
+            plan = _planned(package, Path(scratch), tick, stop, scheme, compiled)
+            folders = {one.sha256: unpacked(one.path, one.sha256) for one in (part.description for part in plan.parts)}
+        finally:
+            # before anything is loaded: what crashes would leave it
+            shutil.rmtree(scratch, ignore_errors=True)
+        with coupled(plan, folders) as made:
             folder = _folder(package.file, out)
             # absolute: an FMU may change the working directory
             path = folder.absolute() / RECORDING

@@ -45,7 +45,7 @@ def facts(
             for part in plan.parts
         },
         "connections": len(plan.wires),
-        "late": [f"{source} -> {target}" for source, target in plan.late],
+        "late": [f"{source}->{target}" for source, target in plan.late],
         "kept": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.kept},
         "ignored": list(plan.ignored),
         "settled": made.settled,
@@ -65,7 +65,7 @@ def _start(part: Part, variable: Variable) -> Any:
 def text(came: Mapping[str, Any]) -> str:
     """For people, at most 80 columns but for paths."""
     lines = [
-        f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.0f} x real time",
+        f"{Path(came['system']).stem}  {came['simulated_s']:g} s at {came['real_time_factor']:.3g} x real time",
         *labelled("system", f"SSP {came['ssp']}, {counted(came['connections'], 'connection')}", True),
         *labelled(
             "coupling", f"{SCHEMES[came['scheme']]}, steps of {1e3 * came['tick_s']:g} ms by {came['tick_from']}"
