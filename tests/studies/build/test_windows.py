@@ -60,7 +60,7 @@ def test_windows_differs_from_linux_by_roundings_of_its_mathematics(
     built: Callable[..., Path], drivers: dict[str, list[str]], tmp_path: Path, part: str
 ) -> None:
     file = built(part, platforms=("x86_64-windows",))
-    run = run_in_memory(load_experiment(FIG4), only=["drive/1.theta_m", "drive/2.theta_m", "drive/3.theta_m", "plant.theta_l"])
+    run = run_in_memory(load_experiment(FIG4))
     rows, inputs = run.of_drives("theta_m"), [f"theta_m[{n}]" for n in (1, 2, 3)]
     if part == "computer":
         rows = np.hstack([rows, run.held("plant.theta_l")])
@@ -70,7 +70,7 @@ def test_windows_differs_from_linux_by_roundings_of_its_mathematics(
         (tmp_path / platform).mkdir()
         names, found[platform] = stepped(driver, file, platform, rows, inputs, tmp_path / platform)
     here, there = found["linux64"], found["win64"]
-    if "PRINT" in os.environ:
-        for n, name in enumerate(names):
-            print(name, np.abs(here[:, n] - there[:, n]).max(), np.ptp(here[:, n]))
-    assert np.ptp(here[:, names.index("plant.p_B[3]" if part == "plant" else "estimator.p_B[3]")]) > 0.01
+    ranges = np.ptp(here, axis=0)
+    assert ranges[names.index("plant.F_ee_B[3]" if part == "plant" else "controller.F_z")] > 4.0
+    # roundings of sin, cos, exp, pow, tanh, expm1 and atan2 in 20,000 steps: at most 8e-13 of a range was seen
+    assert np.all(np.abs(there - here).max(axis=0) <= 1e-11 * ranges)
