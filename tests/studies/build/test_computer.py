@@ -68,8 +68,15 @@ def recorder(outputs: Mapping[str, int], assigned: Mapping[str, Sequence[float]]
     ]
     return f"""#include "computer.h"
 #include <stdio.h>
+#ifdef _WIN32
+#include <fcntl.h>
+#include <io.h>
+#endif
 int main(void)
 {{
+#ifdef _WIN32
+    _setmode(0, _O_BINARY), _setmode(1, _O_BINARY);
+#endif
     static computer it;
     computer_parameters all;
     computer_counts counts;
@@ -94,9 +101,16 @@ def counted(run: Trace) -> NDArray[np.float64]:
     return np.column_stack([run[f"encoder.{port.name}"] for port in COUNTS]).astype(float)
 
 
-def fed(command: str | Sequence[str], outputs: Mapping[str, int], rows: NDArray[np.float64]) -> Signals:
+def fed(
+    command: str | Sequence[str],
+    outputs: Mapping[str, int],
+    rows: NDArray[np.float64],
+    surroundings: Mapping[str, str] | None = None,
+) -> Signals:
     """What it gives for rows of counts, by the names of its outputs."""
-    done = subprocess.run(command, input=rows.tobytes(), capture_output=True, timeout=600, check=True)
+    done = subprocess.run(
+        command, input=rows.tobytes(), env=surroundings, capture_output=True, timeout=600, check=True
+    )
     values = np.frombuffer(done.stdout).reshape(len(rows), sum(outputs.values()))
     parts = np.split(values, np.cumsum(list(outputs.values()))[:-1], axis=1)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in zip(outputs, parts, strict=True)}
