@@ -87,7 +87,9 @@ def _pe(content: bytes) -> Binary:
     def place(address: int) -> int:
         """Where in the file what is loaded to `address` lies."""
         return next(
-            raw + address - start for size, start, length, raw in sections if start <= address < start + max(size, length)
+            raw + address - start
+            for size, start, length, raw in sections
+            if start <= address < start + max(size, length)
         )
 
     def thunks(first: int) -> Iterator[int]:

@@ -46,7 +46,9 @@ def program(folder: Path, source: Path, name: str) -> str:
     library = folder / "x86_64-linux" / "libcomputer.a"
     # warnings are mistakes: it is the header that they would be about
     strict = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
-    subprocess.run(["cc", *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)], check=True)
+    subprocess.run(
+        ["cc", *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)], check=True
+    )
     return str(target)
 
 
@@ -108,9 +110,7 @@ def fed(
     surroundings: Mapping[str, str] | None = None,
 ) -> Signals:
     """What it gives for rows of counts, by the names of its outputs."""
-    done = subprocess.run(
-        command, input=rows.tobytes(), env=surroundings, capture_output=True, timeout=600, check=True
-    )
+    done = subprocess.run(command, input=rows.tobytes(), env=surroundings, capture_output=True, timeout=600, check=True)
     values = np.frombuffer(done.stdout).reshape(len(rows), sum(outputs.values()))
     parts = np.split(values, np.cumsum(list(outputs.values()))[:-1], axis=1)
     return {name: part[:, 0] if part.shape[1] == 1 else part for name, part in zip(outputs, parts, strict=True)}

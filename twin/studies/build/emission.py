@@ -90,7 +90,9 @@ def emitted(step: Module, platform: Platform) -> Emitted:
     text = str(module)
     foreign = [f.name for f in module.functions if f.is_declaration and not _is_mathematics(f.name)]
     if foreign:
-        raise InputRefused(f"{step.symbol}: its compiled step needs {', '.join(sorted(foreign))}; it cannot leave Python")
+        raise InputRefused(
+            f"{step.symbol}: its compiled step needs {', '.join(sorted(foreign))}; it cannot leave Python"
+        )
     return Emitted(step.symbol, text, machine.emit_object(module))
 
 
