@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import (
+    build,
     dask,
     exchange,
     figure_4,
@@ -34,6 +35,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     exchange.measurements,
     lambda: figure_4.measurements(EXPERIMENT),
     lambda: other_parts.measurements(EXPERIMENT),
+    lambda: build.measurements(EXPERIMENT),
     lambda: tasks.measurements(ROOT / "experiments"),
     lambda: start_up.measurements(EXPERIMENT),
     lambda: isolation.measurements(EXPERIMENT),

@@ -178,7 +178,7 @@ def _fmu_element(name: str, part: str, component: FmuComponent, plan: DrivePlan)
         name=name,
         part=part,
         content=component.instance.description,
-        settings=(*plan.settings[part], *component.instance.inputs),
+        settings=tuple({s[0].name: s for s in (*plan.settings[part], *component.instance.inputs)}.values()),
         variables=tuple(dict.fromkeys(variables)),
     )
 

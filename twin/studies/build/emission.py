@@ -84,11 +84,15 @@ def emitted(step: Module, platform: Platform) -> Emitted:
             item.linkage = "internal"
     passes = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
     passes.getModulePassManager().run(module, passes)
-    module.get_function(step.inner).name = step.symbol
+    function = module.get_function(step.inner)
+    # hidden: two parts in one process have steps of the same name
+    function.name, function.visibility = step.symbol, "hidden"
     text = str(module)
     foreign = [f.name for f in module.functions if f.is_declaration and not _is_mathematics(f.name)]
     if foreign:
-        raise InputRefused(f"{step.symbol}: its compiled step needs {', '.join(sorted(foreign))}; it cannot leave Python")
+        raise InputRefused(
+            f"{step.symbol}: its compiled step needs {', '.join(sorted(foreign))}; it cannot leave Python"
+        )
     return Emitted(step.symbol, text, machine.emit_object(module))
 
 

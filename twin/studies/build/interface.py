@@ -83,7 +83,9 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
     ]
     first = {v.name: v.first for v in layout.variables}
     taken = [(port, first[port.name]) for port in COUNTS if port.name in first]
-    take = [f"state->values[{at + n}] = (double)counts->{_of(port, n)};" for port, at in taken for n in range(port.size)]
+    take = [
+        f"state->values[{at + n}] = (double)counts->{_of(port, n)};" for port, at in taken for n in range(port.size)
+    ]
     return "\n".join(
         [
             f"enum {{ STEP_TICKS = {step_ticks(part)}, N_PARAMETERS = {len(parameters)} }};",

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+from twin.monitor.reasons import Reason
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
 from twin.studies.build.emission import emitted_steps, object_files
@@ -91,26 +92,27 @@ def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str
     experiment = part.experiment
     step = step_ticks(part) * experiment.cosim.tick
     names = ", ".join(component.name for component in part.components)
+    rate = f" --rate {1 / step:g}" if step_ticks(part) < experiment.controller_ticks else ""
+    reasons = ", ".join(f"{reason.value} {reason.name.lower().replace('_', ' ')}" for reason in Reason)
     lines = [
         f"# The robot's computer of {experiment.title}",
         "",
         f"{names}: from the counts of the encoders to the speeds of the drives, the very code that the twin runs. A step",
-        f"every {1e3 * step:g} ms takes the counts of that instant, and what it gives follows from them: the drives of the",
-        "experiment get it at that same instant.",
-        "",
-        "`computer.h` says what goes in, what comes out and which parameters there are, `main.c` is an example:",
+        f"every {1e3 * step:g} ms takes the counts of that instant; in the twin the drives have what follows from them at",
+        "that same instant. `computer.h` says what goes in, what comes out and which parameters there are; `main.c` reads",
+        "counts from a file and prints what the drives are told:",
         "",
         "```sh",
-        *(f"{_compile(platform)}" for platform in platforms),
-        "twin export RUN --csv --signals encoder --out counts.csv"
-        + (f" --rate {1 / step:g}" if step < experiment.controller_ticks * experiment.cosim.tick else ""),
+        *(_compile(platform) for platform in platforms),
+        f"twin export RUN --csv --signals encoder{rate} --out counts.csv",
         "./main counts.csv",
         "```",
         "",
         "A library needs libm, and `memcpy` and `memset`, which a compiler takes for granted; all names in it begin with",
-        f"`{OURS}`. Compile without `-ffast-math`. The same numbers as the twin's, bit for bit, are what x86-64 Linux with",
-        "the same libm gives; another one may end `sin`, `cos` or `exp` in another bit.",
+        f"`{OURS}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end `sin`, `cos` or `exp` in",
+        "another bit.",
         "",
+        *([f"`monitor.reason`: {reasons}.", ""] if part.component("monitor") else []),
         f"Fixed, because something was worked out of it when this was built: {', '.join(closed)}.",
         "",
     ]

@@ -94,7 +94,7 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
         InputRefused: there is no compiler, or it refuses.
     """
     # none of what a system adds to have its C library look on
-    bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing", "-ffunction-sections")
+    bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")
     built = Path(source).with_suffix(".o").name
     with _folder_of(files) as folder:
         tool = _compiler(platform, wanted)

@@ -32,6 +32,11 @@ PACKAGES = ("twin", "numba", "llvmlite", "numpy")
 KINDS: dict[Kind, ConnectorKind] = {
     "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
 }  # fmt: skip
+# some tools leave their outputs marked as local
+THEIRS: dict[str, ConnectorKind] = {
+    "input": "input", "output": "output", "local": "output", "parameter": "parameter",
+    "structuralParameter": "parameter",
+}  # fmt: skip
 ET.register_namespace("twin", OURS)
 ET.register_namespace("oms", OPEN_MODELICA)
 
@@ -70,9 +75,10 @@ def connectors_of(description: FmuDescription, variables: Sequence[fmu.Variable]
     found = []
     for v in variables:
         kind, unit = measured(v, description)
-        # some tools leave their outputs marked as local
-        causality: ConnectorKind = "output" if v.causality == "local" else v.causality  # type: ignore[assignment]
-        found.append((Connector(v.name, causality, kind, unit.name if unit else "", (), v.description), unit))
+        # which enumeration, the FMU tells
+        type_ = "" if kind == "Enumeration" else kind
+        connector = Connector(v.name, THEIRS[v.causality], type_, unit.name if unit else "", (), v.description)
+        found.append((connector, unit))
     return tuple(found)
 
 
@@ -91,9 +97,6 @@ def structure(
         drives: of the joints.
         hashes: SHA-256 by entry of the archive.
         metadata: of the file.
-
-    Raises:
-        InputRefused: a drive has an input that nothing in the robot feeds.
     """
     units = defined(unit for member in members for _, unit in member.connectors)
     tick, duration = experiment.cosim.tick, experiment.duration_ticks * experiment.cosim.tick
@@ -127,13 +130,10 @@ def _component(member: Member, units: Mapping[str, UnitDefinition]) -> SspCompon
 
 
 def _connections(members: Sequence[Member], drives: Sequence[JointDrive]) -> Iterator[Connection]:
-    given = {
-        c.name: Socket(member.name, c.name) for member in members for c, _ in member.connectors if c.kind == "output"
-    }
+    ours = [member for member in members if not member.name.startswith("drive_")]
+    given = {c.name: Socket(member.name, c.name) for member in ours for c, _ in member.connectors if c.kind == "output"}
     last = {name: _last(given, sources) for name, sources in (("omega_ref", COMMAND), ("enable", POWER))}
-    for member in members:
-        if member.name.startswith("drive_"):
-            continue
+    for member in ours:
         for connector, _ in member.connectors:
             if connector.kind == "input":
                 yield _joined(_feeding(connector.name, given, drives), Socket(member.name, connector.name))

@@ -18,7 +18,7 @@ from twin.units import Dimension, known_unit
 
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that the robot's own fills where they say nothing."""
-TYPES = {"Real": "Real", "Boolean": "Boolean", "String": "String", "Enumeration": "Enumeration", "Binary": "Binary"}
+TYPES = {name: name for name in ("Real", "Boolean", "String", "Enumeration", "Binary")}
 TYPES |= {"Float64": "Real", "Float32": "Real"}
 
 
