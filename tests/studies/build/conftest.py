@@ -1,15 +1,12 @@
 """Plant and computer of Fig. 4, built once."""
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
-from functools import cache
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import pytest
 
 from twin.studies.build import emission
-from twin.studies.build.emission import Emitted, Module, emitted, module_of
+from twin.studies.build.emission import Emitted, Module, emitted
 from twin.studies.build.platforms import Platform
 from twin.studies.build.study import build_fmu
 
@@ -23,31 +20,15 @@ def silent(what: str) -> None:
     """Hears what is being done."""
 
 
-@cache
-def _module(step: Any, symbol: str) -> Module:
-    return module_of(step, symbol)
-
-
-@cache
-def _emitted(step: Module, platform: Platform) -> Emitted:
-    made = emitted(step, platform)
-    MODULES[step.symbol, platform.name] = made.text
-    return made
-
-
-@contextmanager
-def steps_kept() -> Iterator[None]:
-    """Within the block a step is compiled only if no test has needed it before: that takes most of the time."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(emission, "module_of", _module)
-        patch.setattr(emission, "emitted", _emitted)
-        yield
-
-
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Builds a part: `built("plant")`, once for each."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
+
+    def kept(step: Module, platform: Platform) -> Emitted:
+        made = emitted(step, platform)
+        MODULES[step.symbol, platform.name] = made.text
+        return made
 
     def build(
         part: str,
@@ -60,7 +41,8 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
         if key not in done:
             file = folder / f"{len(done)}" / f"{part}.fmu"
             file.parent.mkdir()
-            with steps_kept():
+            with pytest.MonkeyPatch.context() as patch:
+                patch.setattr(emission, "emitted", kept)
                 build_fmu(Path(experiment), part, fmi, platforms, file, settings, silent)
             done[key] = file
         return done[key]
