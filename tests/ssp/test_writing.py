@@ -61,7 +61,7 @@ STRUCTURE = Structure(
             ),
         ),
         connections=(
-            Connection(End("a", "y"), End("inner", "u"), Transformation(0.1, -1.0 / 3.0), suppress_unit_conversion=True),
+            Connection(End("a", "y"), End("inner", "u"), Transformation(0.1, -1.0 / 3.0), True),
         ),
         bindings=(ParameterBinding(VALUES, mapping=MAPPING),),
         annotations=(NOTE,),

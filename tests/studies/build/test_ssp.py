@@ -1,4 +1,4 @@
-"""What `twin build --ssp` writes: a file of the standard that gives the twin's own run; what cannot travel is refused."""
+"""What `twin build --ssp` writes: files of the standard that give the twin's own run; what it refuses."""
 
 import hashlib
 import re
@@ -78,6 +78,9 @@ def differences(
             bound = {b.port.name: b for plan in planned_drives(loaded)[:1] for b in plan.bindings}.get(name)
             # a command of ours is between elements
             if bound is None or bound.role.causality == "input":
+                continue
+            # what an FMU marks as local is recorded where something begins at it
+            if bound.variable.causality == "local" and f"{element}.{bound.variable.name}" not in theirs.fields():
                 continue
             line = angles[element] if name == "theta_m" else Transformation(bound.gain, bound.offset)
             there = line.factor * theirs[f"{element}.{bound.variable.name}"] + line.offset
