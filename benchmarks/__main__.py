@@ -21,6 +21,7 @@ from benchmarks import (
     report,
     start_up,
     sweep,
+    systems,
     tasks,
 )
 from benchmarks.measurement import Measurement
@@ -36,6 +37,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     lambda: figure_4.measurements(EXPERIMENT),
     lambda: other_parts.measurements(EXPERIMENT),
     lambda: build.measurements(EXPERIMENT),
+    lambda: systems.measurements(EXPERIMENT),
     lambda: tasks.measurements(ROOT / "experiments"),
     lambda: start_up.measurements(EXPERIMENT),
     lambda: isolation.measurements(EXPERIMENT),

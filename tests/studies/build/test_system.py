@@ -7,39 +7,11 @@ import numpy as np
 import pytest
 
 from tests.studies.build.loop import COMPUTER, PLANT
-from tests.studies.build.test_trace import DRIVE, JACOBI, own
-from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
+from tests.studies.build.system import LEGS, fig4
+from tests.studies.build.test_trace import JACOBI, own
 from twin.recording.reader import read
 from twin.runs.guard.reporter import DirectReporter
 from twin.studies.systems.study import recorded_system
-
-LEGS = (1, 2, 3)
-
-
-def fig4(file: Path, built: Callable[..., Path], droop: float, theta_m: np.ndarray, stop: float = 20.0) -> Path:
-    """Fig. 4 as an SSP: computer, drives, plant; a drive counts from its own zero."""
-    wires = []
-    for i, zero in zip(LEGS, theta_m, strict=True):
-        shift = line(offset=repr(float(zero)))
-        wires += [
-            connection(f"computer.controller.omega_ref[{i}]", f"drive_{i}.omega_ref"),
-            connection(f"plant.plant.tau_load[{i}]", f"drive_{i}.tau_load"),
-            connection(f"drive_{i}.theta_m", f"plant.theta_m[{i}]", shift),
-            connection(f"drive_{i}.theta_m", f"computer.theta_m[{i}]", shift),
-            connection(f"plant.plant.theta_l[{i}]", f"computer.theta_l[{i}]"),
-        ]
-    speed = connector("omega_ref", "input", "rad/s")
-    parts = [
-        component("computer", "resources/computer.fmu"),
-        *(component(f"drive_{i}", "resources/drive.fmu", [speed], values(f"droop={droop!r}")) for i in LEGS),
-        component("plant", "resources/plant.fmu"),
-    ]
-    resources = {"computer": built("computer"), "drive": DRIVE, "plant": built("plant")}
-    return archive(
-        file,
-        structure(system(parts, wires), stop),
-        {f"resources/{name}.fmu": path for name, path in resources.items()},
-    )
 
 
 @pytest.mark.parametrize("jacobi", [False, True])

@@ -13,13 +13,10 @@ from tests.drive.three_axes import three_axes_drive
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from tests.studies.systems.conftest import Ran
 from twin.drive.component import FmuComponent
-from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.report.page.page import write_report
-from twin.ssp.flat import flattened
 from twin.ssp.package import read_package
-from twin.studies.systems.coupled import coupled
-from twin.studies.systems.plan import planned
+from twin.studies.systems.study import opened
 from twin.studies.systems.text import text
 
 A = component("a", "a.fmu", bindings=values("omega_ref=1"))
@@ -118,10 +115,7 @@ def test_values_at_the_start_go_from_one_fmu_to_the_next_before_the_first_step(t
     wires = [connection("b.theta_m", "a.tau_load", more='suppressUnitConversion="true"')]
     whole = system([component("a", "a.fmu"), component("b", "a.fmu", bindings=values("theta_m=0.25"))], wires)
     package = read_package(archive(tmp_path / "x.ssp", structure(whole, 0.01), {"a.fmu": ideal}))
-    plan = planned(package, flattened(package.structure, "x"), {"a.fmu": ideal}, None, None, "jacobi")
-    with coupled(
-        plan, {part.description.sha256: unpacked(ideal, part.description.sha256) for part in plan.parts}
-    ) as made:
+    with opened(package, scheme="jacobi") as (plan, made):
         first = made.system.components[0]
         assert isinstance(first, FmuComponent) and made.settled
         assert first.instance.read([plan.parts[0].inputs[0].variable]) == [0.25]

@@ -67,6 +67,29 @@ def recorded_system(
     """
     reporter.loading()
     package = read_package(Path(system))
+    with opened(package, tick, stop, scheme, compiled) as (plan, made):
+        folder = _folder(package.file, out)
+        # absolute: an FMU may change the working directory
+        path = folder.absolute() / RECORDING
+        reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.ticks * plan.tick)
+        done, events, writing = _recorded(plan, made, path, reporter)
+        came = facts(plan, made, done, events, writing, folder / RECORDING)
+    return {"text": text(came), "facts": came}
+
+
+@contextmanager
+def opened(
+    package: Package,
+    tick: float | None = None,
+    stop: float | None = None,
+    scheme: Scheme = "gauss_seidel",
+    compiled: bool = False,
+) -> Iterator[tuple[Plan, Coupled]]:
+    """The system of an archive, planned and ready to be run; arguments but `package` as of `recorded_system`.
+
+    Raises:
+        InputRefused: as `recorded_system`.
+    """
     scratch = tempfile.mkdtemp()
     with _named(package, scratch):
         try:
@@ -76,17 +99,11 @@ def recorded_system(
             # before anything is loaded: what crashes would leave it
             shutil.rmtree(scratch, ignore_errors=True)
         with coupled(plan, folders) as made:
-            folder = _folder(package.file, out)
-            # absolute: an FMU may change the working directory
-            path = folder.absolute() / RECORDING
-            reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.ticks * plan.tick)
-            done, events, writing = _recorded(plan, made, path, reporter)
-            came = facts(plan, made, done, events, writing, folder / RECORDING)
-    return {"text": text(came), "facts": came}
+            yield plan, made
 
 
 def _planned(
-    package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool = False
+    package: Package, scratch: Path, tick: float | None, stop: float | None, scheme: Scheme, compiled: bool
 ) -> Plan:
     flat = flattened(package.structure, f"{package.file}")
     files: dict[str, Path] = {}
