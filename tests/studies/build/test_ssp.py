@@ -162,7 +162,7 @@ def test_values_have_their_units_and_say_where_they_come_from(archived: Built) -
 
 def test_it_says_what_it_was_made_of(archived: Built) -> None:
     file = archived(*SHORT)
-    (note,) = read_package(file).structure.annotations
+    note = read_package(file).structure.system.annotations[1]
     stated = dict(re.findall(r'source="([^"]+)" sha256="([0-9a-f]{64})"', note.content))
     assert dict(re.findall(r'name="([a-z]+)" version="([^"]+)"', note.content)).keys() >= {"twin", "numba"}
     with zipfile.ZipFile(file) as archive:

@@ -105,7 +105,11 @@ def structure(
         elements=tuple(_component(member, units) for member in members),
         connections=tuple(_connections(members, drives)),
         description=experiment.title,
-        annotations=(Annotation("org.openmodelica", _fixed_steps(tick)),),
+        # OMSimulator reads the first one, and no file with one outside of the system
+        annotations=(
+            Annotation("org.openmodelica", _fixed_steps(tick)),
+            Annotation("twin", _provenance(experiment, hashes)),
+        ),
     )
     return Structure(
         name=experiment.name,
@@ -113,7 +117,6 @@ def structure(
         units=tuple(units.values()),
         experiment=DefaultExperiment(0.0, duration),
         metadata=metadata,
-        annotations=(Annotation("twin", _provenance(experiment, hashes)),),
     )
 
 
