@@ -5,16 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
-from twin.drive import variable as fmu
-from twin.drive.description import FmuDescription
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.robot import COMMAND, POWER
 from twin.ssp.metadata import Annotation, Metadata
 from twin.ssp.parameters import ParameterBinding, ParameterSet
 from twin.ssp.structure import (
     Connection,
-    Connector,
-    ConnectorKind,
     DefaultExperiment,
     End,
     SspComponent,
@@ -23,25 +19,13 @@ from twin.ssp.structure import (
 )
 from twin.ssp.unit import Transformation, UnitDefinition
 from twin.studies.build.drives import JointDrive, Socket
-from twin.studies.build.layout import Kind, Variable
-from twin.studies.build.values import defined, measured, measured_here
+from twin.studies.build.values import Told, defined
 
 OURS = "urn:twin:build"
 OPEN_MODELICA = "https://raw.githubusercontent.com/OpenModelica/OMSimulator/master/schema/oms.xsd"
 PACKAGES = ("twin", "numba", "llvmlite", "numpy")
-KINDS: dict[Kind, ConnectorKind] = {
-    "parameter": "parameter", "tunable": "parameter", "input": "input", "output": "output",
-}  # fmt: skip
-# some tools leave their outputs marked as local
-THEIRS: dict[str, ConnectorKind] = {
-    "input": "input", "output": "output", "local": "output", "parameter": "parameter",
-    "structuralParameter": "parameter",
-}  # fmt: skip
 ET.register_namespace("twin", OURS)
 ET.register_namespace("oms", OPEN_MODELICA)
-
-Told = tuple[Connector, UnitDefinition | None]
-"""A connector, and the unit that it names."""
 
 
 @dataclass(frozen=True)
@@ -61,25 +45,6 @@ class Member:
     entry: str
     connectors: tuple[Told, ...]
     values: ParameterSet | None
-
-
-def connectors_here(variables: Sequence[Variable]) -> tuple[Told, ...]:
-    """Of an FMU of ours, for each of its scalars."""
-    return tuple(
-        (Connector(v.name, KINDS[v.kind], "Real", v.text, (), v.meaning), measured_here(v).unit) for v in variables
-    )
-
-
-def connectors_of(description: FmuDescription, variables: Sequence[fmu.Variable]) -> tuple[Told, ...]:
-    """Of an FMU of another make, for some of its variables."""
-    found = []
-    for v in variables:
-        kind, unit = measured(v, description)
-        # which enumeration, the FMU tells
-        type_ = "" if kind == "Enumeration" else kind
-        connector = Connector(v.name, THEIRS[v.causality], type_, unit.name if unit else "", (), v.description)
-        found.append((connector, unit))
-    return tuple(found)
 
 
 def structure(

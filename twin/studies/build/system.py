@@ -22,13 +22,14 @@ from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fmu import archive, packed
 from twin.studies.build.layout import laid_out
 from twin.studies.build.linking import refuse_platform
+from twin.studies.build.ours import own_connectors, own_values
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.platforms import Platform, platforms_named
-from twin.studies.build.structure import Member, connectors_here, connectors_of, structure
+from twin.studies.build.structure import Member, structure
 from twin.studies.build.study import HOME, about, readme
 from twin.studies.build.system_readme import system_readme
-from twin.studies.build.values import foreign_values, own_values
+from twin.studies.build.theirs import foreign_connectors, foreign_values
 from twin.writing import json_text, made_folder, write_bytes
 
 COMPUTER, BUS, PLANT = "computer", "bus", "plant"
@@ -163,7 +164,7 @@ class _Makers:
             lambda what: self._say(f"{name}: {what}"),
         )
         values = own_values(self._experiment, name, layout.variables, f"resources/{name}.ssv", self._metadata)
-        self._add(Member(name, said, entry, connectors_here(layout.variables), values))
+        self._add(Member(name, said, entry, own_connectors(layout.variables), values))
 
     def add_element(self, number: int, element: Element) -> None:
         """An element of the drive of joint `number`."""
@@ -185,7 +186,7 @@ class _Makers:
             self._metadata,
         )
         said = f"joint {number}: {fmu.model.description or fmu.model.modelName}"
-        self._add(Member(element.name, said, self._taken(fmu), connectors_of(fmu, list(told.values())), values))
+        self._add(Member(element.name, said, self._taken(fmu), foreign_connectors(fmu, list(told.values())), values))
 
     def packed(self, drives: Sequence[JointDrive]) -> bytes:
         """The archive of all of it."""
