@@ -26,8 +26,10 @@ def test_a_part_that_is_none_is_refused_with_exit_code_2_and_leaves_nothing(root
 def test_it_wants_one_thing_to_build(root: Path, tmp_path: Path):
     experiment = root / "experiments/fig4_force_position.toml"
     for asked, sentence in (
-        ((), "expected either --fmu PART or --c"),
-        (("--c", "--fmu", "plant"), "expected either --fmu PART or --c"),
+        ((), "expected one of --fmu PART, --c and --ssp"),
+        (("--c", "--fmu", "plant"), "expected one of --fmu PART, --c and --ssp"),
+        (("--fmu", "plant", "--drive", "stepper"), "--drive is of a whole robot"),
+        (("--ssp", "--set", "cosim.iterations=2"), "build it with --set cosim.iterations=1"),
         (("--c", "--fmi", "3"), "--fmi is of an FMU"),
         (("--c", "--platform", "x86_64-window"), "did you mean 'x86_64-windows'?"),
     ):
