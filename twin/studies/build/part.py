@@ -103,6 +103,16 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
     return RobotPart(name, experiment, native, feeds, beginnings, starts, experiment.start)
 
 
+def told_to_drives(part: RobotPart) -> dict[str, str]:
+    """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
+    (drives,) = (row for row in ROBOT if row.name == DRIVE)
+    fed = {
+        port: [f"{source}.{name}" for source, name in sources if part.component(source)]
+        for port, sources in drives.inputs.items()
+    }
+    return {port: found[0] for port, found in fed.items() if found}
+
+
 def _refuse_broken(experiment: Experiment) -> None:
     """What an experiment does to its robot on the way is not part of the robot."""
     for found, table, remedy in (
