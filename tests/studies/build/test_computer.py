@@ -220,8 +220,12 @@ def test_the_library_needs_mathematics_alone_and_no_name_of_it_is_in_the_way(wri
     assert all(MATHEMATICS.fullmatch(name) for name in needed)
 
 
-def test_it_brings_what_it_takes_to_call_it(written: Callable[..., Path]) -> None:
-    folder = written(FIG4)
+def test_it_brings_what_it_takes_to_call_it(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    old = folder / "aarch64-linux" / "libcomputer.a"
+    old.parent.mkdir(parents=True)
+    old.write_text("of another header")
+    build_c(FIG4, [], folder, [], silent)
     (library,) = folder.glob("*/libcomputer.a")
     assert library.stat().st_size < 100_000
     told = (folder / "README.md").read_text()
