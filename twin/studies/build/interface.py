@@ -74,11 +74,9 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
         f"{_text(f'{v.name}: only computer_init takes another value')}}}"
         for v in parameters
     ]
-    names = [row.component.name for row in layout.rows]
-    failed = [f"{name}: {STATUS.get(name, 'failed')}" for name in names]
     failures = [
-        f"{{{_text(told)}, {_text(f'{name}: an output is not finite')}}}"
-        for name, told in zip(names, failed, strict=True)
+        f"{{{_text(f'{c.name}: {STATUS.get(c.name) or c.explain(2)}')}, {_text(f'{c.name}: an output is not finite')}}}"
+        for c in (row.component for row in layout.rows)
     ]
     first = {v.name: v.first for v in layout.variables}
     taken = [(port, first[port.name]) for port in COUNTS if port.name in first]
