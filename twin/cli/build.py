@@ -12,16 +12,16 @@ from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
 from twin.errors import InputRefused
 
 
-Platforms = Annotated[
-    list[str] | None, typer.Option(metavar="NAME", help="Also for aarch64-linux, x86_64-windows .. or all; repeat it.")
-]
-
-
 class Fmi(StrEnum):
     """Versions of FMI that are written."""
 
     TWO = "2"
     THREE = "3"
+
+
+Platforms = Annotated[
+    list[str] | None, typer.Option(metavar="NAME", help="Also for aarch64-linux, x86_64-windows .. or all; repeat it.")
+]
 
 
 def build(

@@ -14,6 +14,7 @@ class Binary(NamedTuple):
         exports: functions that it gives.
         imports: symbols that it needs; of macOS without the underscore in front.
         libraries: what it needs them from.
+        signed: whether it carries a signature of macOS.
     """
 
     kind: str
@@ -21,6 +22,7 @@ class Binary(NamedTuple):
     exports: set[str]
     imports: set[str]
     libraries: set[str]
+    signed: bool = False
 
 
 def slices(content: bytes) -> list[bytes]:
@@ -58,7 +60,8 @@ def _elf(content: bytes) -> Binary:
 
     (machine,), (start,), (size, count) = at("<H", 18), at("<Q", 40), at("<HH", 58)
     sections = [at("<IIQQQQIIQQ", start + n * size) for n in range(count)]
-    exports, imports, libraries = set(), set(), set()
+    found: tuple[set[str], set[str], set[str]] = (set(), set(), set())
+    exports, imports, libraries = found
     for _, kind, _, _, place, length, link, *_ in sections:
         strings = sections[link][4] if link < count else 0
         if kind == 11:
@@ -101,7 +104,9 @@ def _pe(content: bytes) -> Binary:
     exported, _, imported = at("<III", head + 24 + 112)
     names, table = at("<I", place(exported) + 24)[0], at("<I", place(exported) + 32)[0]
     exports = {_text(content, place(at("<I", place(table) + 4 * n)[0])) for n in range(names)}
-    imports, libraries, entry = set(), set(), place(imported)
+    imports: set[str] = set()
+    libraries: set[str] = set()
+    entry = place(imported)
     while at("<I", entry + 12)[0]:
         libraries.add(_text(content, place(at("<I", entry + 12)[0])))
         imports |= {_text(content, place(thunk) + 2) for thunk in thunks(at("<I", entry)[0])}
@@ -114,17 +119,21 @@ def _macho(content: bytes) -> Binary:
         return struct.unpack_from(form, content, place)
 
     (processor,), (commands,) = at("<I", 4), at("<I", 16)
-    exports, imports, libraries, command = set(), set(), set(), 32
+    found: tuple[set[str], set[str], set[str]] = (set(), set(), set())
+    exports, imports, libraries = found
+    command, signed = 32, False
     for _ in range(commands):
         kind, size = at("<II", command)
+        signed |= kind == 0x1D
         if kind == 0xC:
             libraries.add(_text(content, command + at("<I", command + 8)[0]))
         if kind == 2:
             symbols, count, strings, _ = at("<IIII", command + 8)
             for n in range(count):
-                name, told, *_ = at("<IBBHQ", symbols + 16 * n)
-                text = _text(content, strings + name).removeprefix("_")
+                string, told, *_ = at("<IBBHQ", symbols + 16 * n)
+                text = _text(content, strings + string).removeprefix("_")
                 if told & 1:
                     (exports if told & 0xE else imports).add(text)
         command += size
-    return Binary("Mach-O", {0x01000007: "x86_64", 0x0100000C: "aarch64"}[processor], exports, imports, libraries)
+    name = {0x01000007: "x86_64", 0x0100000C: "aarch64"}[processor]
+    return Binary("Mach-O", name, exports, imports, libraries, signed)

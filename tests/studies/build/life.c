@@ -47,9 +47,11 @@ int main(void)
 
     /* a copy goes on by itself, wherever it lies */
     memcpy(&other, &it, sizeof it);
+    if (computer_step(&it, &START, &again))
+        return complain("the second step fails");
     memset(&it, 0, sizeof it);
-    if (computer_step(&other, &START, &told))
-        return complain("a copy does not go on");
+    if (computer_step(&other, &START, &told) || memcmp(&told, &again, sizeof told) != 0)
+        return complain("a copy does not go on as the original");
 
     computer_defaults(&all);
     all.controller.model.k_s_Nm_per_rad = 1.5;

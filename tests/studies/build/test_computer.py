@@ -154,6 +154,22 @@ def test_all_parameters_at_once_do_what_the_experiment_with_them_does(written: C
         assert np.array_equal(values, np.asarray(run.held(watched.get(name, name)), dtype=float)), name
 
 
+def test_a_robot_that_does_not_retract_after_a_trip_loses_its_power(written: Callable[..., Path]) -> None:
+    folder, outputs = written(MASSAGE), sizes(MASSAGE)
+    source = folder / "recorder.c"
+    source.write_text(recorder(outputs, {}))
+    run = run_in_memory(replace(load_experiment(MASSAGE), duration_ticks=TICKS))
+    moving = counted(run)
+    # all shafts stand still, whatever they are told
+    stuck = np.tile(moving[-1], (1000, 1))
+    stuck[:, -1] += np.arange(1, 1001)
+    told = fed(program(folder, source, "recorder"), outputs, np.vstack([moving, stuck]))
+    assert np.ptp(told["monitor.tripped"]) == 1.0 and np.ptp(told["power"]) == 1.0
+    assert np.array_equal(told["power"], told["monitor.power"])
+    assert np.array_equal(told["omega_ref"], told["monitor.omega_ref"])
+    assert not np.array_equal(told["omega_ref"], told["controller.omega_ref"])
+
+
 def test_the_example_reads_an_exported_file_and_writes_the_speeds(written: Callable[..., Path]) -> None:
     run, folder = run_in_memory(load_experiment(FIG4)), written(FIG4)
     names = [f"encoder.count_{side}[{n}]" for side in "ml" for n in range(3)]
@@ -204,8 +220,12 @@ def test_the_library_needs_mathematics_alone_and_no_name_of_it_is_in_the_way(wri
     assert all(MATHEMATICS.fullmatch(name) for name in needed)
 
 
-def test_it_brings_what_it_takes_to_call_it(written: Callable[..., Path]) -> None:
-    folder = written(FIG4)
+def test_it_brings_what_it_takes_to_call_it(tmp_path: Path) -> None:
+    folder = tmp_path / "new" / "folder"
+    old = folder / "aarch64-linux" / "libcomputer.a"
+    old.parent.mkdir(parents=True)
+    old.write_text("of another header")
+    build_c(FIG4, [], folder, [], silent)
     (library,) = folder.glob("*/libcomputer.a")
     assert library.stat().st_size < 100_000
     told = (folder / "README.md").read_text()

@@ -11,6 +11,7 @@ import pytest
 from tests.studies.build.binaries import Binary, binary, slices
 from tests.studies.build.conftest import FIG4, MODULES, silent
 from twin.errors import InputRefused
+from twin.studies.build import emission
 from twin.studies.build.emission import MATHEMATICS
 from twin.studies.build.part import PARTS
 from twin.studies.build.platforms import PLATFORMS
@@ -45,6 +46,8 @@ def test_each_platform_has_a_library_of_its_kind_and_processor(everywhere: dict[
     assert set(everywhere) == set(PLATFORMS)
     for name, found in everywhere.items():
         assert (found.processor, found.kind) == (name.split("-")[0], KINDS[PLATFORMS[name].suffix])
+    # without a signature, if one that says nothing of who signed, macOS on Arm loads nothing
+    assert everywhere["aarch64-darwin"].signed
 
 
 def test_a_library_gives_the_functions_of_the_standard_and_no_other(everywhere: dict[str, Binary]) -> None:
@@ -104,6 +107,7 @@ def test_without_ziglang_other_platforms_are_refused_before_anything_is_compiled
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    monkeypatch.setattr(emission, "module_of", lambda step, symbol: pytest.fail("compiled"))
     with pytest.raises(InputRefused, match=r"it\.fmu: there is no C compiler for x86_64-windows; pip install ziglang"):
         build_fmu(FIG4, "encoder", "2.0", ["x86_64-windows"], tmp_path / "it.fmu", [], silent)
     assert list(tmp_path.iterdir()) == []

@@ -5,11 +5,10 @@ from collections.abc import Iterator, Mapping
 from typing import Any
 
 from twin.cosim.port import Port
-from twin.runs.assembly.robot import ROBOT
 from twin.studies.build.layout import Layout, Variable
 from twin.studies.build.linking import c_files
 from twin.studies.build.parameters import Limits
-from twin.studies.build.part import DRIVE, RobotPart
+from twin.studies.build.part import RobotPart, told_to_drives
 from twin.studies.build.tables import STATUS
 
 COUNTS = (
@@ -75,11 +74,9 @@ def fields(part: RobotPart, layout: Layout) -> bytes:
         f"{_text(f'{v.name}: only computer_init takes another value')}}}"
         for v in parameters
     ]
-    names = [row.component.name for row in layout.rows]
-    failed = [f"{name}: {STATUS.get(name, 'failed')}" for name in names]
     failures = [
-        f"{{{_text(told)}, {_text(f'{name}: an output is not finite')}}}"
-        for name, told in zip(names, failed, strict=True)
+        f"{{{_text(f'{c.name}: {STATUS.get(c.name) or c.explain(2)}')}, {_text(f'{c.name}: an output is not finite')}}}"
+        for c in (row.component for row in layout.rows)
     ]
     first = {v.name: v.first for v in layout.variables}
     taken = [(port, first[port.name]) for port in COUNTS if port.name in first]
@@ -118,10 +115,10 @@ def expected(limits: Limits) -> str:
 
 
 def _given(part: RobotPart, first: Mapping[str, int]) -> Iterator[str]:
-    sources = next(row for row in ROBOT if row.name == DRIVE).inputs
+    feeding = told_to_drives(part)
     for port_of_drive, port in TOLD.items():
-        named = next((f"{c}.{p}" for c, p in sources[port_of_drive] if part.component(c)), None)
-        yield from _filled(f"told->{port.name}", port, None if named is None else first[named])
+        place = first[feeding[port_of_drive]] if port_of_drive in feeding else None
+        yield from _filled(f"told->{port.name}", port, place)
     for component in part.components:
         for port in component.outputs:
             yield from _filled(f"told->{component.name}.{port.name}", port, first[f"{component.name}.{port.name}"])

@@ -5,6 +5,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 
+from twin.errors import disk_refusals
 from twin.monitor.reasons import Reason
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
@@ -14,12 +15,13 @@ from twin.studies.build.layout import laid_out
 from twin.studies.build.linking import c_files, guid_of, refuse_platform, static_library
 from twin.studies.build.parameters import fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
-from twin.studies.build.platforms import HERE, Platform, platforms_named
+from twin.studies.build.platforms import HERE, PLATFORMS, Platform, platforms_named
 from twin.studies.build.study import HOME
 from twin.studies.build.tables import sizes, tables
 from twin.writing import made_folder, write_bytes
 
 PART = "controls"
+LIBRARY = "libcomputer.a"
 OURS = "computer_"
 """What all names of the library begin with that a program sees."""
 
@@ -71,11 +73,15 @@ def build_c(
         libraries = dict(zip(targets, threads.map(library, targets), strict=True))
     files = {name: shared[name] for name in ("computer.h", "main.c")} | {
         "README.md": _readme(part, targets, closed).encode(),
-        **{f"{platform.name}/libcomputer.a": content for platform, content in libraries.items()},
+        **{f"{platform.name}/{LIBRARY}": content for platform, content in libraries.items()},
     }
     for name, content in files.items():
         made_folder((folder / name).parent)
         write_bytes(folder / name, content)
+    with disk_refusals(folder, "cannot be tidied"):
+        # what an earlier build has left does not belong to this header
+        for other in PLATFORMS.keys() - {target.name for target in targets}:
+            (folder / other / LIBRARY).unlink(missing_ok=True)
     names = [variable.name for variable in parameters_of(layout)]
     return Answer(_text(part, folder, targets, len(names), closed), {
         "folder": str(folder),
@@ -97,10 +103,10 @@ def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str
     lines = [
         f"# The robot's computer of {experiment.title}",
         "",
-        f"{names}: from the counts of the encoders to the speeds of the drives, the very code that the twin runs. A step",
-        f"every {1e3 * step:g} ms takes the counts of that instant; in the twin the drives have what follows from them at",
-        "that same instant. `computer.h` says what goes in, what comes out and which parameters there are; `main.c` reads",
-        "counts from a file and prints what the drives are told:",
+        f"{names}: from the counts of the encoders to the speeds of the drives, the very code that the twin runs.",
+        f"A step every {1e3 * step:g} ms takes the counts of that instant; in the twin the drives have what follows",
+        "from them at that same instant. `computer.h` says what goes in, what comes out, which parameters there are;",
+        "`main.c` reads counts from a file and prints what the drives are told:",
         "",
         "```sh",
         *(_compile(platform) for platform in platforms),
@@ -108,9 +114,9 @@ def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str
         "./main counts.csv",
         "```",
         "",
-        "A library needs libm, and `memcpy` and `memset`, which a compiler takes for granted; all names in it begin with",
-        f"`{OURS}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end `sin`, `cos` or `exp` in",
-        "another bit.",
+        "A library needs libm, and `memcpy` and `memset`, which a compiler takes for granted; all names in it begin",
+        f"with `{OURS}`. On x86-64 Linux its numbers are the twin's, bit for bit; another libm may end `sin`, `cos` or",
+        "`exp` in another bit.",
         "",
         *([f"`monitor.reason`: {reasons}.", ""] if part.component("monitor") else []),
         f"Fixed, because something was worked out of it when this was built: {', '.join(closed)}.",
@@ -121,11 +127,11 @@ def _readme(part: RobotPart, platforms: Sequence[Platform], closed: Sequence[str
 
 def _compile(platform: Platform) -> str:
     if platform is HERE:
-        return f"cc -O2 main.c {HERE.name}/libcomputer.a -lm -o main"
+        return f"cc -O2 main.c {HERE.name}/{LIBRARY} -lm -o main"
     suffix = ".exe" if platform.suffix == "dll" else ""
     libm = " -lm" if platform.is_elf else ""
     target = platform.target
-    return f"python -m ziglang cc -target {target} -O2 main.c {platform.name}/libcomputer.a{libm} -o main{suffix}"
+    return f"python -m ziglang cc -target {target} -O2 main.c {platform.name}/{LIBRARY}{libm} -o main{suffix}"
 
 
 def _text(part: RobotPart, folder: Path, platforms: Sequence[Platform], open_ones: int, closed: Sequence[str]) -> str:
@@ -137,6 +143,6 @@ def _text(part: RobotPart, folder: Path, platforms: Sequence[Platform], open_one
             f"  step     {1e3 * step_ticks(part) * part.experiment.cosim.tick:g} ms: counts in, motor speeds out",
             f"  open     {open_ones} parameters, as the experiment's file calls them",
             f"  fixed    {', '.join(closed)}",
-            f"  written  {folder}: computer.h, main.c, README.md, PLATFORM/libcomputer.a",
+            f"  written  {folder}: computer.h, main.c, README.md, PLATFORM/{LIBRARY}",
         ]
     )

@@ -106,7 +106,7 @@ def static_library(source: str, platform: Platform, files: Mapping[str, bytes], 
 
 
 def universal(slices: Mapping[str, bytes]) -> bytes:
-    """One library of macOS of several by their triples, whichever way (layout: <mach-o/fat.h>, big-endian)."""
+    """One library of macOS out of those of several processors, by triple (layout: <mach-o/fat.h>, big-endian)."""
     header = struct.pack(">II", 0xCAFEBABE, len(slices))
     body, start = b"", 8 + 20 * len(slices)
     for triple, content in slices.items():

@@ -72,6 +72,16 @@ class RobotPart:
         return next((component for component in self.components if component.name == name), None)
 
 
+def told_to_drives(part: RobotPart) -> dict[str, str]:
+    """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
+    (drives,) = (row for row in ROBOT if row.name == DRIVE)
+    fed = {
+        port: [f"{source}.{name}" for source, name in sources if part.component(source)]
+        for port, sources in drives.inputs.items()
+    }
+    return {port: found[0] for port, found in fed.items() if found}
+
+
 def part_of(experiment: Experiment, name: str) -> RobotPart:
     """The part `name` of the robot of `experiment`.
 
