@@ -33,7 +33,7 @@ from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Plan, fmu_sources, planned
 from twin.studies.systems.streams import streams
 from twin.studies.systems.text import facts, text
-from twin.writing import write_bytes
+from twin.writing import made_folder, write_bytes
 
 
 def recorded_system(
@@ -110,7 +110,7 @@ def _planned(
     for entry in fmu_sources(package, flat).values():
         if entry not in files:
             files[entry] = scratch / entry
-            files[entry].parent.mkdir(parents=True, exist_ok=True)
+            made_folder(files[entry].parent)
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
