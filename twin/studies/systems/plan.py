@@ -24,6 +24,7 @@ from twin.studies.systems.way import Measure, measure, spelt, way
 
 KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
 """Of a recording, by the type of a variable; whole numbers are all others."""
+MOST_TICKS = 1e12
 SETTABLE = ("parameter", "structuralParameter", "input")
 STARTED = ("exact", "approx")
 """What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
@@ -151,6 +152,8 @@ def planned(
         raise InputRefused(f"{package.file}: its experiment starts at {begin:g} s; here runs begin at 0 s")
     if end is None:
         raise InputRefused(f"{package.file}: says nothing of how long to run (DefaultExperiment); say --stop-s")
+    if not end / length < MOST_TICKS:
+        raise InputRefused(f"{package.file}: {end:g} s in steps of {length:g} s are more than {MOST_TICKS:g} steps")
     ticks = round(end / length)
     if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
         raise InputRefused(
