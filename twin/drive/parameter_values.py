@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 
 from twin.drive.description import FmuDescription
-from twin.drive.setting import Value
+from twin.drive.setting import FILE, Value
 from twin.drive.units import Conversion, conversion, meant
 from twin.drive.variable import Variable
 from twin.errors import InputRefused
@@ -48,11 +48,15 @@ def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
     """What a parameter set gives, at least one value.
 
     Raises:
-        InputRefused: it is binary, or nothing.
+        InputRefused: it is binary, nothing, or text that names a file of this machine where an experiment says it.
     """
     if value.type == "Binary" or not value.values:
         what = "binary, which is not read here" if value.values else "given no value"
         raise InputRefused(f"{where}: {value.name} is {what}")
+    if any(isinstance(one, str) and one.startswith(FILE) for one in value.values):
+        raise InputRefused(
+            f"{where}: {value.name} begins with '{FILE}'; a parameter set may not name files of this machine"
+        )
     return list(value.values)  # type: ignore[return-value]
 
 

@@ -54,6 +54,7 @@ def test_names_and_values_that_the_fmu_does_not_know_are_refused(servo: FmuDescr
         (real("J_m", "1 2 3"), "J_m: 3 values; expected 1"),
         ('name="J_m"><ssv:String value="1"/>', "J_m"),
         ('name="J_m"><ssv:Binary value="00"/>', "J_m is binary"),
+        ('name="J_m"><ssv:String value="file:/etc/passwd"/>', "may not name files of this machine"),
     ):
         with pytest.raises(InputRefused, match=r"a\.ssv: ") as refused:
             settings(parameter_set(ssv(parameter), "a.ssv"), servo, "a.ssv")

@@ -79,7 +79,7 @@ def structure(
     )
 
 
-def archive(file: Path, ssd: str, resources: Mapping[str, Path | str]) -> Path:
+def archive(file: Path, ssd: str | bytes, resources: Mapping[str, Path | str]) -> Path:
     """`file` with a structure, and resources by their entries: files, or texts."""
     with zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as target:
         target.writestr("SystemStructure.ssd", ssd)

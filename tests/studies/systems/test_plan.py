@@ -65,7 +65,7 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     ),
     "a factor 0": (ssd(wires=(connection("a.omega_m", "b.omega_ref", line(0)),)), None, "the factor 0; leave"),
     "a table": (
-        ssd(wires=(connection("a.omega_m", "b.omega_ref", MAP),)), None, "a BooleanMappingTransformation, which cannot",
+        ssd(wires=(connection("a.omega_m", "b.omega_ref", MAP),)), None, "BooleanMappingTransformation cannot be",
     ),
     "real into whole": (ssd(wires=(connection("a.omega_m", "b.tau_load"),)), WHOLE, "a Real into a Integer; expected"),
     "two writers": (ssd(wires=(SPEED, SPEED)), None, "b.omega_ref is fed by two connections"),
@@ -76,6 +76,7 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU says how long a step is; say --tick-ms"),
     "no stop": (ssd(stop=None), None, "says nothing of how long to run (DefaultExperiment); say --stop-s"),
     "no whole step": (ssd(stop=0.0105), None, "0.0105 s are no whole number of steps of 1 ms"),
+    "steps without end": (ssd(stop=1e300), None, "1e+300 s in steps of 0.001 s are more than 1e+12 steps"),
     "another start": (
         ssd().replace('startTime="0.0"', 'startTime="5"'), None, "its experiment starts at 5 s; here runs begin at 0 s",
     ),

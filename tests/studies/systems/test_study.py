@@ -111,6 +111,15 @@ def test_all_versions_of_fmi_run_together(ran: Ran, root: Path, tmp_path: Path):
     assert run.fields()["axes.theta_m"].unit == "rad"
 
 
+def test_a_component_may_have_no_outputs_and_then_has_no_topic(ran: Ran, ideal: Path, tmp_path: Path):
+    sink = redescribed(ideal, tmp_path / "sink.fmu", 'causality="output"', 'causality="local"')
+    whole = system([A, component("sink", "sink.fmu")], [connection("a.omega_m", "sink.omega_ref")])
+    run, facts = ran(structure(whole, 0.01), {"sink.fmu": sink})
+    assert list(run.streams) == ["a"] and list(facts["components"]) == ["a", "sink"]
+    with pytest.raises(InputRefused, match="no FMU has an output that is a number"):
+        ran(structure(system([component("sink", "sink.fmu")]), 0.01), {"sink.fmu": sink})
+
+
 def test_values_at_the_start_go_from_one_fmu_to_the_next_before_the_first_step(tmp_path: Path, ideal: Path):
     wires = [connection("b.theta_m", "a.tau_load", more='suppressUnitConversion="true"')]
     whole = system([component("a", "a.fmu"), component("b", "a.fmu", bindings=values("theta_m=0.25"))], wires)

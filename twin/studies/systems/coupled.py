@@ -1,10 +1,10 @@
 """A planned system made: its FMUs loaded, initialised together, and joined."""
 
-import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 import numpy as np
 
@@ -15,7 +15,10 @@ from twin.drive.instance import Instance, Setup
 from twin.drive.ports import FmuPort
 from twin.drive.steps import refuse_step
 from twin.errors import InputRefused
+from twin.runs.assembly.rates import stop_time
 from twin.studies.systems.plan import Part, Plan
+
+_T = TypeVar("_T")
 
 
 @dataclass(frozen=True)
@@ -45,14 +48,14 @@ def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
     Raises:
         InputRefused: an FMU cannot be loaded or initialised, or takes no such steps.
     """
-    stop = max(plan.ticks * plan.tick, (plan.ticks - 1) * plan.tick + plan.tick)
+    tick, ticks = plan.timing.tick, plan.timing.ticks
     for part in plan.parts:
-        _refuse_step(part, plan.tick)
+        _refuse_step(part, tick)
     with ExitStack() as made:
         instances: dict[str, Instance] = {}
         for part in plan.parts:
             description = part.description
-            setup = Setup(description.tolerance, stop, plan.tick, waiting=True)
+            setup = Setup(description.tolerance, stop_time(ticks, tick, 1), tick, waiting=True)
             folder = folders[description.sha256]
             instances[part.name] = Instance(part.path, description, folder, part.settings, (), setup)
             made.callback(instances[part.name].close)
@@ -74,7 +77,7 @@ def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
                 )
             )
             made.callback(components[-1].close)
-        yield Coupled(System(components, plan.wires, plan.tick, plan.scheme), settled)
+        yield Coupled(System(components, plan.wires, tick, plan.scheme), settled)
 
 
 def _refuse_step(part: Part, tick: float) -> None:
@@ -93,7 +96,9 @@ def _settle(plan: Plan, instances: dict[str, Instance]) -> bool:
         f"{part.name}.{port.port.name}": (instances[part.name], port) for part in plan.parts for port in part.inputs
     }
     led = [
-        (*ports[source], *inputs[target]) for source, target in plan.wires if _readable(*ports[source], *inputs[target])
+        (*ports[source], *inputs[target])
+        for source, target in plan.wires
+        if _readable(*ports[source], inputs[target][1])
     ]
     last: dict[int, bytes] = {}
     for _ in range(len(plan.parts) + 2):
@@ -108,28 +113,22 @@ def _settle(plan: Plan, instances: dict[str, Instance]) -> bool:
     return False
 
 
-def _readable(source: Instance, output: FmuPort, target: Instance, port: FmuPort) -> bool:
+def _readable(source: Instance, output: FmuPort, port: FmuPort) -> bool:
     """Whether there is something to be read, and to be set, in initialisation mode; a clock has not ticked there."""
     return source.description.version > 1 and not output.variable.clocks and not port.variable.clocks
 
 
 def _read(instance: Instance, port: FmuPort) -> np.ndarray:
-    with _refused(instance):
-        return instance.read([port.variable])
-    return np.full(port.port.size, math.nan)
+    return _tried(instance, lambda: instance.read([port.variable]))
 
 
 def _write(instance: Instance, port: FmuPort, value: np.ndarray) -> None:
-    with _refused(instance):
-        instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))])
+    _tried(instance, lambda: instance.write([(port.variable, value if port.variable.size > 1 else float(value[0]))]))
 
 
-@contextmanager
-def _refused(instance: Instance) -> Iterator[None]:
+def _tried(instance: Instance, call: Callable[[], _T]) -> _T:
     try:
-        yield
-    except InputRefused:
-        raise
+        return call()
     # FMPy's FMICallException and whatever is below it
     except Exception as problem:
         said = f" (it said: {'; '.join(instance.messages)})" if instance.messages else ""

@@ -1,29 +1,25 @@
 """A system of an SSP archive made ready: FMUs checked, connections and values in their units; nothing is loaded."""
 
-import math
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 from twin.cosim.interpolation import Scheme
-from twin.cosim.port import Port
 from twin.drive.description import FmuDescription, described
 from twin.drive.parameter_values import given_values
 from twin.drive.ports import FmuPort
 from twin.drive.setting import Setting, Value, set_to
-from twin.drive.steps import stated_step
 from twin.drive.units import conversion
-from twin.drive.variable import Variable, number
+from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest
-from twin.files import xml_of
 from twin.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.ssp.package import Package
 from twin.ssp.structure import FMU, Connector
-from twin.studies.systems.naming import distinct, field, topic
+from twin.studies.systems.naming import distinct, topic
+from twin.studies.systems.ports import distinct_ports, port_of, rank
+from twin.studies.systems.timing import Timing, timing
 from twin.studies.systems.way import Measure, measure, spelt, way
 
-KINDS = {"Real": "double", "Float64": "double", "Float32": "double", "Boolean": "bool"}
-"""Of a recording, by the type of a variable; whole numbers are all others."""
 SETTABLE = ("parameter", "structuralParameter", "input")
 STARTED = ("exact", "approx")
 """What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
@@ -60,9 +56,7 @@ class Plan:
         package: where it is from.
         parts: in the order of the file.
         wires: (output, input) of the master, "part.port" each.
-        tick: length of a step (s).
-        tick_source: who says so.
-        ticks: how many steps.
+        timing: of the run.
         scheme: of the coupling.
         ignored: names that get values, and nothing is called so.
     """
@@ -70,9 +64,7 @@ class Plan:
     package: Package
     parts: tuple[Part, ...]
     wires: tuple[tuple[str, str], ...]
-    tick: float
-    tick_source: str
-    ticks: int
+    timing: Timing
     scheme: Scheme
     ignored: tuple[str, ...]
 
@@ -144,35 +136,11 @@ def planned(
     """
     reader = _Planner(package, flat, files)
     parts = tuple(reader.part(path) for path in flat.components)
-    length, source = (tick, "--tick-ms") if tick is not None else _stated_tick(package, parts)
-    end = package.structure.experiment.stop if stop is None else stop
-    begin = package.structure.experiment.start or 0.0
-    if begin != 0.0:
-        raise InputRefused(f"{package.file}: its experiment starts at {begin:g} s; here runs begin at 0 s")
-    if end is None:
-        raise InputRefused(f"{package.file}: says nothing of how long to run (DefaultExperiment); say --stop-s")
-    ticks = round(end / length)
-    if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
-        raise InputRefused(
-            f"{package.file}: {end:g} s are no whole number of steps of {1e3 * length:g} ms; choose --stop-s, --tick-ms"
-        )
-    return Plan(package, parts, tuple(reader.wires()), length, source, ticks, scheme, (*flat.ignored, *reader.ignored))
-
-
-def _stated_tick(package: Package, parts: Sequence[Part]) -> tuple[float, str]:
-    """The length of a step (s), and who says so: a tool in the structure, else the FMU that wants the shortest."""
-    structure = package.structure
-    notes = (*structure.experiment.annotations, *structure.system.annotations, *structure.annotations)
-    for note in notes:
-        where = f"{package.file}: annotation {note.type}"
-        for found in xml_of(note.content.encode(), where).iter() if note.content else ():
-            if 0.0 < (step := number(found.get("stepSize") or found.get("baseStepSize"))) < math.inf:
-                return step, f"an annotation of the structure ({note.type})"
-    steps = {part.path: step for part in parts if 0.0 < (step := stated_step(part.description)) < math.inf}
-    if not steps:
-        raise InputRefused(f"{package.file}: neither the structure nor an FMU says how long a step is; say --tick-ms")
-    shortest = min(steps, key=lambda path: steps[path])
-    return steps[shortest], f"what the FMU of {shortest} wants{'' if len(steps) == 1 else ', the shortest'}"
+    if not any(part.outputs for part in parts):
+        raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
+    when = timing(package, {part.path: part.description for part in parts}, tick, stop)
+    ignored = (*flat.ignored, *reader.ignored)
+    return Plan(package, parts, tuple(reader.wires()), when, scheme, ignored)
 
 
 class _Planner:
@@ -204,7 +172,7 @@ class _Planner:
         self._outputs = {path: self._offered(path, sources[path]) for path in flat.components}
         for lead in flat.leads:
             self._leads[lead.end.element].append((lead, self._input(lead)))
-        self._ports = {path: _distinct_ports([port for _, port in self._leads[path]], path) for path in self._leads}
+        self._ports = {path: distinct_ports([port for _, port in self._leads[path]]) for path in self._leads}
 
     def part(self, path: str) -> Part:
         description = self._descriptions[path]
@@ -295,13 +263,8 @@ class _Planner:
         begun = [self._variable(path, name, ("output", "local"), "begins at an output") for name in sources]
         offered = description.offered("output")
         offered += [variable for variable in begun if variable not in offered]
-        if not offered:
-            raise InputRefused(
-                f"{self._package.file}: component '{path}' ({description.path.name}) has no outputs that are numbers; "
-                "nothing of it could be seen"
-            )
         # what -0.0 is added to stays what it is
-        return tuple(_distinct_ports([FmuPort(_port(v, path), v, 1.0, -0.0) for v in offered], path))
+        return tuple(distinct_ports([FmuPort(port_of(v, path), v, 1.0, -0.0) for v in offered]))
 
     def _input(self, lead: Lead) -> FmuPort:
         end = self._variable(*lead.end, ("input",), "ends at an input")
@@ -314,23 +277,7 @@ class _Planner:
             for v, at in ((start, lead.start), (end, lead.end))
         ]
         led = way(measures[0], lead.hops, measures[1], self._units, where)
-        rank = [_rank(variable) for variable in (start, end)]
-        if rank[0] > rank[1] or (rank[1] < 2 and led != (1.0, 0.0)):
+        ranks = [rank(variable) for variable in (start, end)]
+        if ranks[0] > ranks[1] or (ranks[1] < 2 and led != (1.0, 0.0)):
             raise InputRefused(f"{where}: a {start.type} into a {end.type}; expected the same type, or a Real input")
-        return FmuPort(_port(end, lead.end.element), end, led.gain, led.shift)
-
-
-def _rank(variable: Variable) -> int:
-    """Of a type: 2 real, 1 whole, 0 truth value; a value goes into what has as much room."""
-    return {"double": 2, "bool": 0}.get(KINDS.get(variable.type, "int"), 1)
-
-
-def _port(variable: Variable, path: str) -> Port:
-    kind = KINDS.get(variable.type, "int")
-    meaning = f"{variable.name}: {variable.description}" if variable.description else variable.name
-    return Port(field(variable.name, path), variable.size, variable.unit or "1", meaning, kind)  # type: ignore[arg-type]
-
-
-def _distinct_ports(ports: Sequence[FmuPort], path: str) -> list[FmuPort]:
-    names = distinct(port.port.name for port in ports)
-    return [replace(port, port=replace(port.port, name=name)) for port, name in zip(ports, names, strict=True)]
+        return FmuPort(port_of(end, lead.end.element), end, led.gain, led.shift)

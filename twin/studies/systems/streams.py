@@ -9,9 +9,11 @@ from twin.studies.systems.plan import Part, Plan
 
 
 def streams(plan: Plan, system: System) -> list[RowStream]:
-    """In the order of the components."""
+    """In the order of the components; none of one that has no outputs."""
     found = []
     for c, part in enumerate(plan.parts):
+        if not part.outputs:
+            continue
         columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
         found.append(RowStream(Topic(part.name, tuple(_fields(part)), 1), columns))
     return found

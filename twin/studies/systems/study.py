@@ -33,7 +33,7 @@ from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Plan, fmu_sources, planned
 from twin.studies.systems.streams import streams
 from twin.studies.systems.text import facts, text
-from twin.writing import write_bytes
+from twin.writing import made_folder, write_bytes
 
 
 def recorded_system(
@@ -71,7 +71,7 @@ def recorded_system(
         folder = _folder(package.file, out)
         # absolute: an FMU may change the working directory
         path = folder.absolute() / RECORDING
-        reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.ticks * plan.tick)
+        reporter.note(name=package.file.stem, folder=str(path.parent), duration=plan.timing.ticks * plan.timing.tick)
         done, events, writing = _recorded(plan, made, path, reporter)
         came = facts(plan, made, done, events, writing, folder / RECORDING)
     return {"text": text(came), "facts": came}
@@ -110,7 +110,7 @@ def _planned(
     for entry in fmu_sources(package, flat).values():
         if entry not in files:
             files[entry] = scratch / entry
-            files[entry].parent.mkdir(parents=True, exist_ok=True)
+            made_folder(files[entry].parent)
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
@@ -135,13 +135,13 @@ def _folder(file: Path, out: str | None) -> Path:
 
 def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tuple[Simulated, list[TickEvent], float]:
     rows = streams(plan, made.system)
-    with Writer(path, [stream.topic for stream in rows], plan.tick, _provenance(plan)) as writer:
+    with Writer(path, [stream.topic for stream in rows], plan.timing.tick, _provenance(plan)) as writer:
         recorder = Recorder(writer, rows)
-        observers = [Messages(made.system), recorder, _Progress(reporter, plan.ticks + 1)]
-        done = simulate(made, plan.ticks, observers, BLOCK_TICKS, timed=True)
+        observers = [Messages(made.system), recorder, _Progress(reporter, plan.timing.ticks + 1)]
+        done = simulate(made, plan.timing.ticks, observers, BLOCK_TICKS, timed=True)
         if done.failure:
             partial = recorder.abandon(done.failure)
-            until = max(0, done.simulation.next_tick - 1) * plan.tick
+            until = max(0, done.simulation.next_tick - 1) * plan.timing.tick
             raise ComponentFailed(f"{done.failure}\nRecorded until then: {partial} ({until:.3f} s).")
         recorder.finish()
     return done, recorder.events, recorder.writing
@@ -166,7 +166,7 @@ def _provenance(plan: Plan) -> dict[str, dict[str, str]]:
             "name": plan.package.structure.system.name,
             "ssp": plan.package.structure.version,
             "scheme": plan.scheme,
-            "tick": repr(plan.tick),
+            "tick": repr(plan.timing.tick),
             "order": json.dumps([part.path for part in plan.parts]),
             "wires": json.dumps(plan.wires),
         },

@@ -23,13 +23,13 @@ def facts(
     plan: Plan, made: Coupled, done: Simulated, events: Sequence[TickEvent], writing: float, recording: Path
 ) -> dict[str, Any]:
     """For programs."""
-    simulated = plan.ticks * plan.tick
+    simulated = plan.timing.ticks * plan.timing.tick
     return {
         "system": str(plan.package.file),
         "ssp": plan.package.structure.version,
         "scheme": plan.scheme,
-        "tick_s": plan.tick,
-        "tick_from": plan.tick_source,
+        "tick_s": plan.timing.tick,
+        "tick_from": plan.timing.source,
         "simulated_s": simulated,
         "stepping_s": done.stepping,
         "recording_s": writing,
@@ -49,7 +49,9 @@ def facts(
         "kept": {f"{part.path}.{v.name}": _start(part, v) for part in plan.parts for v in part.kept},
         "ignored": list(plan.ignored),
         "settled": made.settled,
-        "events": [{"t_s": e.tick * plan.tick, "level": e.level, "text": e.text, "source": e.source} for e in events],
+        "events": [
+            {"t_s": e.tick * plan.timing.tick, "level": e.level, "text": e.text, "source": e.source} for e in events
+        ],
         "recording": str(recording),
     }
 

@@ -1,5 +1,6 @@
 """What becomes of a value on its way from one variable to another: units converted, lines applied."""
 
+import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
@@ -77,8 +78,8 @@ def way(start: Measure, hops: Iterable[Hop], end: Measure, units: Sequence[UnitD
         where: for sentences.
 
     Raises:
-        InputRefused: units on it measure different things, or nobody knows one; a factor is 0, or a transformation
-            is no line.
+        InputRefused: units on it measure different things, or nobody knows one; a factor is 0, or all together beyond
+            numbers; a transformation is no line.
     """
     found, here, hops = Way(), start, list(hops)
     for number, (transformation, suppressed, unit) in enumerate(hops):
@@ -87,15 +88,15 @@ def way(start: Measure, hops: Iterable[Hop], end: Measure, units: Sequence[UnitD
         if not suppressed:
             found = found.then(_between(here, there, where))
         if transformation.table:
-            raise InputRefused(
-                f"{where}: a {transformation.table}, which cannot be done here; a LinearTransformation can"
-            )
+            raise InputRefused(f"{where}: {transformation.table} cannot be done here; a LinearTransformation can")
         if transformation.factor == 0.0:
             raise InputRefused(f"{where}: the factor 0; leave the connection out, and give the input a start value")
         factor, offset = transformation.factor, transformation.offset
         if (factor, offset) != (1.0, 0.0):
             found = found.then(Way(1.0 / factor, -offset / factor))
         here = there if there.text else here
+    if not (0.0 < abs(found.gain) < math.inf and math.isfinite(found.shift)):
+        raise InputRefused(f"{where}: units and factors come to more or less than a number can hold")
     return found
 
 
