@@ -9,6 +9,7 @@ from dataclasses import asdict
 from pathlib import Path
 
 from benchmarks import (
+    build,
     dask,
     exchange,
     figure_4,
@@ -20,6 +21,7 @@ from benchmarks import (
     report,
     start_up,
     sweep,
+    systems,
     tasks,
 )
 from benchmarks.measurement import Measurement
@@ -34,6 +36,8 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     exchange.measurements,
     lambda: figure_4.measurements(EXPERIMENT),
     lambda: other_parts.measurements(EXPERIMENT),
+    lambda: build.measurements(EXPERIMENT),
+    lambda: systems.measurements(EXPERIMENT),
     lambda: tasks.measurements(ROOT / "experiments"),
     lambda: start_up.measurements(EXPERIMENT),
     lambda: isolation.measurements(EXPERIMENT),

@@ -8,7 +8,9 @@ import time
 from pathlib import Path
 
 import numpy as np
+from fmpy.fmi2 import FMU2Slave
 
+from twin.cosim.component import NativeComponent
 from twin.cosim.system import System
 from twin.drive.plain_adapter import step
 
@@ -69,6 +71,26 @@ class CLoop:
         if status:
             raise RuntimeError(f"drive {status} failed in the C loop")
         return seconds
+
+    def component_steps(self, component: NativeComponent, u: np.ndarray, tick: float, ticks: int) -> np.ndarray:
+        """Step a component with held inputs; its last outputs."""
+        y = component.initial_outputs.copy()
+        status = self._library.component_steps(
+            ctypes.c_void_p(component.step_address), ctypes.c_void_p(component.self_address), _address(u), _address(y),
+            ctypes.c_double(tick), ctypes.c_int64(ticks),
+        )  # fmt: skip
+        if status:
+            raise RuntimeError(f"{component.name} failed in the C loop")
+        return y
+
+    def slave_steps(self, slave: FMU2Slave, tick: float, first: int, ticks: int) -> None:
+        """`fmi2DoStep` of a slave with held inputs, from tick `first` on."""
+        do_step = ctypes.cast(slave.dll.fmi2DoStep, ctypes.c_void_p)
+        instance = ctypes.c_void_p(slave.component)
+        if self._library.slave_steps(
+            do_step, instance, ctypes.c_double(tick), ctypes.c_int64(first), ctypes.c_int64(ticks)
+        ):
+            raise RuntimeError("the slave failed in the C loop")
 
 
 def _drives(system: System) -> np.ndarray:

@@ -55,3 +55,23 @@ int calls_alone(const Drive *drives, int count, const double *u, double *y, doub
                 return c + 1;
     return 0;
 }
+
+/* One component, its inputs held: what its step itself takes. */
+int component_steps(int32_t (*step)(void *self, double t, double h, const double *u, double *y), void *self,
+                    const double *u, double *y, double h, int64_t ticks)
+{
+    for (int64_t k = 0; k < ticks; k++)
+        if (step(self, k * h, h, u, y) != 0)
+            return 1;
+    return 0;
+}
+
+/* An FMI 2.0 slave by itself, its inputs held. */
+int slave_steps(int (*do_step)(void *instance, double t, double h, int no_set_state_prior_to_t), void *instance,
+                double h, int64_t first, int64_t ticks)
+{
+    for (int64_t k = first; k < first + ticks; k++)
+        if (do_step(instance, k * h, h, 1) != 0)
+            return 1;
+    return 0;
+}

@@ -21,6 +21,7 @@ GUARDED = (
     "twin.runs.guard.guard.guarded",
     "twin.cli.run.guarded",
     "twin.cli.ask.guarded",
+    "twin.cli.cosim.guarded",
     "twin.studies.check.processes.guarded",
     "twin.studies.qualify.lifecycle.guarded",
 )

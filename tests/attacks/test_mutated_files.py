@@ -10,10 +10,13 @@ import pytest
 
 from tests.attacks.mutations import endure, mutated, mutated_json
 from tests.studies.sweep.statistics.rows import row
+from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from twin.experiment.template import commented_experiment
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.reader import read_log
 from twin.runs.assembly.load import load_experiment
+from twin.ssp.flat import flattened
+from twin.ssp.package import read_package
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.definition import read_definition
@@ -23,6 +26,7 @@ from twin.studies.sweep.show.parts import Asked, parts
 from twin.studies.sweep.show.text import sweep_text
 from twin.studies.sweep.statistics.bands import bands
 from twin.studies.sweep.statistics.ranking import usual_metric
+from twin.studies.systems.plan import fmu_sources, planned
 
 Attack = Callable[[int], object]
 FEW, MANY = range(25), 400
@@ -141,7 +145,38 @@ def sweep_folder(tmp_path: Path) -> Attack:
     return attack
 
 
-KINDS = ["experiment", "fig4", "body", "sweep", "column_maps", "tolerances", "log", "baseline", "sweep_folder"]
+@pytest.fixture
+def system_structure(root: Path, tmp_path: Path) -> Attack:
+    """An SSP whose structure is changed, planned as far as nothing is loaded."""
+    fmu = root / "fmus/ideal_velocity/ideal_velocity.fmu"
+    note = '<ssc:Annotation type="x"><o:Step xmlns:o="o" stepSize="0.01"/></ssc:Annotation>'
+    inner = system(
+        [component("b", "a.fmu")],
+        [connection("u", "b.omega_ref", line(2.0, 1.0)), connection("b.omega_m", "y")],
+        [connector("u", "input", "rpm"), connector("y", "output")],
+        name="arm",
+    )
+    wires = [connection("a.omega_m", "arm.u"), connection("arm.y", "a.tau_load", more='suppressUnitConversion="true"')]
+    whole = system([component("a", "a.fmu", bindings=values("omega_ref=1 rpm")), inner], wires)
+    unit = '<ssc:Unit name="rpm"><ssc:BaseUnit rad="1" s="-1" factor="0.1047"/></ssc:Unit>'
+    text = structure(whole, 1.0, unit, notes=f"<ssd:Annotations>{note}</ssd:Annotations>").encode()
+
+    def attack(seed: int | None) -> object:
+        changed = text if seed is None else mutated(text, seed)
+        package = read_package(archive(tmp_path / "x.ssp", changed, {"a.fmu": fmu}))
+        flat = flattened(package.structure, "x.ssp")
+        return planned(
+            package, flat, dict.fromkeys(fmu_sources(package, flat).values(), fmu), None, None, "jacobi"
+        ).late
+
+    attack(None)
+    return attack
+
+
+KINDS = [
+    "experiment", "fig4", "body", "sweep", "column_maps", "tolerances", "log", "baseline", "sweep_folder",
+    "system_structure",
+]  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -8,6 +8,7 @@ import pytest
 
 from tests.cli.commands import COMMANDS, EXAMPLE, EXAMPLES, paragraphs
 from tests.command_line import twin
+from tests.studies.systems.archives import archive, component, structure, system
 from twin.recording.recording import Recording
 
 
@@ -22,6 +23,8 @@ def repository(
     for run in (force_position, position):
         name = run.metadata["experiment"]["name"]
         shutil.copytree(run.path.parent, folder / "results" / name / "2026-01-01_120000")
+    shaft = structure(system([component("shaft", "shaft.fmu")]), 0.1)
+    archive(folder / "system.ssp", shaft, {"shaft.fmu": root / "fmus/ideal_velocity/ideal_velocity.fmu"})
     return folder
 
 

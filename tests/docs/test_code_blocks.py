@@ -8,7 +8,7 @@ from tests.conftest import ROOT
 from tests.docs.code_blocks import PROSE, blocks, pages
 from tests.docs.workshop import Workshop
 
-LANGUAGES = ("python", "sh", "toml", *PROSE)
+LANGUAGES = ("python", "sh", "toml", "c", *PROSE)
 WITH_CODE = [page for page in pages(ROOT) if any(block.language not in PROSE for block in blocks(ROOT, page))]
 
 

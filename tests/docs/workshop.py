@@ -78,6 +78,8 @@ class Workshop:
                 self._shell(block)
             case "toml":
                 self._toml(block)
+            case "c":
+                self._c(block)
             case "python" if not block.file_name:
                 self._python(block, namespace)
 
@@ -141,6 +143,13 @@ class Workshop:
         asked = [*(name if name[0] in ("drive", "sweep") else name[:1]), "--help"]
         told = self.twin(*asked)
         assert all(option in told for option in options), f"{block.place}: twin {' '.join(asked)} lacks {options}"
+
+    def _c(self, block: Block) -> None:
+        """What calls the library that `twin build --c` has written in a block before."""
+        (header,) = self.folder.glob("results/build/*/c/computer.h")
+        command = ["cc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", f"-I{header.parent}", "-x", "c", "-"]
+        done = subprocess.run(command, input=block.text, capture_output=True, text=True)
+        assert done.returncode == 0, f"{block.place}: {done.stderr}"
 
     def _toml(self, block: Block) -> None:
         """A mapping of a drive, a sweep, or else a complete experiment."""

@@ -3,8 +3,10 @@ from pathlib import Path
 import pytest
 
 from tests.drive.archives import carrying
-from twin.drive.related import HOME, LIMIT, MANIFEST, MOST_RELATED, content_of, related
+from twin.archive import content_of
+from twin.drive.related import HOME, MANIFEST, MOST_RELATED, related
 from twin.errors import InputRefused
+from twin.files import LIMIT
 
 NAMED = (
     'xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref" '

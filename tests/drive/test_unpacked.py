@@ -14,8 +14,8 @@ import pytest
 
 from tests.damage import KINDS, damage, damaged_folder
 from tests.drive.archives import altered
+from twin.archive import sha256
 from twin.drive import unpacked as module
-from twin.drive.archive import sha256
 from twin.drive.description import described
 from twin.drive.instance import Instance
 from twin.drive.unpacked import KEPT, SEAL, shelf, unpacked
@@ -224,7 +224,7 @@ ATTACK = """
 import random, sys, zipfile
 from pathlib import Path
 from twin.drive import unpacked as module
-from twin.drive.archive import sha256
+from twin.archive import sha256
 module.KEPT = 1
 name = "binaries/linux64/servo.so"
 draw = random.Random(int(sys.argv[1]))

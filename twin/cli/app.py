@@ -14,6 +14,7 @@ from twin.cli import (
     compare,
     component,
     converge,
+    cosim,
     doctor,
     drive,
     export,
@@ -67,6 +68,7 @@ app.command("accuracy")(accuracy.accuracy)
 app.command("identify")(identify.identify)
 app.command("export")(export.export)
 app.command("build")(build.build)
+app.command("cosim")(cosim.cosim)
 app.command("analyse")(analyse.analyse)
 app.command("tune")(tune.tune)
 app.add_typer(drive.app, name="drive")

@@ -89,6 +89,10 @@ class Subsystem(Component):
         substeps: inner ticks per outer step.
         label: what an error sentence calls it.
 
+    Attributes:
+        system, wires: the inner system.
+        outlets: by the name of an output, "component.port" of the inner system.
+
     Raises:
         InputRefused: as `System`.
     """
@@ -113,6 +117,7 @@ class Subsystem(Component):
             keep=inlet_memory,
         )  # fmt: skip
         self.system = System([inlet, *components], wires, tick, scheme)
+        self.wires, self.outlets = tuple(wires), {port.name: source for port, source in outputs}
         self._u = np.zeros(self.system.inputs_width)
         self._y = self.system.outputs()
         self._table = self.system.table(self._u, self._y)

@@ -17,8 +17,8 @@ from typing import Any, NamedTuple
 
 import fmpy
 
+from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder
-from twin.drive.archive import place
 from twin.errors import InputRefused, disk_refusals
 
 HOME = "compiled"

@@ -11,7 +11,7 @@ from twin.cosim.rewind import Rewind
 from twin.drive import reuse
 from twin.drive.description import FmuDescription
 from twin.drive.instance import Instance, Setup
-from twin.drive.ports import FmuPort, placed
+from twin.drive.ports import FmuPort, Placed, placed
 from twin.drive.setting import Setting
 from twin.drive.stepping import Stepping
 from twin.errors import InputRefused
@@ -31,6 +31,7 @@ class FmuComponent(Component):
             and the shaft is coupled where it stands.
         setup: of the run.
         sampled: whether it is evaluated at t_k; what its outputs are before the first time is nobody's business then.
+        instance: of the FMU, in step mode; None: one is made, and initialised with what is said here.
 
     Raises:
         InputRefused: the FMU cannot be brought into step mode, or an output is not finite then.
@@ -48,16 +49,18 @@ class FmuComponent(Component):
         outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
         setup: Setup = Setup(),  # noqa: B008, it is frozen
         sampled: bool = False,
+        instance: Instance | None = None,
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
         # of sampled parts nobody has proved that a reset makes them new
         make = Instance if sampled else reuse.instance
-        self.instance = make(name, description, folder, settings, started, setup)
+        self.instance = instance or make(name, description, folder, settings, started, setup)
         initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
         if sampled:
             initial[:] = 0.0
-        shift = np.zeros(len(initial))
+        # what -0.0 is added to stays what it is
+        shift = np.full(len(initial), -0.0)
         for p in placed(outputs):
             if p.port.port.name in (outputs_at_start or {}):
                 shift[p.slots] = (outputs_at_start or {})[p.port.port.name] - initial[p.slots]
@@ -87,6 +90,11 @@ class FmuComponent(Component):
     def zero(self, name: str) -> float:
         """Value of the output port `name` where the FMU's own is 0."""
         return float(by_port(self.outputs, self._shift)[name][0])
+
+    @property
+    def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
+        """What of the FMU is behind its inputs and its outputs."""
+        return self._stepping.inputs, self._stepping.outputs
 
     @property
     def called(self) -> str:

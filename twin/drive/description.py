@@ -11,7 +11,7 @@ from typing import Any, Literal
 
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
-from twin.drive.archive import entries, sha256
+from twin.archive import entries, sha256
 from twin.drive.compiling import Compiled, compile_sources, compiled, source_sets
 from twin.drive.details import DESCRIPTION, complete
 from twin.drive.setting import Setting, Value, set_to

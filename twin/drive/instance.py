@@ -35,12 +35,14 @@ class Setup(NamedTuple):
         stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
         step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
         ramped: whether those of its inputs that can be are given as lines over a step.
+        waiting: whether it is left in initialisation mode, where what others come to can still be set, until `begin`.
     """
 
     tolerance: float | None = None
     stop: float | None = None
     step: float | None = None
     ramped: bool = False
+    waiting: bool = False
 
 
 MOST_UNHEARD = 100
@@ -100,7 +102,10 @@ class Instance:
         self._alone: Stepping | None = None
         self.fmu = self._loaded()
         self._instantiate()
-        self._initialise()
+        if setup.waiting:
+            self._brought(self.standard.enter)
+        else:
+            self._initialise()
 
     @property
     def handle(self) -> int:
@@ -160,6 +165,14 @@ class Instance:
             status = STEP(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)
         if status not in (0, 1):
             raise ComponentFailed(f"{self.description.path.name}: {stepping.explain(status)}")
+
+    def begin(self) -> None:
+        """From initialisation mode, in which it was `waiting`, to step mode.
+
+        Raises:
+            InputRefused: it cannot be initialised.
+        """
+        self._brought(self.standard.leave)
 
     def reset(self) -> None:
         """FMI's reset, then initialised as the first time.
@@ -254,9 +267,12 @@ class Instance:
             )
 
     def _initialise(self) -> None:
+        self._brought(self.standard.initialise)
+
+    def _brought(self, by: Callable[["Instance"], None]) -> None:
         self._alone = None
         try:
-            self.standard.initialise(self)
+            by(self)
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used
         except Exception as problem:
             self.close()

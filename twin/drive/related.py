@@ -3,16 +3,12 @@
 https://modelica.github.io/fmi-ls-ref/main
 """
 
-import posixpath
-import re
-import zipfile
 from dataclasses import dataclass
 from pathlib import Path
-from urllib.parse import unquote
 
-from twin.drive.archive import entries, place
+from twin.archive import content_of, entries, entry_of
 from twin.errors import InputRefused
-from twin.files import LIMIT, xml_of
+from twin.files import xml_of
 
 HOME = "extra/org.fmi-standard.fmi-ls-ref"
 MANIFEST = f"{HOME}/fmi-ls-manifest.xml"
@@ -68,36 +64,7 @@ def related(file: Path) -> tuple[Related, ...]:
                 source=source,
                 description=element.get("description", ""),
                 labels=tuple(label.get("name", "") for label in element.findall("Label")),
-                entry=entry_of(source, names),
+                entry=entry_of(source, names, MANIFEST),
             )
         )
     return tuple(found)
-
-
-def entry_of(source: str, names: dict[str, int], base: str = MANIFEST) -> str:
-    """The entry among `names` that the relative URI `source` means; "": it is none of them.
-
-    Args:
-        base: entry in which the URI stands.
-    """
-    if re.match(r"[A-Za-z][A-Za-z0-9+.-]*:|/", source):
-        return ""
-    path = unquote(re.split(r"[?#]", source)[0])
-    # what leads out of the archive is none of its entries
-    name = posixpath.normpath(posixpath.join(posixpath.dirname(base), path))
-    return name if name in names else ""
-
-
-def content_of(file: Path, entry: str, limit: int = LIMIT) -> bytes:
-    """The content of an entry of the FMU `file`, whose archive `entries` has found sound.
-
-    Raises:
-        InputRefused: it has more than `limit` bytes.
-    """
-    with zipfile.ZipFile(file) as archive:
-        info = next(info for info in archive.infolist() if place(info) == entry)
-        if info.file_size > limit:
-            raise InputRefused(
-                f"{file}: {entry}: {info.file_size / 2**20:.0f} MB; expected at most {limit / 2**20:g} MB"
-            )
-        return archive.read(info)

@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.drive.archive import sha256
+from twin.archive import sha256
 from twin.drive.enumeration import valued
 from twin.drive.variable import Variable
 from twin.errors import InputRefused

@@ -3,9 +3,8 @@
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
-from twin.drive.archive import entries
+from twin.archive import content_of, entries
 from twin.drive.description import DESCRIPTION, MOST_DESCRIPTION
-from twin.drive.related import content_of
 from twin.errors import InputRefused
 from twin.files import xml_of
 

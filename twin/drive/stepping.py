@@ -25,6 +25,7 @@ class Stepping:
         address: of the step.
         memory: that it works on, (1,).
         inputs: those of `inputs` that are taken at both ends of a step come last, once more.
+        outputs: and what is added to each.
     """
 
     def __init__(
@@ -38,7 +39,7 @@ class Stepping:
         ramped = [i for i, p in enumerate(inputs) if instance.ramps(p.variable)]
         both = {i: inputs[i].both_ends() for i in ramped}
         self.inputs = [both[i][0] if i in both else p for i, p in enumerate(inputs)] + [both[i][1] for i in ramped]
-        self._into, self._out = placed(self.inputs), placed(outputs, shift)
+        self._into, self.outputs = placed(self.inputs), placed(outputs, shift)
         self._keep: list[Any] = []
         self._moving: list[np.ndarray] = []
         self._shorter = np.zeros(1, dtype=SHORTER)
@@ -155,13 +156,13 @@ class Stepping:
         return alike and bool(inputs) and bool(outputs) and (shift is None or int(np.count_nonzero(shift)) <= 1)
 
     def _plain(self) -> tuple[int, np.ndarray]:
-        (set_,), (get,) = self._grouped(self._into, "Set"), self._grouped(self._out, "Get")
+        (set_,), (get,) = self._grouped(self._into, "Set"), self._grouped(self.outputs, "Get")
         memory = np.zeros(1, dtype=plain_adapter.MEMORY)
         m = memory[0]
         m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
         m["set_real"], m["inputs"], m["input_references"] = set_["access"], set_["variables"], set_["references"]
         m["get_real"], m["outputs"], m["output_references"] = get["access"], get["variables"], get["references"]
-        shift = np.concatenate([p.shift for p in self._out])
+        shift = np.concatenate([p.shift for p in self.outputs])
         m["shifted"] = np.argmax(np.abs(shift))
         m["shift"] = shift[m["shifted"]]
         m["shorter"] = self._shorter.ctypes.data
@@ -171,7 +172,7 @@ class Stepping:
         memory = np.zeros(1, dtype=adapter.MEMORY)
         m = memory[0]
         m["version"], m["instance"] = self.instance.description.version, self.instance.handle
-        self._fill(m, self._grouped(into, "Set"), self._grouped(self._out, "Get"))
+        self._fill(m, self._grouped(into, "Set"), self._grouped(self.outputs, "Get"))
         m["shorter"] = self._shorter.ctypes.data
         return adapter.step.address, memory
 
@@ -180,14 +181,14 @@ class Stepping:
         discrete = (
             [p for p in into if p.port.variable.variability != "continuous"] if instance.events is not None else []
         )
-        held = [p for p in self._out if instance.clock_bits(p.port.variable)]
+        held = [p for p in self.outputs if instance.clock_bits(p.port.variable)]
         memory = np.zeros(1, dtype=event_adapter.MEMORY)
         m = memory[0]
         m["instance"] = instance.handle
         self._fill(
             m,
             self._grouped([p for p in into if p not in discrete], "Set"),
-            self._grouped([p for p in self._out if p not in held], "Get"),
+            self._grouped([p for p in self.outputs if p not in held], "Get"),
         )
         tables = self._grouped(discrete, "Set"), self._grouped(held, "Get")
         m["held"], m["held_groups"] = len(tables[1]), tables[1].ctypes.data

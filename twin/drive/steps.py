@@ -17,7 +17,7 @@ def abilities(description: FmuDescription) -> list[tuple[str, str]]:
         return []
     said, its = [], description.model.coSimulation
     if not its.canHandleVariableCommunicationStepSize:
-        stated = _stated(description)
+        stated = stated_step(description)
         wish = f"; it prefers {1e3 * stated:g} ms" if stated > 0.0 else ""
         said.append(("steps", f"steps of one size only{wish}"))
     if its.hasEventMode or description.returns_early:
@@ -59,7 +59,7 @@ def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None
     )
 
 
-def _stated(description: FmuDescription) -> float:
+def stated_step(description: FmuDescription) -> float:
     """The step that it has inside or prefers (s); NaN: it does not say."""
     fixed = number(description.model.coSimulation.fixedInternalStepSize)
     preferred = number(getattr(description.model.defaultExperiment, "stepSize", None))

@@ -40,19 +40,26 @@ KNOWN |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0
 
 
 def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
-    """How values in `unit` become SI; None if neither the FMU's `definitions` (FMPy's) nor custom knows the unit.
+    """How values in `unit` become SI; None if neither the FMU's `definitions` (FMPy's) nor custom knows the unit."""
+    for definition in definitions:
+        if definition.name == unit and definition.baseUnit is not None:
+            base = definition.baseUnit
+            dimension = Dimension(*(int(getattr(base, name) or 0) for name in Dimension._fields))
+            return meant(unit, Conversion(dimension, float(base.factor), float(base.offset)))
+    return meant(unit)
+
+
+def meant(unit: str, stated: Conversion | None = None) -> Conversion | None:
+    """How values in `unit` become SI, of which a file has `stated` so much; None if nobody knows.
 
     A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
     """
     if unit.strip() in ENERGY:
         return None
     known = KNOWN.get(unit.strip())
-    for definition in definitions:
-        if definition.name == unit and definition.baseUnit is not None:
-            base = definition.baseUnit
-            dimension = Dimension(*(int(getattr(base, name) or 0) for name in Dimension._fields))._replace(rad=0)
-            stated = Conversion(dimension, float(base.factor), float(base.offset))
-            if known and known.dimension == dimension and math.isclose(known.factor, TURN * stated.factor):
-                return known
-            return stated
-    return known
+    if stated is None:
+        return known
+    stated = stated._replace(dimension=stated.dimension._replace(rad=0))
+    if known and known.dimension == stated.dimension and math.isclose(known.factor, TURN * stated.factor):
+        return known
+    return stated

@@ -15,8 +15,8 @@ import zipfile
 from pathlib import Path
 from typing import NamedTuple
 
+from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
-from twin.drive.archive import place
 from twin.drive.compiling import supply
 from twin.errors import InputRefused, disk_refusals
 

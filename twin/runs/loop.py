@@ -3,15 +3,15 @@
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Self
+from typing import Protocol, Self
 
 from twin.cosim.component import Component
 from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
+from twin.cosim.system import System
 from twin.errors import ComponentFailed
 from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import trip_sentence
-from twin.runs.assembly.assemble import Assembly
 from twin.runs.observer import Observer, TickEvent
 
 LONG_SLICE = 1000
@@ -21,6 +21,14 @@ LONG_SLICE = 1000
 def other_trip(monitor: Component) -> str:
     """What is to be said of a trip of a monitor of another make."""
     return f"safety monitor: {monitor.label or monitor.name} has tripped; why, its output 'reason' may say"
+
+
+class Assembled(Protocol):
+    """What has a system."""
+
+    @property
+    def system(self) -> System:
+        """To be stepped."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +79,7 @@ class Simulated:
 
 
 def simulate(
-    assembly: Assembly,
+    assembly: Assembled,
     last_tick: int,
     observers: Sequence[Observer] = (),
     slice_ticks: int = LONG_SLICE,
@@ -80,7 +88,7 @@ def simulate(
     """Step the robot from tick 0 until `last_tick`, a component fails, or one of the `observers` has seen enough.
 
     Args:
-        assembly: freshly made.
+        assembly: freshly made; of other systems than the robot only that.
         last_tick: the tick that gets the last row and no step.
         observers: called in this order.
         slice_ticks: most ticks of a slice.

@@ -41,7 +41,7 @@ def provenance(experiment: Experiment, assembly: Assembly) -> dict[str, dict[str
     }
     fmus |= {role: json.dumps(part.facts) for role, part in assembly.others.items() if part.fmu}
     classes = {role: json.dumps(part.facts) for role, part in assembly.others.items() if not part.fmu}
-    values = _named_files(experiment.values)
+    values = named_files(experiment.values)
     if "controller" in assembly.substituted:
         # gains of a law that did not run
         values["controller"] = {k: v for k, v in values["controller"].items() if k in KEPT["controller"]}
@@ -66,14 +66,14 @@ def driven(assembly: Assembly) -> list[tuple[str, DrivePlan]]:
     return [(name, plan) for name, plan in named if name not in assembly.substituted]
 
 
-def _named_files(values: dict[str, Any]) -> dict[str, Any]:
+def named_files(values: dict[str, Any]) -> dict[str, Any]:
     """`values` with FMUs, Python and other files by name only: where they lie on this machine is nobody's business."""
     return {key: _named(key, value) for key, value in values.items()}
 
 
 def _named(key: str, value: Any) -> Any:
     if isinstance(value, dict):
-        return _named_files(value)
+        return named_files(value)
     if isinstance(value, (list, tuple)):
         return [_named("", v) for v in value]
     if isinstance(value, str) and value.startswith(FILE):

@@ -23,14 +23,22 @@ class Recorder(Observer):
 
     Args:
         streams: whose topics, and `scene`, whose forms `writer` has.
-        tuning: whose first change by hand the recording's metadata tell; an observer before this one.
+        scene: None: nothing is drawn.
+        tuning: whose first change by hand the recording's metadata tell; an observer before this one. None: nothing
+            can be changed.
 
     Attributes:
         events: all of them.
         writing: wall time spent in here (s).
     """
 
-    def __init__(self, writer: Writer, streams: Sequence[RowStream], scene: Scene, tuning: Tuning):
+    def __init__(
+        self,
+        writer: Writer,
+        streams: Sequence[RowStream],
+        scene: Scene | None = None,
+        tuning: Tuning | None = None,
+    ):
         self.events: list[TickEvent] = []
         self.writing = 0.0
         self._writer, self._streams, self._scene, self._tuning = writer, streams, scene, tuning
@@ -41,7 +49,7 @@ class Recorder(Observer):
         self._block = RowBlock(BLOCK_TICKS, simulation.system.outputs_width)
 
     def ready(self, tick: int) -> None:
-        if self._tuning.first and not self._marked:
+        if self._tuning and self._tuning.first and not self._marked:
             # whoever repeats the experiment will not get this run
             self._writer.write_metadata("changed", {"first": self._tuning.first, "all": "the events of 'tuning'"})
             self._marked = True
@@ -76,7 +84,7 @@ class Recorder(Observer):
             start = -block.first % stream.topic.period
             rows = block.rows[start :: stream.topic.period, stream.columns]
             self._writer.write(stream.topic.name, block.first + start, rows)
-        for drawing in self._scene.drawings(block.first, block.rows):
+        for drawing in self._scene.drawings(block.first, block.rows) if self._scene else ():
             self._writer.write(*drawing)
         for event in block.events:
             self._writer.write_event(event.tick, event.level, event.text, event.source)

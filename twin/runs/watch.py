@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from twin.controller.phase import PhaseKind
+from twin.cosim.system import System
 from twin.experiment.experiment import Experiment
 from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import trip_sentence
@@ -40,7 +41,7 @@ class Watch(Observer):
                 *self._faults(first, len(rows)),
                 *self._progress(first, rows),
                 *self._trips(first, rows),
-                *self._messages(),
+                *messages(self._system),
             ]
             events.sort(key=lambda event: event.tick)
 
@@ -101,7 +102,20 @@ class Watch(Observer):
                 if first <= tick < first + count:
                     yield TickEvent(tick, "WARNING", f"{name} {verb}", f"fault_{number}")
 
-    def _messages(self) -> Iterator[TickEvent]:
-        for component in self._system.components:
-            for tick, text in component.said():
-                yield TickEvent(tick, "WARNING", text, component.name)
+
+class Messages(Observer):
+    """Hands on what the components of a system have to say."""
+
+    def __init__(self, system: System):
+        self._system = system
+
+    def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
+        if len(rows):
+            events += sorted(messages(self._system), key=lambda event: event.tick)
+
+
+def messages(system: System) -> Iterator[TickEvent]:
+    """What the components of `system` have had to say since they were last asked."""
+    for component in system.components:
+        for tick, text in component.said():
+            yield TickEvent(tick, "WARNING", text, component.name)

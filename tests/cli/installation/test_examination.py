@@ -5,6 +5,7 @@ from random import Random
 import pytest
 
 from tests.damage import damage
+from twin.archive import sha256
 from twin.cli.installation import caches, surroundings
 from twin.cli.installation.caches import compiled_finding, unpacked_finding
 from twin.cli.installation.examination import examination_text, examined, verdict
@@ -12,7 +13,6 @@ from twin.cli.installation.finding import Finding
 from twin.cli.installation.native import compiled_pieces
 from twin.cli.installation.packages import installed_table, package_findings
 from twin.cli.installation.surroundings import disk_finding, drives_finding, home_finding, smoke_finding
-from twin.drive.archive import sha256
 from twin.drive.unpacked import unpacked
 
 PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}

@@ -5,8 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from twin.studies.build import fmu
-from twin.studies.build.emission import Emitted, emitted
+from twin.cosim.native import Step
+from twin.studies.build import emission
+from twin.studies.build.emission import Emitted, Module, emitted, module_of
+from twin.studies.build.platforms import Platform
 from twin.studies.build.study import build_fmu
 
 ROOT = Path(__file__).parents[3]
@@ -14,8 +16,8 @@ FIG4 = ROOT / "experiments" / "fig4_force_position.toml"
 MASSAGE = ROOT / "experiments" / "massage.toml"
 DELAYED = ("controller.delay_ticks=3",)
 """A computer with a ring of memory."""
-MODULES: dict[str, str] = {}
-"""LLVM's assembly of all steps that were built, by their symbols."""
+MODULES: dict[tuple[str, str], str] = {}
+"""LLVM's assembly of all steps that were built, by their symbols and platforms."""
 
 
 def silent(what: str) -> None:
@@ -26,22 +28,36 @@ def silent(what: str) -> None:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Builds a part: `built("plant")`, once for each; steps that parts share are emitted once."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
-    steps: dict[tuple[object, str], Emitted] = {}
+    modules: dict[tuple[object, str], Module] = {}
+    steps: dict[tuple[str, str], Emitted] = {}
 
-    def kept(step: object, symbol: str) -> Emitted:
-        if (step, symbol) not in steps:
-            steps[step, symbol] = emitted(step, symbol)  # type: ignore[arg-type]
-            MODULES[symbol] = steps[step, symbol].text
-        return steps[step, symbol]
+    def known(step: Step, symbol: str) -> Module:
+        if (step, symbol) not in modules:
+            modules[step, symbol] = module_of(step, symbol)
+        return modules[step, symbol]
 
-    def build(part: str, fmi: str = "2.0", settings: tuple[str, ...] = (), experiment: str = str(FIG4)) -> Path:
-        key = part, fmi, settings, experiment
+    def kept(step: Module, platform: Platform) -> Emitted:
+        key = step.text, platform.name
+        if key not in steps:
+            steps[key] = emitted(step, platform)
+        MODULES[step.symbol, platform.name] = steps[key].text
+        return steps[key]
+
+    def build(
+        part: str,
+        fmi: str = "2.0",
+        settings: tuple[str, ...] = (),
+        experiment: str = str(FIG4),
+        platforms: tuple[str, ...] = (),
+    ) -> Path:
+        key = part, fmi, settings, experiment, platforms
         if key not in done:
             file = folder / f"{len(done)}" / f"{part}.fmu"
             file.parent.mkdir()
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(fmu, "emitted", kept)
-                build_fmu(Path(experiment), part, fmi, file, settings, silent)
+                patch.setattr(emission, "module_of", known)
+                patch.setattr(emission, "emitted", kept)
+                build_fmu(Path(experiment), part, fmi, platforms, file, settings, silent)
             done[key] = file
         return done[key]
 

@@ -16,11 +16,12 @@ from twin.cosim.native import step_function
 from twin.cosim.record import record
 from twin.errors import InputRefused, NotWritten
 from twin.runs.assembly.load import load_experiment
-from twin.studies.build import fmu
-from twin.studies.build.emission import emitted
+from twin.studies.build import linking
+from twin.studies.build.emission import emitted, module_of
 from twin.studies.build.layout import laid_out
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
+from twin.studies.build.platforms import HERE
 from twin.studies.build.study import build_fmu
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'
@@ -37,7 +38,8 @@ def test_fmpy_finds_nothing_to_complain_of(built: Callable[..., Path], part: str
 def test_no_step_counts_references_allocates_or_is_of_one_processor(built: Callable[..., Path]) -> None:
     built("plant")
     built("computer")
-    assert {"step_plant", "begin_plant_0", "begin_plant_1", "step_estimator", "step_controller"} <= MODULES.keys()
+    symbols = {symbol for symbol, _ in MODULES}
+    assert {"step_plant", "begin_plant_0", "begin_plant_1", "step_estimator", "step_controller"} <= symbols
     for symbol, text in MODULES.items():
         for foreign in ("NRT_", "llvm.x86.", "Py", "numba_"):
             assert foreign not in text, (symbol, foreign)
@@ -51,7 +53,7 @@ def test_a_step_that_allocates_cannot_leave_python() -> None:
         return 0
 
     with pytest.raises(InputRefused, match=r"its compiled step needs .*NRT_"):
-        emitted(step, "step_of_mine")
+        emitted(module_of(step, "step_of_mine"), HERE)
 
 
 def test_it_is_small_and_brings_no_file_beside_its_library(built: Callable[..., Path]) -> None:
@@ -76,7 +78,7 @@ def test_parameters_are_called_and_said_as_in_the_file(built: Callable[..., Path
 
 def test_the_same_experiment_gives_the_same_bytes(built: Callable[..., Path], tmp_path: Path) -> None:
     # the controller: its way points lie elsewhere each time
-    build_fmu(FIG4, "controller", "2.0", tmp_path / "again.fmu", [], silent)
+    build_fmu(FIG4, "controller", "2.0", [], tmp_path / "again.fmu", [], silent)
     assert (tmp_path / "again.fmu").read_bytes() == built("controller").read_bytes()
 
 
@@ -110,7 +112,7 @@ def test_what_cannot_be_built_is_refused_in_a_sentence(
     tmp_path: Path, part: str, settings: tuple[str, ...], sentence: str
 ) -> None:
     with pytest.raises(InputRefused, match=sentence):
-        build_fmu(FIG4, part, "2.0", tmp_path / "it.fmu", settings, silent)
+        build_fmu(FIG4, part, "2.0", [], tmp_path / "it.fmu", settings, silent)
     assert list(tmp_path.iterdir()) == []
 
 
@@ -118,26 +120,26 @@ def test_without_a_compiler_nothing_is_compiled_or_written(tmp_path: Path, monke
     monkeypatch.setattr(shutil, "which", lambda name: None)
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
     with pytest.raises(InputRefused, match=r"it\.fmu: there is no C compiler.*pip install ziglang"):
-        build_fmu(FIG4, "plant", "2.0", tmp_path / "it.fmu", [], silent)
+        build_fmu(FIG4, "plant", "2.0", [], tmp_path / "it.fmu", [], silent)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_a_compiler_that_refuses_is_quoted(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(fmu, "FLAGS", (*fmu.FLAGS, "-Dint=nonsense"))
+    monkeypatch.setattr(linking, "FLAGS", (*linking.FLAGS, "-Dint=nonsense"))
     with pytest.raises(InputRefused, match=r"it\.fmu: does not compile with cc: .*error"):
-        build_fmu(FIG4, "encoder", "2.0", tmp_path / "it.fmu", [], silent)
+        build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "it.fmu", [], silent)
     assert list(tmp_path.iterdir()) == []
 
 
 def test_elsewhere_it_says_for_what_it_builds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("platform.machine", lambda: "aarch64")
     with pytest.raises(InputRefused, match="built on x86-64 Linux"):
-        build_fmu(FIG4, "encoder", "2.0", tmp_path / "it.fmu", [], silent)
+        build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "it.fmu", [], silent)
 
 
 def test_a_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     with pytest.raises(NotWritten):
-        build_fmu(FIG4, "encoder", "2.0", tmp_path / "nowhere" / "it.fmu", [], silent)
+        build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "nowhere" / "it.fmu", [], silent)
 
 
 def test_no_address_of_this_process_leaves_it() -> None:

@@ -11,10 +11,10 @@ import pytest
 from tests.command_line import twin
 from tests.conftest import ROOT
 from tests.drive.amplifier import parts_of_a_drive
-from twin.drive.ssp import STRUCTURE, structure
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import DrivePlan, planned
+from twin.ssp.structure import STRUCTURE
 from twin.studies.qualify.beginning import begun
 from twin.studies.qualify.bench import response
 from twin.studies.qualify.parts_proposal import part_names
@@ -118,14 +118,15 @@ def test_the_wires_of_an_ssp_are_those_of_its_structure(shop: Path, tmp_path: Pa
         ("", (("motor", "../motor.fmu"),), "part 'motor' is no FMU inside this archive (../motor.fmu)"),
         ("", (("motor", "http://x/motor.fmu"),), "no FMU inside this archive"),
         ("", (), "0 parts; expected 1 to 50"),
-        ("", FMUS * 30, "60 parts"),
+        ("", [(str(n), "resources/motor.fmu") for n in range(60)], "60 parts"),
+        ("", FMUS * 2, "two elements of system 'drive' are called 'power stage'"),
     ],
 )
 def test_a_structure_that_cannot_be_trusted_or_used_is_refused(
     shop: Path, tmp_path: Path, head: str, fmus: object, sentence: str
 ):
     with pytest.raises(InputRefused) as refused:
-        structure(archive(shop, tmp_path / "bad.ssp", [WIRE], head, fmus))
+        begun([str(archive(shop, tmp_path / "bad.ssp", [WIRE], head, fmus))], tmp_path)
     assert str(refused.value).startswith(f"{tmp_path / 'bad.ssp'}: ") and sentence in str(refused.value)
 
 

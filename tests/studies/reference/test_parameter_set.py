@@ -4,7 +4,10 @@ import pytest
 
 from twin.drive.description import FmuDescription, described
 from twin.errors import InputRefused
-from twin.studies.reference.parameter_set import parameter_set, settings
+from twin.ssp.ssv import parameter_set
+from twin.studies.reference.parameter_set import settings
+
+SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"
 
 
 @pytest.fixture(scope="module")
@@ -25,42 +28,21 @@ def real(name: str, value: str, unit: str = "") -> str:
 
 
 def test_values_are_in_the_units_of_the_fmu(servo: FmuDescription):
-    found = parameter_set(ssv(real("T_m", "20", "ms"), real("J_m", "1e-4"), real("omega_max", "60", "rpm")), "x")
+    given = [real("J_m", "1e-4"), real("omega_max", "60", "rpm")]
     with pytest.raises(InputRefused, match="T_m in 'ms'; expected 's'"):
-        settings(found, servo, "x")
-    del found["T_m"]
-    assert settings(found, servo, "x") == pytest.approx({"J_m": 1e-4, "omega_max": 6.283185307179586})
+        settings(parameter_set(ssv(real("T_m", "20", "ms"), *given), "x"), servo, "x")
+    assert settings(parameter_set(ssv(*given), "x"), servo, "x") == pytest.approx(
+        {"J_m": 1e-4, "omega_max": 6.283185307179586}
+    )
 
 
-def test_whole_numbers_and_truth_values_are_numbers():
-    given = [
-        'name="a"><ssv:Integer value="-3"/>',
-        'name="b"><ssv:Boolean value="true"/>',
-        'name="c"><ssv:UInt8 value="7"/>',
-    ]
-    assert [one.value for one in parameter_set(ssv(*given), "x").values()] == [-3.0, 1.0, 7.0]
-
-
-@pytest.mark.parametrize(
-    ("content", "told"),
-    [
-        (ssv(real("a", "1"), real("a", "2")), "given twice, a"),
-        (ssv(real("", "1")), "without a name"),
-        (ssv('name="a">'), "without one value, a"),
-        (ssv(real("a", "NaN")), "a: Real 'NaN'; expected one finite number"),
-        (ssv(real("a", "1e999")), "a: Real '1e999'"),
-        (ssv(real("a", "1 2 3")), "a: Real '1 2 3'"),
-        (ssv('name="a"><ssv:Integer value="1.5"/>'), "a: Integer '1.5'"),
-        (ssv(f'name="a"><ssv:Integer value="{"9" * 400}"/>'), "a: Integer '999"),
-        (ssv('name="a"><ssv:Boolean value="yes"/>'), "a: Boolean 'yes'"),
-        (ssv('name="a"><ssv:String value="1"/>'), "a: String '1'"),
-        (b"<other/>", "expected <ParameterSet>"),
-    ],
-)
-def test_what_is_no_single_number_is_refused(content: bytes, told: str):
-    with pytest.raises(InputRefused, match="x: ") as refused:
-        parameter_set(content, "x")
-    assert told in str(refused.value)
+def test_a_unit_that_the_file_defines_is_converted_by_what_it_says(servo: FmuDescription):
+    unit = '<ssc:Unit name="ms"><ssc:BaseUnit s="1" factor="0.001"/></ssc:Unit>'
+    file = ssv(real("T_m", "20", "ms")).replace(
+        b"</ssv:ParameterSet>",
+        f'<ssv:Units xmlns:ssc="{SSC}">{unit}</ssv:Units></ssv:ParameterSet>'.encode(),
+    )
+    assert settings(parameter_set(file, "x"), servo, "x") == {"T_m": 0.02}
 
 
 def test_names_and_values_that_the_fmu_does_not_know_are_refused(servo: FmuDescription):
@@ -69,6 +51,10 @@ def test_names_and_values_that_the_fmu_does_not_know_are_refused(servo: FmuDescr
         (real("omega_m", "1"), "no parameter 'omega_m'"),
         (real("J_m", "-1"), "J_m = -1: expected 1e-09"),
         (real("J_m", "1", "N.m"), "J_m in 'N.m'; expected 'kg.m2'"),
+        (real("J_m", "1 2 3"), "J_m: 3 values; expected 1"),
+        ('name="J_m"><ssv:String value="1"/>', "J_m"),
+        ('name="J_m"><ssv:Binary value="00"/>', "J_m is binary"),
+        ('name="J_m"><ssv:String value="file:/etc/passwd"/>', "may not name files of this machine"),
     ):
         with pytest.raises(InputRefused, match=r"a\.ssv: ") as refused:
             settings(parameter_set(ssv(parameter), "a.ssv"), servo, "a.ssv")

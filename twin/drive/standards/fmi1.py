@@ -13,7 +13,7 @@ from twin.drive.standards.fmi2 import guid_differs, type_name, values
 if TYPE_CHECKING:
     from twin.drive.instance import Instance
 
-__all__ = ["SLAVE", "free", "initialise", "instantiate", "type_name", "values", "why_refused"]
+__all__ = ["SLAVE", "enter", "free", "initialise", "instantiate", "leave", "type_name", "values", "why_refused"]
 
 SLAVE = FMU1Drive
 
@@ -57,8 +57,18 @@ def why_refused(instance: "Instance") -> str:
 
 def initialise(instance: "Instance") -> None:
     """Bring it to where it can be stepped; it is told no tolerance, for which FMI 1.0 has no word."""
+    enter(instance)
+    leave(instance)
+
+
+def enter(instance: "Instance") -> None:
+    """Set what is set before it is initialised, of which FMI 1.0 makes no mode."""
     instance.write(instance.settings)
     instance.write(instance.inputs)
+
+
+def leave(instance: "Instance") -> None:
+    """Initialise it."""
     with instance.calling("InitializeSlave"):
         instance.fmu.initialize(tStart=0.0, stopTime=instance.setup.stop)
 

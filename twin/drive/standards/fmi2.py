@@ -58,12 +58,22 @@ def guid_differs(instance: "Instance") -> str:
 
 def initialise(instance: "Instance") -> None:
     """Bring it into step mode."""
+    enter(instance)
+    leave(instance)
+
+
+def enter(instance: "Instance") -> None:
+    """Bring it into initialisation mode."""
     instance.write(instance.settings)
     with instance.calling("SetupExperiment"):
         instance.fmu.setupExperiment(tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop)
     with instance.calling("EnterInitializationMode"):
         instance.fmu.enterInitializationMode()
     instance.write(instance.inputs)
+
+
+def leave(instance: "Instance") -> None:
+    """Bring it from there into step mode."""
     with instance.calling("ExitInitializationMode"):
         instance.fmu.exitInitializationMode()
 

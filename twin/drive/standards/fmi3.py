@@ -22,7 +22,7 @@ from twin.errors import InputRefused
 if TYPE_CHECKING:
     from twin.drive.instance import Instance
 
-__all__ = ["SLAVE", "free", "initialise", "instantiate", "type_name", "values", "why_refused"]
+__all__ = ["SLAVE", "enter", "free", "initialise", "instantiate", "leave", "type_name", "values", "why_refused"]
 
 SLAVE = FMU3Drive
 MOST_RETURNED = 40
@@ -68,6 +68,12 @@ def why_refused(instance: "Instance") -> str:
 
 def initialise(instance: "Instance") -> None:
     """Bring it into step mode, by way of configuration mode and event mode if it has them."""
+    enter(instance)
+    leave(instance)
+
+
+def enter(instance: "Instance") -> None:
+    """Bring it into initialisation mode, by way of configuration mode."""
     fmu = instance.fmu
     structure = [setting for setting in instance.settings if setting[0].causality == STRUCTURAL]
     if structure:
@@ -80,12 +86,16 @@ def initialise(instance: "Instance") -> None:
     with instance.calling("EnterInitializationMode"):
         fmu.enterInitializationMode(tolerance=instance.setup.tolerance, startTime=0.0, stopTime=instance.setup.stop)
     instance.write(_unclocked(instance.inputs))
+
+
+def leave(instance: "Instance") -> None:
+    """Bring it from there into step mode, by way of event mode if it has that."""
     events = getattr(instance.description.interface, "hasEventMode", False)
     if events:
         with instance.calling("GetIntervalDecimal"):
             instance.clocks = clock_table(instance)
     with instance.calling("ExitInitializationMode"):
-        fmu.exitInitializationMode()
+        instance.fmu.exitInitializationMode()
     if events:
         _leave_event_mode(instance)
 

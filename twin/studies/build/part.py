@@ -26,6 +26,7 @@ SHAFTS = (Port("theta_m", JOINTS, "rad"),)
 PARTS = {
     "plant": ("body", "scale", "plant"),
     "computer": ("encoder", "estimator", "controller", "delay", "monitor"),
+    "controls": ("estimator", "controller", "delay", "monitor"),
 }
 """Parts of several components, as far as an experiment has them; any other component is one by its name. The bus is not
 the computer's: where all exchange their values between steps, these take the time that it takes."""
@@ -69,6 +70,16 @@ class RobotPart:
     def component(self, name: str) -> NativeComponent | None:
         """The component called that, if the part has it."""
         return next((component for component in self.components if component.name == name), None)
+
+
+def told_to_drives(part: RobotPart) -> dict[str, str]:
+    """The output, `monitor.omega_ref`, that feeds each input port of the drives; those of other parts are left out."""
+    (drives,) = (row for row in ROBOT if row.name == DRIVE)
+    fed = {
+        port: [f"{source}.{name}" for source, name in sources if part.component(source)]
+        for port, sources in drives.inputs.items()
+    }
+    return {port: found[0] for port, found in fed.items() if found}
 
 
 def part_of(experiment: Experiment, name: str) -> RobotPart:

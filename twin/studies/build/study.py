@@ -5,24 +5,33 @@ from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
-from twin.studies.build.fmu import packed, refuse_platform
+from twin.studies.build.fmu import packed
 from twin.studies.build.layout import Layout, laid_out
+from twin.studies.build.linking import refuse_platform
 from twin.studies.build.parameters import Parameter, fixed, parameters
 from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.platforms import Platform, platforms_named
 from twin.writing import made_folder, write_bytes
 
 HOME = Path("results/build")
 
 
 def build_fmu(
-    experiment: Path, part: str, fmi: str, out: Path | None, settings: Sequence[str], say: Callable[[str], None]
+    experiment: Path,
+    part: str,
+    fmi: str,
+    platforms: Sequence[str],
+    out: Path | None,
+    settings: Sequence[str],
+    say: Callable[[str], None],
 ) -> Answer:
-    """Write a part of the robot as a co-simulation FMU with native code for Linux on x86-64.
+    """Write a part of the robot as a co-simulation FMU with native code.
 
     Args:
         experiment: file or name.
         part: "plant", "computer", or a component by its name.
         fmi: "2.0" or "3.0".
+        platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
         out: the file; None: results/build/EXPERIMENT/PART.fmu.
         settings: laid over the experiment.
         say: told what is being done.
@@ -31,21 +40,24 @@ def build_fmu(
         InputRefused: the experiment or the part cannot be used, or there is no compiler.
         NotWritten: the disk refuses.
     """
+    targets = platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings)
     file = out or HOME / loaded.name / f"{part}.fmu"
     found = part_of(loaded, part)
-    refuse_platform(file)
+    refuse_platform(file, targets)
     offered = parameters(found)
     layout, closed = laid_out(found, offered), fixed(found, offered)
-    content = packed(found, layout, fmi, about(found), _readme(found, layout, closed), file, say)
+    text = readme(found, layout, closed, targets)
+    content = packed(found, layout, fmi, targets, about(found), text, file, say)
     if out is None:
         made_folder(file.parent)
     write_bytes(file, content)
-    return Answer(_text(found, file, fmi, len(content), layout, offered, closed), {
+    return Answer(_text(found, file, fmi, targets, len(content), layout, offered, closed), {
         "file": str(file),
         "part": found.name,
         "components": [component.name for component in found.components],
         "fmi": fmi,
+        "platforms": [target.name for target in targets],
         "bytes": len(content),
         "parameters": [parameter.key for parameter in offered],
         "fixed": closed,
@@ -81,11 +93,15 @@ def about(part: RobotPart) -> str:
     return " ".join(sentences)
 
 
+def _named(platforms: Sequence[Platform]) -> str:
+    return ", ".join(platform.name for platform in platforms)
+
+
 def _names(layout: Layout, kind: str) -> list[str]:
     return [variable.name for variable in layout.variables if variable.kind == kind]
 
 
-def _readme(part: RobotPart, layout: Layout, closed: Sequence[str]) -> str:
+def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Sequence[Platform]) -> str:
     rows = [
         f"| `{v.name}` | {v.kind} | {v.text} | {', '.join(f'{x:g}' for x in v.start) if v.kind != 'output' else ''} | "
         f"{v.meaning} |"
@@ -97,7 +113,7 @@ def _readme(part: RobotPart, layout: Layout, closed: Sequence[str]) -> str:
             "",
             about(part),
             "",
-            "Native code for Linux on x86-64; it needs the C library with its mathematics and nothing else.",
+            f"Native code for {_named(platforms)}; it needs the C library with its mathematics and nothing else.",
             "",
             "| variable | | unit | start | |",
             "|---|---|---|---|---|",
@@ -113,6 +129,7 @@ def _text(
     part: RobotPart,
     file: Path,
     fmi: str,
+    platforms: Sequence[Platform],
     size: int,
     layout: Layout,
     offered: Sequence[Parameter],
@@ -121,7 +138,8 @@ def _text(
     inputs, outputs = _names(layout, "input"), _names(layout, "output")
     return "\n".join(
         [
-            f"{part.name} of {part.experiment.name}, FMI {fmi} co-simulation, x86-64 Linux, {size / 1000:.0f} KB",
+            f"{part.name} of {part.experiment.name}, FMI {fmi} co-simulation, {size / 1000:.0f} KB",
+            f"  runs on  {_named(platforms)}",
             f"  holds    {', '.join(component.name for component in part.components)}",
             f"  step     multiples of {1e3 * part.experiment.cosim.tick:g} ms",
             f"  inputs   {', '.join(inputs) or 'none'}",

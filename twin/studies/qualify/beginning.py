@@ -6,13 +6,18 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.drive.description import described
-from twin.drive.ssp import fmu_content, structure
 from twin.errors import InputRefused
 from twin.experiment.drive_files import MAPPING, lone_drive
 from twin.files import open_regular
-from twin.studies.qualify.parts_proposal import part_names, parts_proposal
+from twin.ssp.package import Package, read_package
+from twin.ssp.structure import Connection, SspComponent
+from twin.ssp.unit import NONE
+from twin.studies.qualify.parts_proposal import KnownWire, part_names, parts_proposal
 from twin.studies.qualify.proposal import proposal
 from twin.writing import made_folder, write_bytes, write_text
+
+MOST_PARTS = 50
+"""Of a drive."""
 
 
 class Begun(NamedTuple):
@@ -49,29 +54,46 @@ def begun(named: Sequence[str], start: Path) -> Begun:
 
 
 def _from_system(file: Path) -> Begun:
-    if not os.path.isfile(file):
-        raise InputRefused(f"{file}: no such SSP")
-    found = structure(file)
+    package = read_package(file)
+    entries = _fmu_entries(package)
     folder = file.with_suffix("")
     mapping = _unwritten(folder)
     made_folder(folder)
-    names = dict(zip(found.parts, part_names(Path(part) for part in found.parts), strict=True))
+    names = dict(zip(entries, part_names(Path(part) for part in entries), strict=True))
     parts = {}
-    for part, entry in found.parts.items():
+    for part, entry in entries.items():
         fmu = folder / f"{names[part]}.fmu"
-        _put(fmu, fmu_content(file, entry))
+        _put(fmu, package.content(entry))
         parts[names[part]] = described(fmu)
-    renamed = [
-        wire._replace(source=_renamed(wire.source, names), target=_renamed(wire.target, names))
-        for wire in found.connections
-    ]
-    return _written(mapping, *parts_proposal(parts, folder, renamed))
+    wires = [wire for one in package.structure.system.connections if (wire := _known_wire(one, names))]
+    return _written(mapping, *parts_proposal(parts, folder, wires))
 
 
-def _renamed(end: str, names: dict[str, str]) -> str:
-    """A connection's end, "part.variable", with the part as the mapping calls it; parts of an SSP may have dots."""
-    part = max((part for part in names if end.startswith(f"{part}.")), key=len, default="")
-    return f"{names[part]}.{end.removeprefix(f'{part}.')}" if part else end
+def _fmu_entries(package: Package) -> dict[str, str]:
+    """FMUs' entries in the archive, by part."""
+    found = package.structure.system.elements
+    if not found or len(found) > MOST_PARTS:
+        raise InputRefused(f"{package.file}: {len(found)} parts; expected 1 to {MOST_PARTS}")
+    entries = {}
+    for part in found:
+        source = part.source if isinstance(part, SspComponent) else ""
+        entries[part.name] = package.entry(source)
+        if not entries[part.name].endswith(".fmu"):
+            raise InputRefused(
+                f"{package.file}: part '{part.name}' is no FMU inside this archive "
+                f"({source or 'a system of its own'}); put the FMUs into one folder and name them all"
+            )
+    return entries
+
+
+def _known_wire(connection: Connection, names: dict[str, str]) -> KnownWire | None:
+    """None: it is one with the system's own connectors."""
+    ends = connection.start, connection.end
+    if not all(end.element for end in ends):
+        return None
+    scaled = connection.transformation.table or "LinearTransformation" * (connection.transformation != NONE)
+    source, target = (f"{names.get(end.element, end.element)}.{end.connector}" for end in ends)
+    return KnownWire(source, target, f"it has a {scaled}" if scaled else "")
 
 
 def _put(fmu: Path, content: bytes) -> None:

@@ -4,17 +4,25 @@ import os
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 from twin.drive.contract import COMMANDS
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.joining import Join, joins, objection
-from twin.drive.ssp import Connection
 from twin.errors import visible
 from twin.runs.assembly.drives import qualified
 from twin.studies.qualify.proposal import LOOP, quoted, roles_text, understood
 
 MOST = 20
 """Inputs listed that nobody feeds."""
+
+
+class KnownWire(NamedTuple):
+    """What leads from an output to an input, "part.variable" each, and why twin cannot do as it says; "" if it can."""
+
+    source: str
+    target: str
+    objection: str = ""
 
 
 def part_names(files: Iterable[Path]) -> list[str]:
@@ -27,7 +35,7 @@ def part_names(files: Iterable[Path]) -> list[str]:
 
 
 def parts_proposal(
-    parts: Mapping[str, FmuDescription], folder: Path, connections: Sequence[Connection] | None = None
+    parts: Mapping[str, FmuDescription], folder: Path, connections: Sequence[KnownWire] | None = None
 ) -> tuple[str, bool]:
     """(text of a mapping.toml for `folder`, whether it is complete as it is).
 
@@ -67,7 +75,7 @@ def _proposed(found: Sequence[Join]) -> list[tuple[str, str, str]]:
     return [(join.target, join.source, "" if join.sure else "perhaps") for join in found]
 
 
-def _given(variables: Mapping[str, Variable], connections: Sequence[Connection]) -> list[tuple[str, str, str]]:
+def _given(variables: Mapping[str, Variable], connections: Sequence[KnownWire]) -> list[tuple[str, str, str]]:
     """(input, output, why it is left out) of each connection."""
     wires: list[tuple[str, str, str]] = []
     for source, target, remark in connections:

@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from twin.drive.archive import entries
+from twin.archive import content_of, entries, entry_of
 from twin.drive.description import FmuDescription
-from twin.drive.related import Related, content_of, entry_of, related
+from twin.drive.related import Related, related
+from twin.drive.setting import Value
 from twin.errors import InputRefused
 from twin.files import read_bytes, read_text
+from twin.ssp.parameters import PARAMETER_SET
+from twin.ssp.ssv import parameter_set
 from twin.studies.reference.experiment_file import MIMES, Described, experiments_of, options_of
-from twin.studies.reference.parameter_set import MIME, parameter_set, settings
+from twin.studies.reference.parameter_set import settings
 from twin.studies.reference.series import Series, series_of
 
 CSV = "text/csv"
@@ -41,7 +44,7 @@ class Prepared:
         stimuli, results: None where there are none.
     """
 
-    parameters: dict[str, float]
+    parameters: dict[str, Value]
     stimuli: Series | None
     results: Series | None
 
@@ -93,10 +96,10 @@ def carried(file: Path) -> Carried:
         if one.entry and one.entry not in used:
             if one.role == "result" and _is_csv(one.type, one.entry):
                 unnamed = Described(_name(one), results=(f"/{one.entry}", CSV))
-            elif one.role == "parameter" and (one.type == MIME or one.entry.endswith(".ssv")):
-                unnamed = Described(_name(one), parameters=(f"/{one.entry}", MIME))
+            elif one.role == "parameter" and (one.type == PARAMETER_SET or one.entry.endswith(".ssv")):
+                unnamed = Described(_name(one), parameters=(f"/{one.entry}", PARAMETER_SET))
             elif one.role in ("result", "parameter"):
-                unread.append((one.source, f"of type {one.type}; read are {CSV} and {MIME}"))
+                unread.append((one.source, f"of type {one.type}; read are {CSV} and {PARAMETER_SET}"))
                 continue
             else:
                 continue
@@ -111,9 +114,9 @@ def prepared(file: Path, trial: Trial, description: FmuDescription) -> Prepared:
         InputRefused: one is missing, in no form that is read here, or does not fit the FMU.
     """
     named = trial.described
-    parameters: dict[str, float] = {}
+    parameters: dict[str, Value] = {}
     if named.parameters:
-        content, where = _content(file, trial, named.parameters, (MIME,), ".ssv")
+        content, where = _content(file, trial, named.parameters, (PARAMETER_SET,), ".ssv")
         parameters = settings(parameter_set(content, where), description, where)
     stimuli, results = (
         series_of(*_content(file, trial, one, (CSV,), ".csv")) if one else None

@@ -5,7 +5,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from twin.drive.archive import sha256
+from twin.archive import sha256
 from twin.errors import InputRefused
 from twin.files import read_json, read_toml
 from twin.runs.guard.limits import Limits

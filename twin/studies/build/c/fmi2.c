@@ -1,17 +1,17 @@
 /* FMI 2.0 for co-simulation (FMI 2.0.4, chapters 2 and 4) in front of a part. */
 #include "fmi2Functions.h"
-#include "part.h"
+#include "instance.h"
 
 #include <stdlib.h>
 #include <stdio.h>
 
 #define STATUS(call) ((call) ? fmi2OK : fmi2Error)
 
-static void log_fmi2(const Part *part, const char *text)
+static void log_fmi2(const Instance *it, const char *text)
 {
-    const fmi2CallbackLogger logger = (fmi2CallbackLogger)part->logger;
+    const fmi2CallbackLogger logger = (fmi2CallbackLogger)it->logger;
     if (logger)
-        logger(part->environment, part->name, fmi2Error, "logStatusError", "%s", text);
+        logger(it->environment, it->name, fmi2Error, "logStatusError", "%s", text);
 }
 
 const char *fmi2GetTypesPlatform(void) { return fmi2TypesPlatform; }
@@ -29,8 +29,8 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
                               const fmi2CallbackFunctions *functions, fmi2Boolean visible, fmi2Boolean logging_on)
 {
     (void)resources, (void)visible, (void)logging_on;
-    static const Part NOBODY;
-    Part unborn = NOBODY;
+    static const Instance NOBODY;
+    Instance unborn = NOBODY;
     unborn.log = log_fmi2;
     unborn.logger = functions ? (void *)functions->logger : NULL;
     unborn.environment = functions ? functions->componentEnvironment : NULL;
@@ -39,7 +39,7 @@ fmi2Component fmi2Instantiate(fmi2String name, fmi2Type type, fmi2String guid, f
         refuse(&unborn, "this FMU offers co-simulation only");
         return NULL;
     }
-    return part_born(&unborn, guid);
+    return instance_born(&unborn, guid);
 }
 
 void fmi2FreeInstance(fmi2Component c) { free(c); }
@@ -48,38 +48,38 @@ fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, f
                                fmi2Boolean stop_time_defined, fmi2Real stop_time)
 {
     (void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;
-    Part *part = c;
-    if (part->state.mode != INSTANTIATED)
-        return STATUS(refuse_in_mode(part, "fmi2SetupExperiment"));
-    return STATUS(part_start_time(part, start_time));
+    Instance *it = c;
+    if (it->state.mode != INSTANTIATED)
+        return STATUS(refuse_in_mode(it, "fmi2SetupExperiment"));
+    return STATUS(instance_start_time(it, start_time));
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)
 {
-    return STATUS(part_enter(c, INSTANTIATED, INITIALIZATION, "fmi2EnterInitializationMode"));
+    return STATUS(instance_enter(c, INSTANTIATED, INITIALIZATION, "fmi2EnterInitializationMode"));
 }
 
-fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return STATUS(part_initialised(c)); }
+fmi2Status fmi2ExitInitializationMode(fmi2Component c) { return STATUS(instance_initialised(c)); }
 
-fmi2Status fmi2Terminate(fmi2Component c) { return STATUS(part_enter(c, STEPPING, TERMINATED, "fmi2Terminate")); }
+fmi2Status fmi2Terminate(fmi2Component c) { return STATUS(instance_enter(c, STEPPING, TERMINATED, "fmi2Terminate")); }
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
-    part_reset(c);
+    part_reset(&((Instance *)c)->state);
     return fmi2OK;
 }
 
 fmi2Status fmi2DoStep(fmi2Component c, fmi2Real t, fmi2Real h, fmi2Boolean no_set_state_prior_to_t)
 {
     (void)no_set_state_prior_to_t;
-    return STATUS(part_step(c, t, h));
+    return STATUS(instance_step(c, t, h));
 }
 
 /* Every value is a variable of its own. */
 fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, fmi2Real value[])
 {
     for (size_t k = 0; k < n; k++)
-        if (!part_get(c, vr[k], &value[k]))
+        if (!instance_get(c, vr[k], &value[k]))
             return fmi2Error;
     return fmi2OK;
 }
@@ -87,14 +87,14 @@ fmi2Status fmi2GetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n,
 fmi2Status fmi2SetReal(fmi2Component c, const fmi2ValueReference vr[], size_t n, const fmi2Real value[])
 {
     for (size_t k = 0; k < n; k++)
-        if (!part_set(c, vr[k], &value[k]))
+        if (!instance_set(c, vr[k], &value[k]))
             return fmi2Error;
     return fmi2OK;
 }
 
-fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved) { return STATUS(part_save(c, saved)); }
+fmi2Status fmi2GetFMUstate(fmi2Component c, fmi2FMUstate *saved) { return STATUS(instance_save(c, saved)); }
 
-fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate saved) { return STATUS(part_restore(c, saved)); }
+fmi2Status fmi2SetFMUstate(fmi2Component c, fmi2FMUstate saved) { return STATUS(instance_restore(c, saved)); }
 
 fmi2Status fmi2FreeFMUstate(fmi2Component c, fmi2FMUstate *saved)
 {
@@ -113,12 +113,12 @@ fmi2Status fmi2SerializedFMUstateSize(fmi2Component c, fmi2FMUstate saved, size_
 
 fmi2Status fmi2SerializeFMUstate(fmi2Component c, fmi2FMUstate saved, fmi2Byte bytes[], size_t size)
 {
-    return STATUS(part_serialize(c, saved, (unsigned char *)bytes, size));
+    return STATUS(instance_serialize(c, saved, (unsigned char *)bytes, size));
 }
 
 fmi2Status fmi2DeSerializeFMUstate(fmi2Component c, const fmi2Byte bytes[], size_t size, fmi2FMUstate *saved)
 {
-    return STATUS(part_deserialize(c, (const unsigned char *)bytes, size, saved));
+    return STATUS(instance_deserialize(c, (const unsigned char *)bytes, size, saved));
 }
 
 #define REFUSE_VARIABLES(function, type)                                                                     \
@@ -166,7 +166,7 @@ fmi2Status fmi2GetRealStatus(fmi2Component c, const fmi2StatusKind kind, fmi2Rea
 {
     if (kind != fmi2LastSuccessfulTime)
         return fmi2Discard;
-    *value = part_time(c);
+    *value = part_time(&((Instance *)c)->state);
     return fmi2OK;
 }
 

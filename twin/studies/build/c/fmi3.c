@@ -1,16 +1,16 @@
 /* FMI 3.0 for co-simulation (FMI 3.0.2, chapters 2 and 4) in front of a part. */
 #include "fmi3Functions.h"
-#include "part.h"
+#include "instance.h"
 
 #include <stdlib.h>
 
 #define STATUS(call) ((call) ? fmi3OK : fmi3Error)
 
-static void log_fmi3(const Part *part, const char *text)
+static void log_fmi3(const Instance *it, const char *text)
 {
-    const fmi3LogMessageCallback logger = (fmi3LogMessageCallback)part->logger;
+    const fmi3LogMessageCallback logger = (fmi3LogMessageCallback)it->logger;
     if (logger)
-        logger(part->environment, fmi3Error, "logStatusError", text);
+        logger(it->environment, fmi3Error, "logStatusError", text);
 }
 
 const char *fmi3GetVersion(void) { return "3.0"; }
@@ -30,12 +30,12 @@ fmi3Instance fmi3InstantiateCoSimulation(fmi3String name, fmi3String token, fmi3
 {
     (void)name, (void)resources, (void)visible, (void)logging_on, (void)early_return_allowed;
     (void)intermediate, (void)n_intermediate, (void)update;
-    const Part unborn = {.log = log_fmi3, .logger = (void *)logger, .environment = environment};
+    const Instance unborn = {.log = log_fmi3, .logger = (void *)logger, .environment = environment};
     if (event_mode_used) {
         refuse(&unborn, "this FMU has no event mode (hasEventMode is false)");
         return NULL;
     }
-    return part_born(&unborn, token);
+    return instance_born(&unborn, token);
 }
 
 void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
@@ -44,23 +44,23 @@ fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolera
                                        fmi3Float64 start_time, fmi3Boolean stop_time_defined, fmi3Float64 stop_time)
 {
     (void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;
-    Part *part = instance;
-    if (part->state.mode != INSTANTIATED)
-        return STATUS(refuse_in_mode(part, "fmi3EnterInitializationMode"));
-    return STATUS(part_start_time(part, start_time)
-                  && part_enter(part, INSTANTIATED, INITIALIZATION, "fmi3EnterInitializationMode"));
+    Instance *it = instance;
+    if (it->state.mode != INSTANTIATED)
+        return STATUS(refuse_in_mode(it, "fmi3EnterInitializationMode"));
+    return STATUS(instance_start_time(it, start_time)
+                  && instance_enter(it, INSTANTIATED, INITIALIZATION, "fmi3EnterInitializationMode"));
 }
 
-fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) { return STATUS(part_initialised(instance)); }
+fmi3Status fmi3ExitInitializationMode(fmi3Instance instance) { return STATUS(instance_initialised(instance)); }
 
 fmi3Status fmi3Terminate(fmi3Instance instance)
 {
-    return STATUS(part_enter(instance, STEPPING, TERMINATED, "fmi3Terminate"));
+    return STATUS(instance_enter(instance, STEPPING, TERMINATED, "fmi3Terminate"));
 }
 
 fmi3Status fmi3Reset(fmi3Instance instance)
 {
-    part_reset(instance);
+    part_reset(&((Instance *)instance)->state);
     return fmi3OK;
 }
 
@@ -70,8 +70,8 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3B
 {
     (void)no_set_state_prior_to_t;
     *event_handling_needed = *terminate_simulation = *early_return = false;
-    const bool done = part_step(instance, t, h);
-    *last_successful_time = part_time(instance);
+    const bool done = instance_step(instance, t, h);
+    *last_successful_time = part_time(&((Instance *)instance)->state);
     return STATUS(done);
 }
 
@@ -80,12 +80,12 @@ fmi3Status fmi3DoStep(fmi3Instance instance, fmi3Float64 t, fmi3Float64 h, fmi3B
 
 static size_t size_of(fmi3ValueReference vr) { return vr < N_VARIABLES ? variables[vr].size : 1; }
 
-static bool fits(const Part *part, const fmi3ValueReference vr[], size_t n, size_t n_values)
+static bool fits(const Instance *it, const fmi3ValueReference vr[], size_t n, size_t n_values)
 {
     size_t needed = 0;
     for (size_t k = 0; k < n; k++)
         needed += size_of(vr[k]);
-    return needed == n_values || refuse(part, "%zu values for variables that have %zu", n_values, needed);
+    return needed == n_values || refuse(it, "%zu values for variables that have %zu", n_values, needed);
 }
 
 fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], size_t n, fmi3Float64 values[],
@@ -95,8 +95,8 @@ fmi3Status fmi3GetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
         return fmi3Error;
     for (size_t k = 0; k < n; values += size_of(vr[k]), k++)
         if (vr[k] == TIME_REFERENCE)
-            *values = part_time(instance);
-        else if (!part_get(instance, vr[k], values))
+            *values = part_time(&((Instance *)instance)->state);
+        else if (!instance_get(instance, vr[k], values))
             return fmi3Error;
     return fmi3OK;
 }
@@ -107,14 +107,20 @@ fmi3Status fmi3SetFloat64(fmi3Instance instance, const fmi3ValueReference vr[], 
     if (!fits(instance, vr, n, n_values))
         return fmi3Error;
     for (size_t k = 0; k < n; values += size_of(vr[k]), k++)
-        if (!part_set(instance, vr[k], values))
+        if (!instance_set(instance, vr[k], values))
             return fmi3Error;
     return fmi3OK;
 }
 
-fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *saved) { return STATUS(part_save(instance, saved)); }
+fmi3Status fmi3GetFMUState(fmi3Instance instance, fmi3FMUState *saved)
+{
+    return STATUS(instance_save(instance, saved));
+}
 
-fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState saved) { return STATUS(part_restore(instance, saved)); }
+fmi3Status fmi3SetFMUState(fmi3Instance instance, fmi3FMUState saved)
+{
+    return STATUS(instance_restore(instance, saved));
+}
 
 fmi3Status fmi3FreeFMUState(fmi3Instance instance, fmi3FMUState *saved)
 {
@@ -133,12 +139,12 @@ fmi3Status fmi3SerializedFMUStateSize(fmi3Instance instance, fmi3FMUState saved,
 
 fmi3Status fmi3SerializeFMUState(fmi3Instance instance, fmi3FMUState saved, fmi3Byte bytes[], size_t size)
 {
-    return STATUS(part_serialize(instance, saved, bytes, size));
+    return STATUS(instance_serialize(instance, saved, bytes, size));
 }
 
 fmi3Status fmi3DeserializeFMUState(fmi3Instance instance, const fmi3Byte bytes[], size_t size, fmi3FMUState *saved)
 {
-    return STATUS(part_deserialize(instance, bytes, size, saved));
+    return STATUS(instance_deserialize(instance, bytes, size, saved));
 }
 
 /* What is not offered. The standard wants the functions of co-simulation exported; those of model exchange and
@@ -233,7 +239,7 @@ REFUSE(fmi3ActivateModelPartition, CO_SIMULATION_ONLY, fmi3ValueReference clock,
 
 static fmi3Instance refused_birth(fmi3InstanceEnvironment environment, fmi3LogMessageCallback logger)
 {
-    const Part unborn = {.log = log_fmi3, .logger = (void *)logger, .environment = environment};
+    const Instance unborn = {.log = log_fmi3, .logger = (void *)logger, .environment = environment};
     refuse(&unborn, CO_SIMULATION_ONLY);
     return NULL;
 }

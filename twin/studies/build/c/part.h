@@ -1,4 +1,5 @@
-/* A part of the robot: components with compiled steps, in one block of plain numbers. */
+/* A part of the robot: components with compiled steps, in one block of plain numbers. It neither prints nor
+ * allocates. */
 #ifndef PART_H
 #define PART_H
 
@@ -9,6 +10,11 @@
 
 /* generated: GUID, TICK, the N_ numbers, MEMORY_BYTES */
 #include "sizes.h"
+
+/* Whoever includes part.c and tables.c instead of linking them says `static`: their names are then its own. */
+#ifndef INSIDE
+#define INSIDE extern
+#endif
 
 typedef enum { INSTANTIATED, INITIALIZATION, STEPPING, TERMINATED, FAILED } Mode;
 
@@ -47,17 +53,17 @@ typedef struct {
     const char *status; /* what status 2 means, if anything */
 } Component;
 
-extern const Variable variables[N_VARIABLES];
-extern const double start_values[N_VALUES];
-extern const Place places[N_PLACES + 1];
-extern const Pointer pointers[N_POINTERS + 1];
-extern const Component components[N_COMPONENTS];
-extern const int sources[N_U + 1]; /* of each value of u: >= 0 a value of y, else the value -1 - source */
-extern const int outputs[N_Y];     /* where each value of y is published, -1: nowhere */
-extern const double first_y[N_Y];
-extern const uint64_t image[(MEMORY_BYTES + 7) / 8];
+INSIDE const Variable variables[N_VARIABLES];
+INSIDE const double start_values[N_VALUES];
+INSIDE const Place places[N_PLACES + 1];
+INSIDE const Pointer pointers[N_POINTERS + 1];
+INSIDE const Component components[N_COMPONENTS];
+INSIDE const int sources[N_U + 1]; /* of each value of u: >= 0 a value of y, else the value -1 - source */
+INSIDE const int outputs[N_Y];     /* where each value of y is published, -1: nowhere */
+INSIDE const double first_y[N_Y];
+INSIDE const uint64_t image[(MEMORY_BYTES + 7) / 8];
 
-/* All that a saved state holds; copied as bytes. Pointers in it are of the instance and never of a copy. */
+/* All that a part is; copied as bytes. Pointers in it are of the instance and never of a copy. */
 typedef struct {
     uint64_t stamp;
     Mode mode;
@@ -66,34 +72,27 @@ typedef struct {
     double memory[(MEMORY_BYTES + 7) / 8];
 } State;
 
-typedef struct Part Part;
+/* Which component failed, and with what status; 0: an output is not finite. */
+typedef struct {
+    const Component *component;
+    int status;
+} Failure;
 
-struct Part {
-    State state;
-    void *environment, *logger;
-    void (*log)(const Part *part, const char *text);
-    char name[128];
-};
+typedef enum { FITS, NOT_FINITE, TOO_LOW, TOO_HIGH } Fit;
 
-/* Logs the reason; returns false. */
-bool refuse(const Part *part, const char *format, ...) __attribute__((format(printf, 2, 3)));
-bool refuse_in_mode(const Part *part, const char *function);
-
-Part *part_born(const Part *from, const char *guid);
-void part_reset(Part *part);
-bool part_enter(Part *part, Mode from, Mode to, const char *function);
-bool part_start_time(Part *part, double t);
-double part_time(const Part *part);
-bool part_initialised(Part *part);
-bool part_step(Part *part, double t, double h);
-
-/* One variable, all of its values. */
-bool part_set(Part *part, unsigned reference, const double *values);
-bool part_get(Part *part, unsigned reference, double *values);
-
-bool part_save(const Part *part, void **saved);
-bool part_restore(Part *part, const void *saved);
-bool part_serialize(const Part *part, const void *saved, unsigned char *bytes, size_t size);
-bool part_deserialize(const Part *part, const unsigned char *bytes, size_t size, void **saved);
+/* Of the build: a state of another one is told by it. */
+INSIDE uint64_t part_stamp(void);
+/* Everything as it was built. */
+INSIDE void part_reset(State *state);
+/* Pointers in the memory, after it was moved. */
+INSIDE void part_point(State *state);
+INSIDE double part_time(const State *state);
+INSIDE Fit part_fit(const Variable *variable, double value);
+/* All that follows from parameters and from inputs at the start; false if a component fails. */
+INSIDE bool part_derive(State *state, Failure *failure);
+/* A tunable parameter that was set between two steps takes effect. */
+INSIDE void part_tune(State *state, const Variable *variable);
+/* So many ticks, from the inputs in `values`, to which outputs are published; false if a component fails. */
+INSIDE bool part_advance(State *state, int64_t ticks, Failure *failure);
 
 #endif

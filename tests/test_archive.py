@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.drive import archive
-from twin.drive.archive import entries
+from twin import archive
+from twin.archive import entries
 from twin.errors import InputRefused
 
 

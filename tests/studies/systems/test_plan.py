@@ -1,0 +1,112 @@
+"""Systems that cannot be run are refused in a sentence, before anything is loaded or written."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+from tests.drive.archives import DESCRIPTION, altered, redescribed
+from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
+from twin.errors import InputRefused
+from twin.runs.guard.reporter import DirectReporter
+from twin.studies.systems import coupled
+from twin.studies.systems.study import recorded_system
+
+Change = tuple[str, str]
+A, B = component("a", "a.fmu"), component("b", "a.fmu")
+SPEED = connection("a.omega_m", "b.omega_ref")
+NO_START = ('<Real start="0.0" unit="N.m" />', '<Real unit="N.m" />')
+STRANGE = ('unit="N.m" />\n    </ScalarVariable>', 'unit="furlong" />\n    </ScalarVariable>')
+WHOLE = ('<Real start="0.0" unit="N.m" />', '<Integer start="0" />')
+ONCE = ('<CoSimulation modelIdentifier="ideal_velocity"', '<CoSimulation modelIdentifier="ideal_velocity" '
+        'canBeInstantiatedOnlyOncePerProcess="true"')  # fmt: skip
+EXCHANGE = ("CoSimulation", "ModelExchange")
+STEPLESS = (' stepSize="0.001"', "")
+MAP = (
+    '<ssc:BooleanMappingTransformation><ssc:MapEntry source="true" target="false"/></ssc:BooleanMappingTransformation>'
+)
+
+
+def ssd(*parts: str, wires: tuple[str, ...] = (), bound: str = "", stop: float | None = 0.01, **more: str) -> str:
+    return structure(system(parts or [A, B], wires, bindings=bound), stop, **more)
+
+
+BAD: dict[str, tuple[str, Change | None, str]] = {
+    "no components": (structure(system([]), 1.0), None, "a system without components"),
+    "a missing resource": (ssd(component("a", "b.fmu")), None, "its resource 'b.fmu' is no file of this"),
+    "a resource outside": (ssd(component("a", "../../a.fmu")), None, "'../../a.fmu' is no file of this"),
+    "a resource elsewhere": (ssd(component("a", "file:///a.fmu")), None, "'file:///a.fmu' is no file of this archive"),
+    "another resource": (
+        ssd(component("a", "a.fmu", more='type="application/x-ssp-package"')), None,
+        "component 'a' is of type application/x-ssp-package, which is not run here",
+    ),
+    "for model exchange": (
+        ssd(component("a", "a.fmu", more='implementation="ModelExchange"')), None,
+        "component 'a' is to be used for ModelExchange, which is not run here",
+    ),
+    "model exchange": (ssd(), EXCHANGE, "x.ssp: a.fmu: offers model exchange alone; export it for co-simulation"),
+    "no FMU": (ssd(component("a", "x.txt")), None, "x.ssp: x.txt: not a complete FMU"),
+    "no variable": (
+        ssd(wires=(connection("a.omega", "b.omega_ref"),)), None,
+        "a connection with a.omega: a.fmu has no such variable; did you mean 'omega_m'?",
+    ),
+    "into an output": (ssd(wires=(connection("a.omega_m", "b.theta_m"),)), None, "b.theta_m: it is output"),
+    "from an input": (ssd(wires=(connection("a.omega_ref", "b.omega_ref"),)), None, "a.omega_ref: it is input"),
+    "other quantities": (
+        ssd(wires=(connection("a.theta_m", "b.omega_ref"),)), None,
+        "the connection from a.theta_m to b.omega_ref: from 'rad' to 'rad/s', which do not measure the same",
+    ),
+    "an unknown unit": (
+        ssd(wires=(connection("a.omega_m", "b.tau_load"),)), STRANGE, "nobody says what the unit 'furlong' is",
+    ),
+    "units at odds": (
+        ssd(A, component("b", "a.fmu", [connector("omega_ref", "input", "rpm")]), wires=(SPEED,)), None,
+        "omega_ref is in 'rpm' by its connector, and in 'rad/s' by the FMU",
+    ),
+    "a factor 0": (ssd(wires=(connection("a.omega_m", "b.omega_ref", line(0)),)), None, "the factor 0; leave"),
+    "a table": (
+        ssd(wires=(connection("a.omega_m", "b.omega_ref", MAP),)), None, "BooleanMappingTransformation cannot be",
+    ),
+    "real into whole": (ssd(wires=(connection("a.omega_m", "b.tau_load"),)), WHOLE, "a Real into a Integer; expected"),
+    "two writers": (ssd(wires=(SPEED, SPEED)), None, "b.omega_ref is fed by two connections"),
+    "no start value": (ssd(), NO_START, "input a.tau_load is fed by nobody and has no start value; connect it"),
+    "a second instance": (ssd(), ONCE, "x.ssp: a.fmu: can be instantiated only once in a process"),
+    "no such value": (ssd(bound=values("a.omega_ref=1 N.m")), None, "from 'N.m' to 'rad/s', which do not measure"),
+    "a unit of a value": (ssd(bound=values("a.omega_ref=1 furlong")), None, "nobody says what the unit 'furlong' is"),
+    "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU says how long a step is; say --tick-ms"),
+    "no stop": (ssd(stop=None), None, "says nothing of how long to run (DefaultExperiment); say --stop-s"),
+    "no whole step": (ssd(stop=0.0105), None, "0.0105 s are no whole number of steps of 1 ms"),
+    "steps without end": (ssd(stop=1e300), None, "1e+300 s in steps of 0.001 s are more than 1e+12 steps"),
+    "another start": (
+        ssd().replace('startTime="0.0"', 'startTime="5"'), None, "its experiment starts at 5 s; here runs begin at 0 s",
+    ),
+}  # fmt: skip
+
+
+@pytest.fixture
+def fmu(ideal: Path, tmp_path: Path) -> Callable[[Change | None], Path]:
+    def changed(change: Change | None) -> Path:
+        if change != EXCHANGE:
+            return redescribed(ideal, tmp_path / "changed.fmu", *change) if change else ideal
+
+        def exchanged(name: str, content: bytes) -> tuple[str, bytes]:
+            return name, content.replace(b"CoSimulation", b"ModelExchange") if name == DESCRIPTION else content
+
+        return altered(ideal, tmp_path / "changed.fmu", exchanged)
+
+    return changed
+
+
+@pytest.mark.parametrize("bad", BAD)
+def test_what_cannot_be_run_is_refused_before_anything_is_loaded(
+    bad: str, fmu: Callable[[Change | None], Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    text, change, told = BAD[bad]
+    file = archive(tmp_path / "x.ssp", text, {"a.fmu": fmu(change), "x.txt": "x"})
+    monkeypatch.setattr(coupled, "Instance", None)
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputRefused) as refused:
+        recorded_system(DirectReporter(lambda note: None), "x.ssp")
+    assert str(refused.value).startswith("x.ssp: ") and told in str(refused.value)
+    assert not (tmp_path / "results").exists()
+    assert file.exists()

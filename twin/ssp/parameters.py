@@ -1,0 +1,82 @@
+"""Values of parameters (SSV) and what they are called elsewhere (SSM)."""
+
+from dataclasses import dataclass
+
+from twin.ssp.metadata import Annotation, Metadata
+from twin.ssp.unit import NONE, Transformation, UnitDefinition
+
+PARAMETER_SET = "application/x-ssp-parameter-set"
+PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"
+REALS = ("Real", "Float64", "Float32")
+WHOLES = ("Integer", *(f"{sign}Int{bits}" for sign in ("", "U") for bits in (8, 16, 32, 64)))
+"""Types whose values are numbers, the first of SSP 1.0, the others of 2.0."""
+
+
+@dataclass(frozen=True)
+class ParameterValue:
+    """A value for a parameter, or for whatever may be set before a run.
+
+    Attributes:
+        name: within what it is for: "plant.k_s".
+        type: "Real", "Integer", "Boolean", "String", "Enumeration", "Binary", or one of FMI 3.0: "Float64".
+        values: one, or as many as an array has: numbers (0.0 and 1.0 of a Boolean), text of a String and of an item
+            of an Enumeration, hexadecimal digits of a Binary.
+        unit: of a real number; "" where it is that of what takes the value.
+        description: where the value comes from, or "".
+    """
+
+    name: str
+    type: str
+    values: tuple[float, ...] | tuple[str, ...]
+    unit: str = ""
+    description: str = ""
+
+
+@dataclass(frozen=True)
+class ParameterSet:
+    """Values that belong together, and the `units` that they name.
+
+    Attributes:
+        source: the file of the archive in which it stands, "resources/plant.ssv"; "": in the structure itself.
+    """
+
+    name: str
+    parameters: tuple[ParameterValue, ...]
+    units: tuple[UnitDefinition, ...] = ()
+    source: str = ""
+    metadata: Metadata = Metadata()  # noqa: RUF009, it is frozen
+    annotations: tuple[Annotation, ...] = ()
+
+
+@dataclass(frozen=True)
+class MappingEntry:
+    """A parameter of the set (`source`) and what takes its value (`target`)."""
+
+    source: str
+    target: str
+    transformation: Transformation = NONE
+    suppress_unit_conversion: bool = False
+
+
+@dataclass(frozen=True)
+class ParameterMapping:
+    """Where values of a set go that do not go where their name says; `source` as of a `ParameterSet`."""
+
+    entries: tuple[MappingEntry, ...]
+    source: str = ""
+    metadata: Metadata = Metadata()  # noqa: RUF009, it is frozen
+
+
+@dataclass(frozen=True)
+class ParameterBinding:
+    """A set of values for a component, or for all that is in a system.
+
+    Attributes:
+        parameters: the values.
+        prefix: put in front of the name of each.
+        mapping: None: each goes where its name says.
+    """
+
+    parameters: ParameterSet
+    prefix: str = ""
+    mapping: ParameterMapping | None = None

@@ -1,0 +1,236 @@
+"""The structure of a system (SystemStructure.ssd), read."""
+
+import re
+import xml.etree.ElementTree as ET
+from collections.abc import Callable
+from typing import NamedTuple, TypeVar, cast, get_args
+
+from twin.errors import InputRefused
+from twin.files import xml_of
+from twin.ssp.elements import (
+    annotations_of,
+    inside,
+    listed,
+    local,
+    metadata_of,
+    named,
+    number,
+    transformation_of,
+    truth,
+    unique,
+    units_of,
+)
+from twin.ssp.parameters import PARAMETER_MAPPING, PARAMETER_SET, ParameterBinding
+from twin.ssp.ssv import mapping, mapping_of, parameter_set, parameter_set_of
+from twin.ssp.structure import (
+    FMU,
+    Connection,
+    Connector,
+    ConnectorKind,
+    DefaultExperiment,
+    End,
+    Implementation,
+    SspComponent,
+    SspSystem,
+    Structure,
+)
+
+NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
+MOST_PARTS = 500
+"""Components and systems; a file that has more would take minutes."""
+
+
+class Resource(NamedTuple):
+    """A file of the archive: what it holds, its name there, and what sentences call it."""
+
+    content: bytes
+    entry: str
+    where: str
+
+
+Bring = Callable[[str, str], Resource]
+"""The resource that a URI in the structure means; the second argument is what refers to it, for sentences."""
+_T = TypeVar("_T")
+
+
+def structure_of(content: bytes, where: str, bring: Bring) -> Structure:
+    """What a SystemStructure.ssd says.
+
+    Args:
+        content: of the file.
+        where: for sentences.
+        bring: brings parameter sets that stand in files of their own.
+
+    Raises:
+        InputRefused: no SSD of SSP 1.0 or 2.0; names or numbers that are none; signal dictionaries and elements of
+            arrays, which are not read.
+    """
+    root = xml_of(content, where)
+    if root.tag != f"{NAMESPACE}SystemStructureDescription":
+        raise InputRefused(
+            f"{where}: <{local(root)}>; expected <SystemStructureDescription> of SSP 1.0 or 2.0, namespace "
+            f"{NAMESPACE[1:-1]}"
+        )
+    version = root.get("version", "")
+    if not re.match(r"[12]\.[0-9]", version):
+        raise InputRefused(f"{where}: version '{version}'; expected 1.0 or 2.0")
+    reader = _Reader(where, bring)
+    system = next(iter(inside(root, "System")), None)
+    if system is None:
+        raise InputRefused(f"{where}: has no system")
+    enumerations = tuple(
+        (
+            named(one, "name", where),
+            tuple((named(i, "name", where), int(number(i, "value", where, 0))) for i in inside(one, "Item")),
+        )
+        for one in listed(root, "Enumerations", "Enumeration")
+    )
+    experiment = next(iter(inside(root, "DefaultExperiment")), None)
+    return Structure(
+        name=root.get("name", ""),
+        system=reader.system(system, "system"),
+        version=version,
+        units=units_of(root, where),
+        enumerations=enumerations,
+        experiment=DefaultExperiment() if experiment is None else reader.experiment(experiment),
+        metadata=metadata_of(root),
+        annotations=annotations_of(root),
+    )
+
+
+class _Reader:
+    """Reads systems within systems.
+
+    Args:
+        where: for sentences.
+        bring: see `structure_of`.
+    """
+
+    def __init__(self, where: str, bring: Bring):
+        self._where, self._bring = where, bring
+        self._parts = 0
+
+    def experiment(self, element: ET.Element) -> DefaultExperiment:
+        start, stop = (
+            number(element, name, self._where, 0.0) if name in element.keys() else None  # noqa: SIM118
+            for name in ("startTime", "stopTime")
+        )
+        return DefaultExperiment(start, stop, annotations_of(element))
+
+    def system(self, element: ET.Element, place: str) -> SspSystem:
+        name = named(element, "name", self._where)
+        for unread in ("SignalDictionaries", "SignalDictionary"):
+            if inside(element, unread):
+                raise InputRefused(f"{self._where}: {place} '{name}' has signal dictionaries, which are not read here")
+        parts = [self._part(part) for group in inside(element, "Elements") for part in group]
+        unique((part.name for part in parts), f"elements of {place} '{name}'", self._where)
+        connections = [self._connection(one) for one in listed(element, "Connections", "Connection")]
+        return SspSystem(
+            name=name,
+            elements=tuple(parts),
+            connections=tuple(connections),
+            connectors=self._connectors(element, name),
+            bindings=self._bindings(element, name),
+            description=element.get("description", ""),
+            annotations=annotations_of(element),
+        )
+
+    def _part(self, element: ET.Element) -> SspComponent | SspSystem:
+        self._parts += 1
+        if self._parts > MOST_PARTS:
+            raise InputRefused(f"{self._where}: more than {MOST_PARTS} parts; do not trust this file")
+        if local(element) == "System":
+            return self.system(element, "the system")
+        name = named(element, "name", self._where)
+        if local(element) != "Component":
+            kind = re.sub(r"(?<!^)([A-Z])", r" \1", local(element)).lower()
+            raise InputRefused(f"{self._where}: element '{name}' is a {kind}, which is not read here")
+        implementation = element.get("implementation", "any")
+        if implementation not in get_args(Implementation):
+            known = ", ".join(get_args(Implementation))
+            raise InputRefused(f"{self._where}: '{name}': implementation '{implementation}'; expected {known}")
+        return SspComponent(
+            name=name,
+            source=element.get("source", ""),
+            type=element.get("type", FMU),
+            implementation=cast(Implementation, implementation),
+            connectors=self._connectors(element, name),
+            bindings=self._bindings(element, name),
+            description=element.get("description", ""),
+            annotations=annotations_of(element),
+        )
+
+    def _connectors(self, element: ET.Element, owner: str) -> tuple[Connector, ...]:
+        found = [self._connector(one, owner) for one in listed(element, "Connectors", "Connector")]
+        unique((one.name for one in found), f"connectors of '{owner}'", self._where)
+        return tuple(found)
+
+    def _connector(self, element: ET.Element, owner: str) -> Connector:
+        name, kind = named(element, "name", self._where), named(element, "kind", self._where)
+        if kind not in get_args(ConnectorKind):
+            known = ", ".join(get_args(ConnectorKind))
+            raise InputRefused(f"{self._where}: {owner}.{name}: kind '{kind}'; expected {known}")
+        unread = ("ConnectorGeometry", "Annotations", "Dimension", "Clock")
+        stated = next((child for child in element if local(child) not in unread), None)
+        sizes = [(one.get("size"), one.get("sizeConnector", "")) for one in inside(element, "Dimension")]
+        if not all((size or "1").isdecimal() and (size or by) for size, by in sizes):
+            raise InputRefused(f"{self._where}: {owner}.{name}: a dimension without a size")
+        return Connector(
+            name=name,
+            kind=cast(ConnectorKind, kind),
+            type="" if stated is None else local(stated),
+            unit="" if stated is None else stated.get("unit", ""),
+            dimensions=tuple(by if size is None else int(size) for size, by in sizes),
+            description=element.get("description", ""),
+        )
+
+    def _connection(self, element: ET.Element) -> Connection:
+        start, end = (
+            End(element.get(f"{side}Element", ""), named(element, f"{side}Connector", self._where))
+            for side in ("start", "end")
+        )
+        if element.get("startIndices") or element.get("endIndices"):
+            raise InputRefused(
+                f"{self._where}: the connection from {'.'.join(start)} to {'.'.join(end)} picks elements of arrays "
+                "(startIndices, endIndices), which is not read here; connect whole arrays"
+            )
+        suppressed = truth(element, "suppressUnitConversion", self._where)
+        return Connection(start, end, transformation_of(element, self._where), suppressed)
+
+    def _bindings(self, element: ET.Element, owner: str) -> tuple[ParameterBinding, ...]:
+        return tuple(
+            self._binding(one, f"parameters of '{owner}'")
+            for one in listed(element, "ParameterBindings", "ParameterBinding")
+        )
+
+    def _binding(self, element: ET.Element, what: str) -> ParameterBinding:
+        inline = next(iter(inside(element, "ParameterValues")), None)
+        values = self._stated(element, inline, PARAMETER_SET, what, parameter_set, parameter_set_of)
+        if values is None:
+            raise InputRefused(f"{self._where}: {what}: neither a source nor values")
+        led = next(iter(inside(element, "ParameterMapping")), None)
+        to = None if led is None else self._stated(led, led, PARAMETER_MAPPING, what, mapping, mapping_of)
+        return ParameterBinding(values, element.get("prefix", ""), to)
+
+    def _stated(
+        self,
+        element: ET.Element,
+        inline: ET.Element | None,
+        type_: str,
+        what: str,
+        of_file: Callable[[bytes, str, str], _T],
+        of_element: Callable[[ET.Element, str], _T],
+    ) -> _T | None:
+        """What stands in a file of its own, or in the element `inline`; None: neither."""
+        if element.get("type", type_) != type_:
+            raise InputRefused(f"{self._where}: {what} are of type '{element.get('type')}'; expected {type_}")
+        if source := element.get("source", ""):
+            if element.get("sourceBase", "SSD") != "SSD":
+                raise InputRefused(
+                    f"{self._where}: {what}: {source} is to be found in the component itself (sourceBase), which is "
+                    "not read here; put it into the archive"
+                )
+            content, entry, where = self._bring(source, what)
+            return of_file(content, where, entry)
+        stated = [one for name in ("ParameterSet", "ParameterMapping") for one in inside(inline, name)]
+        return of_element(stated[0], f"{self._where}: {what}") if stated else None

@@ -1,0 +1,193 @@
+/* Life, values and saved states of an FMU's instance, with a message for all that is refused. */
+#include "instance.h"
+
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+static const char *const MODE_NAMES[] = {"instantiated", "initialization", "stepping", "terminated", "failed"};
+
+bool refuse(const Instance *instance, const char *format, ...)
+{
+    char text[512];
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(text, sizeof text, format, arguments);
+    va_end(arguments);
+    instance->log(instance, text);
+    return false;
+}
+
+bool refuse_in_mode(const Instance *instance, const char *function)
+{
+    return refuse(instance, "%s is not allowed in mode %s", function, MODE_NAMES[instance->state.mode]);
+}
+
+static bool refuse_failed(const Instance *instance, const Failure *failure)
+{
+    const Component *c = failure->component;
+    const double t = part_time(&instance->state);
+    if (failure->status == 0)
+        return refuse(instance, "%s: an output is not finite at %g s", c->name, t);
+    if (failure->status == 2 && c->status)
+        return refuse(instance, "%s: %s, at %g s", c->name, c->status, t);
+    return refuse(instance, "%s: returned status %d at %g s", c->name, failure->status, t);
+}
+
+Instance *instance_born(const Instance *from, const char *guid)
+{
+    if (!guid || strcmp(guid, GUID) != 0) {
+        refuse(from, "wrong GUID: the binary has %s, modelDescription.xml belongs to another build", GUID);
+        return NULL;
+    }
+    Instance *instance = malloc(sizeof *instance);
+    if (!instance) {
+        refuse(from, "out of memory");
+        return NULL;
+    }
+    memcpy(instance, from, sizeof *instance);
+    part_reset(&instance->state);
+    return instance;
+}
+
+bool instance_enter(Instance *instance, Mode from, Mode to, const char *function)
+{
+    if (instance->state.mode != from)
+        return refuse_in_mode(instance, function);
+    instance->state.mode = to;
+    return true;
+}
+
+bool instance_start_time(Instance *instance, double t)
+{
+    const double ticks = t / TICK;
+    if (!(fabs(ticks) < 1e15 && fabs(ticks - nearbyint(ticks)) < 1e-6))
+        return refuse(instance, "start time %g s: expected a multiple of %g s", t, TICK);
+    instance->state.tick = instance->state.first = (int64_t)nearbyint(ticks);
+    return true;
+}
+
+static bool derive(Instance *instance)
+{
+    Failure failure;
+    return part_derive(&instance->state, &failure) || refuse_failed(instance, &failure);
+}
+
+bool instance_initialised(Instance *instance)
+{
+    if (instance->state.mode != INITIALIZATION)
+        return refuse_in_mode(instance, "ExitInitializationMode");
+    if (!derive(instance))
+        return false;
+    instance->state.mode = STEPPING;
+    return true;
+}
+
+bool instance_step(Instance *instance, double t, double h)
+{
+    State *state = &instance->state;
+    if (state->mode != STEPPING)
+        return refuse_in_mode(instance, "DoStep");
+    const double ticks = nearbyint(h / TICK);
+    if (!(ticks >= 1.0 && ticks < 1e9 && fabs(h / TICK - ticks) < 1e-6))
+        return refuse(instance, "DoStep over %.17g s: expected a multiple of the tick, %g s", h, TICK);
+    if (!(fabs(t - part_time(state)) < 0.01 * TICK))
+        return refuse(instance, "DoStep from %.17g s: the time reached is %.17g s", t, part_time(state));
+    Failure failure;
+    return part_advance(state, (int64_t)ticks, &failure) || refuse_failed(instance, &failure);
+}
+
+bool instance_set(Instance *instance, unsigned reference, const double *values)
+{
+    State *state = &instance->state;
+    if (reference >= N_VARIABLES)
+        return refuse(instance, "Set: unknown value reference %u, there are %d variables", reference, N_VARIABLES);
+    const Variable *variable = &variables[reference];
+    if (variable->kind == OUTPUT)
+        return refuse(instance, "Set: %s is an output", variable->name);
+    if (variable->kind == PARAMETER && state->mode > INITIALIZATION)
+        return refuse(instance, "Set: %s can only be set before the end of initialization", variable->name);
+    for (unsigned k = 0; k < variable->size; k++)
+        switch (part_fit(variable, values[k])) {
+        case NOT_FINITE:
+            return refuse(instance, "Set: %s = %g is not finite", variable->name, values[k]);
+        case TOO_LOW:
+            return refuse(instance, "Set: %s = %.17g; expected %s %g", variable->name, values[k],
+                          variable->above_min ? "more than" : "at least", variable->min);
+        case TOO_HIGH:
+            return refuse(instance, "Set: %s = %.17g; expected %s %g", variable->name, values[k],
+                          variable->below_max ? "less than" : "at most", variable->max);
+        case FITS:
+            break;
+        }
+    memcpy(state->values + variable->first, values, variable->size * sizeof *values);
+    if (variable->kind == TUNABLE && state->mode == STEPPING)
+        part_tune(state, variable);
+    return true;
+}
+
+bool instance_get(Instance *instance, unsigned reference, double *values)
+{
+    if (reference >= N_VARIABLES)
+        return refuse(instance, "Get: unknown value reference %u, there are %d variables", reference, N_VARIABLES);
+    const Variable *variable = &variables[reference];
+    if (variable->kind == OUTPUT && instance->state.mode == INITIALIZATION && !derive(instance))
+        return false;
+    memcpy(values, instance->state.values + variable->first, variable->size * sizeof *values);
+    return true;
+}
+
+/* A state that the master does not own yet (*saved is NULL) is allocated, another one overwritten. */
+static State *room(const Instance *instance, void **saved)
+{
+    if (!*saved)
+        *saved = malloc(sizeof(State));
+    if (!*saved)
+        refuse(instance, "out of memory");
+    return *saved;
+}
+
+bool instance_save(const Instance *instance, void **saved)
+{
+    State *state = room(instance, saved);
+    if (!state)
+        return false;
+    memcpy(state, &instance->state, sizeof *state);
+    /* the same state is the same bytes, wherever it lies */
+    for (int k = 0; k < N_POINTERS; k++)
+        memset((unsigned char *)state->memory + pointers[k].field, 0, sizeof(uint64_t));
+    return true;
+}
+
+bool instance_restore(Instance *instance, const void *saved)
+{
+    const State *state = saved;
+    if (!state || state->stamp != part_stamp())
+        return refuse(instance, "SetFMUState: there is no state of this FMU to restore");
+    memcpy(&instance->state, state, sizeof *state);
+    part_point(&instance->state);
+    return true;
+}
+
+bool instance_serialize(const Instance *instance, const void *saved, unsigned char *bytes, size_t size)
+{
+    if (!saved || size < sizeof(State))
+        return refuse(instance, "SerializeFMUState: %zu bytes given, %zu needed", size, sizeof(State));
+    memcpy(bytes, saved, sizeof(State));
+    return true;
+}
+
+bool instance_deserialize(const Instance *instance, const unsigned char *bytes, size_t size, void **saved)
+{
+    uint64_t found = 0;
+    if (size == sizeof(State))
+        memcpy(&found, bytes, sizeof found);
+    if (found != part_stamp())
+        return refuse(instance, "DeSerializeFMUState: not a state of this FMU");
+    State *state = room(instance, saved);
+    if (!state)
+        return false;
+    memcpy(state, bytes, sizeof *state);
+    return true;
+}

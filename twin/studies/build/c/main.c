@@ -1,0 +1,86 @@
+/* Feeds counts from a file to the robot's computer and prints what it tells the drives, row by row.
+ *
+ * The file is what `twin export RUN --csv --signals encoder` writes: one row per step, columns called as below. On the
+ * robot the loop is the timer's, `next` reads the encoders, and the speeds go to the drives. */
+#include "computer.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+enum { LONGEST = 4096, MOST = 64 };
+
+static const char *const NAMES[] = {
+    "encoder.count_m[0]", "encoder.count_m[1]", "encoder.count_m[2]", "encoder.count_l[0]",
+    "encoder.count_l[1]", "encoder.count_l[2]", "encoder.sample",
+};
+enum { N_NAMES = sizeof NAMES / sizeof NAMES[0] };
+
+/* The column of each name; false if one is missing. */
+static bool found(char *heading, int columns[N_NAMES])
+{
+    for (int k = 0; k < N_NAMES; k++)
+        columns[k] = -1;
+    int column = 0;
+    for (char *word = strtok(heading, ",\r\n"); word; word = strtok(NULL, ",\r\n"), column++)
+        for (int k = 0; k < N_NAMES; k++)
+            if (strcmp(word, NAMES[k]) == 0)
+                columns[k] = column;
+    for (int k = 0; k < N_NAMES; k++)
+        if (columns[k] < 0 || columns[k] >= MOST) {
+            fprintf(stderr, "there is no column %s\n", NAMES[k]);
+            return false;
+        }
+    return true;
+}
+
+/* The next counts; false at the end of the file. */
+static bool next(FILE *file, const int columns[N_NAMES], computer_counts *counts)
+{
+    char row[LONGEST];
+    if (!fgets(row, sizeof row, file))
+        return false;
+    long long cells[MOST] = {0};
+    int n = 0;
+    for (char *word = strtok(row, ",\r\n"); word && n < MOST; word = strtok(NULL, ",\r\n"))
+        cells[n++] = strtoll(word, NULL, 10);
+    for (int i = 0; i < 3; i++) {
+        counts->count_m[i] = cells[columns[i]];
+        counts->count_l[i] = cells[columns[3 + i]];
+    }
+    counts->sample = cells[columns[6]];
+    return true;
+}
+
+int main(int n_words, char *words[])
+{
+    static computer it;
+    char heading[LONGEST];
+    int columns[N_NAMES];
+    FILE *file = n_words == 2 ? fopen(words[1], "r") : NULL;
+    if (!file || !fgets(heading, sizeof heading, file)) {
+        fprintf(stderr, "which file of counts? %s FILE.csv\n", words[0]);
+        return 2;
+    }
+    if (!found(heading, columns))
+        return 2;
+
+    computer_parameters parameters;
+    computer_defaults(&parameters); /* and here whatever shall be another one */
+    const char *wrong = computer_init(&it, &parameters);
+    computer_counts counts;
+    computer_output told;
+    printf("t_s,omega_ref[0]_rad_per_s,omega_ref[1]_rad_per_s,omega_ref[2]_rad_per_s,power\n");
+    for (long k = 0; !wrong && next(file, columns, &counts); k++) {
+        wrong = computer_step(&it, &counts, &told);
+        if (!wrong)
+            printf("%.17g,%.17g,%.17g,%.17g,%d\n", (double)k * COMPUTER_STEP_S, told.omega_ref[0], told.omega_ref[1],
+                   told.omega_ref[2], told.power);
+    }
+    fclose(file);
+    if (wrong) {
+        fprintf(stderr, "%s\n", wrong);
+        return 1;
+    }
+    return 0;
+}

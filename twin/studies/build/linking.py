@@ -1,0 +1,153 @@
+"""C and object files to libraries of a platform.
+
+For the machine on which it is built any C compiler will do, for others that of the package ziglang, which brings the
+headers and libraries of all of them.
+"""
+
+import hashlib
+import importlib.util
+import platform as machine
+import shutil
+import struct
+import sys
+import tempfile
+import uuid
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from twin.drive.compiling import PATIENCE, call_compiler, compiler
+from twin.errors import InputRefused, disk_refusals
+from twin.studies.build.platforms import HERE, Platform
+
+# no contraction to fused multiply-add: the same numbers as here
+FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
+ZIG = "ziglang"
+NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
+C = Path(__file__).parent / "c"
+# Mach-O by the first word of a triple: cputype, cpusubtype (<mach/machine.h>), log2 of the page size
+_MACHO = {"x86_64": (0x01000007, 3, 12), "arm64": (0x0100000C, 0, 14)}
+
+
+def c_files(*names: str) -> dict[str, bytes]:
+    """Files of C that every part shares, by their names."""
+    return {name: (C / name).read_bytes() for name in names}
+
+
+def guid_of(*contents: bytes) -> str:
+    """A GUID that is another one for other contents."""
+    digest = hashlib.sha256()
+    for content in contents:
+        digest.update(f"{len(content)}\n".encode() + content)
+    return "{" + str(uuid.uuid5(NAMESPACE, digest.hexdigest())) + "}"
+
+
+def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
+    """Refuse where code cannot be linked for all of `platforms`, or cannot be tried.
+
+    Raises:
+        InputRefused: this is not x86-64 Linux, or there is no C compiler for one of them.
+    """
+    if sys.platform != "linux" or machine.machine() not in ("x86_64", "AMD64"):
+        here = f"{machine.machine()} {machine.system()}"
+        raise InputRefused(f"{wanted}: native code is built on x86-64 Linux; this is {here}")
+    for platform in platforms:
+        _compiler(platform, wanted)
+
+
+def shared_library(
+    name: str, platform: Platform, files: Mapping[str, bytes], options: Sequence[str], wanted: Path
+) -> bytes:
+    """A shared library.
+
+    Args:
+        name: without a suffix.
+        files: C and its headers, and object files, by name.
+        options: of the compiler.
+        wanted: what is built, for sentences.
+
+    Raises:
+        InputRefused: there is no compiler, or it refuses.
+    """
+    # nothing undefined but what the system's own libraries have
+    elf = ("-Wl,-z,now", "-Wl,-z,defs", "-lm")
+    # by default the place where it was linked
+    macos = ("-install_name", f"@rpath/{name}.dylib")
+    linking = {"so": elf, "dll": (), "dylib": macos}[platform.suffix]
+    library = f"{name}.{platform.suffix}"
+    with _folder_of(files) as folder:
+        # relative: the name of a folder would end in the library
+        inputs = [file for file in files if not file.endswith(".h")]
+        flags = [*FLAGS, "-shared", "-s", "-I.", *options]
+        _call([*_compiler(platform, wanted), *flags, *inputs, *linking, "-o", library], folder, wanted)
+        return (folder / library).read_bytes()
+
+
+def static_library(source: str, platform: Platform, files: Mapping[str, bytes], wanted: Path) -> bytes:
+    """A static library of one C file, and of the object files beside it, which needs libm at most.
+
+    Args:
+        source: the C file.
+        platform, files, wanted: as of `shared_library`.
+
+    Raises:
+        InputRefused: there is no compiler, or it refuses.
+    """
+    # none of what a system adds to have its C library look on
+    bare = ("-fno-stack-protector", "-U_FORTIFY_SOURCE", "-fno-strict-aliasing")
+    built = Path(source).with_suffix(".o").name
+    with _folder_of(files) as folder:
+        tool = _compiler(platform, wanted)
+        _call([*tool, *FLAGS, *bare, "-I.", "-c", source, "-o", built], folder, wanted)
+        objects = [built, *(file for file in files if file.endswith(".o"))]
+        # D: no times and owners
+        _call([*_archiver(tool, wanted), "rcsD", "library.a", *objects], folder, wanted)
+        return (folder / "library.a").read_bytes()
+
+
+def universal(slices: Mapping[str, bytes]) -> bytes:
+    """One library of macOS out of those of several processors, by triple (layout: <mach-o/fat.h>, big-endian)."""
+    header = struct.pack(">II", 0xCAFEBABE, len(slices))
+    body, start = b"", 8 + 20 * len(slices)
+    for triple, content in slices.items():
+        cpu, subtype, alignment = _MACHO[triple.partition("-")[0]]
+        body += bytes(-(start + len(body)) % (1 << alignment))
+        header += struct.pack(">IIIII", cpu, subtype, start + len(body), len(content), alignment)
+        body += content
+    return header + body
+
+
+def _compiler(platform: Platform, wanted: Path) -> list[str]:
+    tool = compiler(wanted) if platform is HERE else [sys.executable, "-m", ZIG, "cc"]
+    if platform is not HERE and importlib.util.find_spec(ZIG) is None:
+        raise InputRefused(f"{wanted}: there is no C compiler for {platform.name}; pip install {ZIG}")
+    return [*tool, "-target", platform.target] if ZIG in tool else tool
+
+
+def _archiver(tool: Sequence[str], wanted: Path) -> list[str]:
+    if ZIG in tool:
+        return [sys.executable, "-m", ZIG, "ar"]
+    found = shutil.which("ar")
+    if found is None:
+        raise InputRefused(f"{wanted}: there is no 'ar' beside the C compiler; install binutils")
+    return [found]
+
+
+@contextmanager
+def _folder_of(files: Mapping[str, bytes]) -> Iterator[Path]:
+    with (
+        disk_refusals(Path(tempfile.gettempdir()), "cannot be written to"),
+        tempfile.TemporaryDirectory(prefix="twin-build-") as scratch,
+    ):
+        for file, content in files.items():
+            (Path(scratch) / file).write_bytes(content)
+        yield Path(scratch)
+
+
+def _call(command: Sequence[str], folder: Path, wanted: Path) -> None:
+    call_compiler(
+        command,
+        f"{wanted}: does not compile",
+        f"{wanted}: its C still compiles after {PATIENCE:g} s; try another compiler",
+        folder,
+    )

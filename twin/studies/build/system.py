@@ -1,0 +1,247 @@
+"""The whole robot of an experiment as an SSP archive, for masters that read such."""
+
+import hashlib
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+
+from twin.drive.description import FmuDescription
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.load import load_experiment
+from twin.runs.provenance import named_files
+from twin.ssp.metadata import Metadata
+from twin.ssp.structure import STRUCTURE
+from twin.ssp.writing import parameter_set_xml, structure_xml
+from twin.studies.answer import Answer
+from twin.studies.build.drives import Element, JointDrive, travelling_drives
+from twin.studies.build.fmu import archive, packed
+from twin.studies.build.layout import laid_out
+from twin.studies.build.linking import refuse_platform
+from twin.studies.build.ours import own_connectors, own_values
+from twin.studies.build.parameters import fixed, parameters
+from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.platforms import Platform, platforms_named
+from twin.studies.build.structure import Member, structure
+from twin.studies.build.study import HOME, about, readme
+from twin.studies.build.system_readme import system_readme
+from twin.studies.build.theirs import foreign_connectors, foreign_values
+from twin.writing import json_text, made_folder, write_bytes
+
+COMPUTER, BUS, PLANT = "computer", "bus", "plant"
+
+
+def build_ssp(
+    experiment: Path,
+    fmi: str,
+    platforms: Sequence[str],
+    out: Path | None,
+    drive: str | None,
+    settings: Sequence[str],
+    say: Callable[[str], None],
+) -> Answer:
+    """Write the robot of an experiment as an SSP archive: drives as they came, computer and plant as FMUs of ours.
+
+    Args:
+        experiment: file or name.
+        fmi: of the FMUs of ours, "2.0" or "3.0"; their arrays are scalars in both, as SSP 1.0 has no arrays.
+        platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
+        out: the file; None: results/build/EXPERIMENT/EXPERIMENT.ssp.
+        drive: of every joint, in place of the experiment's own.
+        settings: laid over the experiment.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: the experiment cannot be used or cannot travel, or there is no compiler.
+        NotWritten: the disk refuses.
+    """
+    targets = platforms_named(platforms, fmi)
+    loaded = load_experiment(experiment, settings, drive)
+    file = out or HOME / loaded.name / f"{loaded.name}.ssp"
+    _refuse_bound(loaded)
+    # a tick of the bus is what Jacobi masters make by themselves
+    bus = [BUS] if loaded.controller.bus_delay_ticks and loaded.cosim.scheme != "jacobi" else []
+    parts = [part_of(loaded, name) for name in (COMPUTER, *bus, PLANT)]
+    refuse_platform(file, targets)
+    say("loading drives")
+    drives = travelling_drives(loaded)
+    makers = _Makers(loaded, fmi, targets, file, say)
+    for part in parts[:-1]:
+        makers.add_part(part)
+    for number, joint in enumerate(drives, start=1):
+        for element in joint.elements:
+            makers.add_element(number, element)
+    makers.add_part(parts[-1])
+    content = makers.packed(drives)
+    if out is None:
+        made_folder(file.parent)
+    write_bytes(file, content)
+    members = makers.members
+    return Answer(_text(loaded, file, fmi, targets, len(content), members), {
+        "file": str(file),
+        "experiment": loaded.name,
+        "fmi": fmi,
+        "platforms": [target.name for target in targets],
+        "bytes": len(content),
+        "scheme": loaded.cosim.scheme,
+        "tick_s": loaded.cosim.tick,
+        "stop_s": loaded.duration_ticks * loaded.cosim.tick,
+        "components": {member.name: member.entry for member in members},
+        "sha256": makers.hashes,
+    })  # fmt: skip
+
+
+def _refuse_bound(experiment: Experiment) -> None:
+    """Refuse what an SSP cannot say, before anything is compiled or loaded."""
+    for role, part in experiment.stand_ins.items():
+        raise InputRefused(
+            f"{experiment.name}: its {role} is {part.label}, of another make, which does not travel; only twin's own do"
+        )
+    for found, table in ((experiment.faults, "fault"), (experiment.changes, "change")):
+        if found:
+            raise InputRefused(
+                f"{experiment.name}: has [[{table}]] tables, which an SSP has no words for; build it "
+                f"with --set {table}=[]"
+            )
+    cosim, bus = experiment.cosim, experiment.controller.bus_delay_ticks
+    if cosim.iterations > 1:
+        raise InputRefused(
+            f"{experiment.name}: [cosim] iterations = {cosim.iterations}: masters of an SSP make each step once; build "
+            "it with --set cosim.iterations=1"
+        )
+    if cosim.scheme == "jacobi" and bus != 1:
+        raise InputRefused(
+            f'{experiment.name}: [cosim] scheme = "jacobi" with controller.bus_delay_ticks = {bus}: where all exchange '
+            "their values between steps, the computer's come a tick later, which is a bus of 1 tick; build it with "
+            "--set controller.bus_delay_ticks=1, or --set cosim.scheme=gauss_seidel"
+        )
+
+
+class _Makers:
+    """Makes the files of the archive one by one.
+
+    Attributes:
+        members: elements of the system until now.
+    """
+
+    def __init__(
+        self, experiment: Experiment, fmi: str, platforms: Sequence[Platform], wanted: Path, say: Callable[[str], None]
+    ):
+        self._experiment, self._fmi, self._platforms, self._wanted, self._say = (
+            experiment, fmi, platforms, wanted, say,
+        )  # fmt: skip
+        self._metadata = Metadata(description=experiment.title, tool=f"twin {version('twin')}")
+        self._files: dict[str, bytes] = {}
+        self._foreign: dict[str, str] = {}
+        self.members: list[Member] = []
+
+    @property
+    def hashes(self) -> dict[str, str]:
+        """SHA-256 of the files until now, by entry."""
+        return {entry: hashlib.sha256(content).hexdigest() for entry, content in sorted(self._files.items())}
+
+    def add_part(self, part: RobotPart) -> None:
+        """A part of ours: its FMU and its values."""
+        name, offered = part.name, parameters(part)
+        layout = laid_out(part, offered)
+        # SSP 1.0 has no arrays
+        layout = replace(layout, variables=layout.scalars())
+        said, closed = about(part), fixed(part, offered)
+        text = readme(part, layout, closed, self._platforms)
+        entry = f"resources/{name}.fmu"
+        self._files[entry] = packed(
+            part,
+            layout,
+            self._fmi,
+            self._platforms,
+            said,
+            text,
+            self._wanted,
+            lambda what: self._say(f"{name}: {what}"),
+        )
+        values = own_values(self._experiment, name, layout.variables, f"resources/{name}.ssv", self._metadata)
+        self._add(Member(name, said, entry, own_connectors(layout.variables), values))
+
+    def add_element(self, number: int, element: Element) -> None:
+        """An element of the drive of joint `number`."""
+        if not isinstance(element.content, FmuDescription):
+            component, starts = element.content, iter(element.starts)
+            inputs = {port.name: (port, np.array([next(starts)])) for port in component.inputs}
+            at = self._experiment.start
+            self.add_part(RobotPart(element.name, self._experiment, (component,), {}, {}, inputs, at))
+            return
+        fmu = element.content
+        told = {variable.name: variable for variable in (*element.variables, *(v for v, _ in element.settings))}
+        values = foreign_values(
+            self._experiment,
+            element.name,
+            _table(self._experiment, number, element.part),
+            fmu,
+            element.settings,
+            f"resources/{element.name}.ssv",
+            self._metadata,
+        )
+        said = f"joint {number}: {fmu.model.description or fmu.model.modelName}"
+        self._add(Member(element.name, said, self._taken(fmu), foreign_connectors(fmu, list(told.values())), values))
+
+    def packed(self, drives: Sequence[JointDrive]) -> bytes:
+        """The archive of all of it."""
+        experiment = self._experiment
+        facts = {
+            "name": experiment.name,
+            "title": experiment.title,
+            "values": named_files(experiment.values),
+            "origins": dict(sorted(experiment.origins.items())),
+        }
+        self._files["resources/experiment.json"] = (json_text(facts, indent=2) + "\n").encode()
+        whole = structure(experiment, self.members, drives, self.hashes, self._metadata)
+        text = system_readme(experiment, self.members, whole.system.connections, self.hashes, self._platforms)
+        return archive(self._files | {STRUCTURE: structure_xml(whole), "documentation/README.md": text.encode()})
+
+    def _add(self, member: Member) -> None:
+        if member.values is not None and not member.values.parameters:
+            member = replace(member, values=None)
+        if member.values is not None:
+            self._files[member.values.source] = parameter_set_xml(member.values)
+        self.members.append(member)
+
+    def _taken(self, fmu: FmuDescription) -> str:
+        """The entry of an FMU of another make, which is there once."""
+        if fmu.sha256 not in self._foreign:
+            stem = re.sub(r"[^A-Za-z0-9_.-]", "_", fmu.path.stem)
+            # names of ours are taken, or will be
+            taken = {*self._files, *(f"resources/{name}.fmu" for name in (COMPUTER, BUS, PLANT))}
+            entry, n = f"resources/{stem}.fmu", 1
+            while entry in taken:
+                n += 1
+                entry = f"resources/{stem}_{n}.fmu"
+            self._foreign[fmu.sha256] = entry
+            self._files[entry] = fmu.path.read_bytes()
+        return self._foreign[fmu.sha256]
+
+
+def _table(experiment: Experiment, number: int, part: str) -> str:
+    """The table of the experiment that sets parameters of an FMU."""
+    tail = f"parts.{part}.parameters" if part else "parameters"
+    own = f"drive.joint_{number}.{tail}"
+    return own if any(key.startswith(own) for key in experiment.origins) else f"drive.{tail}"
+
+
+def _text(
+    experiment: Experiment, file: Path, fmi: str, platforms: Sequence[Platform], size: int, members: Sequence[Member]
+) -> str:
+    scheme = "Jacobi" if experiment.cosim.scheme == "jacobi" else "Gauss-Seidel"
+    return "\n".join(
+        [
+            f"{experiment.name}, SSP 1.0, {size / 1000:.0f} KB",
+            f"  elements {', '.join(member.name for member in members)}",
+            f"  coupling {scheme} in this order, steps of {1e3 * experiment.cosim.tick:g} ms",
+            f"  until    {experiment.duration_ticks * experiment.cosim.tick:g} s",
+            f"  FMUs     of ours FMI {fmi}, for {', '.join(platform.name for platform in platforms)}",
+            f"  written  {file}",
+        ]
+    )

@@ -1,0 +1,283 @@
+"""A system of an SSP archive made ready: FMUs checked, connections and values in their units; nothing is loaded."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from twin.cosim.interpolation import Scheme
+from twin.drive.description import FmuDescription, described
+from twin.drive.parameter_values import given_values
+from twin.drive.ports import FmuPort
+from twin.drive.setting import Setting, Value, set_to
+from twin.drive.units import conversion
+from twin.drive.variable import Variable
+from twin.errors import InputRefused, nearest
+from twin.ssp.flat import Assigned, FlatSystem, Hop, Lead
+from twin.ssp.package import Package
+from twin.ssp.structure import FMU, Connector
+from twin.studies.systems.naming import distinct, topic
+from twin.studies.systems.ports import distinct_ports, port_of, rank
+from twin.studies.systems.timing import Timing, timing
+from twin.studies.systems.way import Measure, measure, spelt, way
+
+SETTABLE = ("parameter", "structuralParameter", "input")
+STARTED = ("exact", "approx")
+"""What can be set before a run: these causalities, and what has a start value of its own (SSP 1.0, 5.3.5)."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A component of the system.
+
+    Attributes:
+        path: by which the system calls it.
+        name: in the master, and of its topic.
+        description: of its FMU, parameters that size arrays set.
+        inputs: that are fed, scaled for what feeds them.
+        outputs: that are recorded, as the FMU gives them.
+        settings: values of parameters and of inputs before initialisation.
+        kept: inputs that nobody feeds.
+    """
+
+    path: str
+    name: str
+    description: FmuDescription
+    inputs: tuple[FmuPort, ...]
+    outputs: tuple[FmuPort, ...]
+    settings: tuple[Setting, ...]
+    kept: tuple[Variable, ...]
+
+
+@dataclass(frozen=True)
+class Plan:
+    """A system that can be made.
+
+    Attributes:
+        package: where it is from.
+        parts: in the order of the file.
+        wires: (output, input) of the master, "part.port" each.
+        timing: of the run.
+        scheme: of the coupling.
+        ignored: names that get values, and nothing is called so.
+    """
+
+    package: Package
+    parts: tuple[Part, ...]
+    wires: tuple[tuple[str, str], ...]
+    timing: Timing
+    scheme: Scheme
+    ignored: tuple[str, ...]
+
+    @property
+    def late(self) -> list[tuple[str, str]]:
+        """(output, input) of what gets values from the start of the step: in Gauss-Seidel order what leads back. Both
+        as the system calls them."""
+        order = {part.name: number for number, part in enumerate(self.parts)}
+        outputs, inputs = (
+            {
+                f"{part.name}.{port.port.name}": f"{part.path}.{port.variable.name}"
+                for part in self.parts
+                for port in getattr(part, side)
+            }
+            for side in ("outputs", "inputs")
+        )
+        return [
+            (outputs[source], inputs[target])
+            for source, target in self.wires
+            if self.scheme == "jacobi" or order[source.partition(".")[0]] >= order[target.partition(".")[0]]
+        ]
+
+
+def fmu_sources(package: Package, flat: FlatSystem) -> dict[str, str]:
+    """The entry of the archive of each component's FMU, by its path.
+
+    Raises:
+        InputRefused: there is no component, or one is something else, or not in the archive.
+    """
+    if not flat.components:
+        raise InputRefused(f"{package.file}: a system without components; expected at least one")
+    found = {}
+    for path, component in flat.components.items():
+        where = f"{package.file}: component '{path}'"
+        if component.type not in (FMU, ""):
+            raise InputRefused(f"{where} is of type {component.type}, which is not run here; expected {FMU}")
+        if component.implementation not in ("any", "CoSimulation"):
+            raise InputRefused(
+                f"{where} is to be used for {component.implementation}, which is not run here; expected an FMU for "
+                "co-simulation"
+            )
+        found[path] = package.entry(component.source)
+        if not found[path]:
+            raise InputRefused(f"{where}: its resource '{component.source}' is no file of this archive")
+    return found
+
+
+def planned(
+    package: Package,
+    flat: FlatSystem,
+    files: Mapping[str, Path],
+    tick: float | None,
+    stop: float | None,
+    scheme: Scheme,
+) -> Plan:
+    """The plan of a system.
+
+    Args:
+        package: of the system.
+        flat: the system.
+        files: of the FMUs, by entry.
+        tick: length of a step (s); None: as the system says.
+        stop: end of the run (s); None: likewise.
+        scheme: of the coupling.
+
+    Raises:
+        InputRefused: an FMU that cannot be used, a connection that cannot be made, a value that cannot be set, an
+            input that has no value, or nobody says how long a step or the run is.
+    """
+    reader = _Planner(package, flat, files)
+    parts = tuple(reader.part(path) for path in flat.components)
+    if not any(part.outputs for part in parts):
+        raise InputRefused(f"{package.file}: no FMU has an output that is a number; there is nothing to record")
+    when = timing(package, {part.path: part.description for part in parts}, tick, stop)
+    ignored = (*flat.ignored, *reader.ignored)
+    return Plan(package, parts, tuple(reader.wires()), when, scheme, ignored)
+
+
+class _Planner:
+    """Makes parts, and remembers what wires need.
+
+    Attributes:
+        ignored: names of variables that get values and that their FMU has not.
+    """
+
+    def __init__(self, package: Package, flat: FlatSystem, files: Mapping[str, Path]):
+        self._package, self._flat, self._units = package, flat, package.structure.units
+        self.ignored: list[str] = []
+        self._descriptions: dict[str, FmuDescription] = {}
+        self._given: dict[str, dict[str, Value]] = {}
+        self._names = dict(zip(flat.components, distinct(topic(path) for path in flat.components), strict=True))
+        for path, entry in fmu_sources(package, flat).items():
+            plain = described(files[entry])
+            if plain.kind != "co_simulation":
+                raise InputRefused(f"{files[entry]}: offers model exchange alone; export it for co-simulation")
+            self._given[path] = dict(self._values(path, plain))
+            self._descriptions[path] = plain.resized(
+                {name: float(value) for name, value in self._given[path].items() if isinstance(value, (int, float))}
+            )
+        self._refuse_second_instances()
+        self._leads: dict[str, list[tuple[Lead, FmuPort]]] = {path: [] for path in flat.components}
+        sources: dict[str, dict[str, None]] = {path: {} for path in flat.components}
+        for lead in flat.leads:
+            sources[lead.start.element][lead.start.connector] = None
+        self._outputs = {path: self._offered(path, sources[path]) for path in flat.components}
+        for lead in flat.leads:
+            self._leads[lead.end.element].append((lead, self._input(lead)))
+        self._ports = {path: distinct_ports([port for _, port in self._leads[path]]) for path in self._leads}
+
+    def part(self, path: str) -> Part:
+        description = self._descriptions[path]
+        fed = {lead.end.connector for lead, _ in self._leads[path]}
+        kept = tuple(v for v in description.offered("input") if v.name not in fed)
+        started = {v.name for v in description.model.modelVariables if v.start is not None} | set(self._given[path])
+        for variable in kept:
+            if variable.name not in started:
+                raise InputRefused(
+                    f"{self._package.file}: input {path}.{variable.name} is fed by nobody and has no start value; "
+                    "connect it, or give it one in a parameter set"
+                )
+        settings = [
+            (variable, set_to(description.path, variable, value))
+            for name, value in self._given[path].items()
+            if (variable := description.variables[name])
+        ]
+        return Part(
+            path, self._names[path], description, tuple(self._ports[path]), self._outputs[path], tuple(settings), kept
+        )
+
+    def wires(self) -> Iterator[tuple[str, str]]:
+        for path, leads in self._leads.items():
+            for (lead, _), port in zip(leads, self._ports[path], strict=True):
+                start = lead.start.element
+                source = next(p for p in self._outputs[start] if p.variable.name == lead.start.connector)
+                yield f"{self._names[start]}.{source.port.name}", f"{self._names[path]}.{port.port.name}"
+
+    def _refuse_second_instances(self) -> None:
+        seen: dict[str, str] = {}
+        for path, description in self._descriptions.items():
+            if description.lives_once and (other := seen.setdefault(description.sha256, path)) != path:
+                raise InputRefused(
+                    f"{description.path}: can be instantiated only once in a process "
+                    f"(canBeInstantiatedOnlyOncePerProcess); the system needs it for {other} and for {path}"
+                )
+
+    def _values(self, path: str, description: FmuDescription) -> Iterator[tuple[str, Value]]:
+        started = {v.name for v in description.model.modelVariables if v.initial in STARTED}
+        for name, assigned in self._flat.assigned.get(path, {}).items():
+            variable = description.variables.get(name)
+            if variable is None:
+                self.ignored.append(f"{path}.{name}")
+                continue
+            where = f"{self._package.file}: {path}.{name}"
+            if variable.variability == "constant" or (variable.causality not in SETTABLE and name not in started):
+                raise InputRefused(
+                    f"{where}: cannot be set, being {variable.causality} without a start value; parameters, inputs and "
+                    "start values can"
+                )
+            yield name, self._value(assigned, variable, description, path, where)
+
+    def _value(
+        self, assigned: Assigned, variable: Variable, description: FmuDescription, path: str, where: str
+    ) -> Value:
+        values = given_values(assigned.value, where)
+        if isinstance(values[0], str):
+            if any(hop.transformation.table for hop in assigned.hops):
+                raise InputRefused(f"{where}: text that is transformed on its way, which cannot be done here")
+            return values[0] if len(values) == 1 else [str(value) for value in values]
+        own = measure(variable.unit, self._connector(path, variable.name), self._units, description, where)
+        start = spelt(assigned.value.unit, (*assigned.units, *self._units))
+        if start.text and start.conversion is None:
+            start = Measure(start.text, conversion(start.text, description.model.unitDefinitions))
+        led = way(start, assigned.hops or (Hop(),), own, self._units, where)
+        numbers = [led.end(float(value)) for value in values]
+        return numbers[0] if len(numbers) == 1 else numbers
+
+    def _connector(self, path: str, name: str) -> Connector | None:
+        return next((one for one in self._flat.components[path].connectors if one.name == name), None)
+
+    def _variable(self, path: str, name: str, causes: Sequence[str], what: str) -> Variable:
+        description = self._descriptions[path]
+        variable = description.variables.get(name)
+        where = f"{self._package.file}: a connection with {path}.{name}"
+        if variable is None:
+            hint = nearest(name, [v.name for v in description.variables.values() if v.causality in causes])
+            raise InputRefused(f"{where}: {description.path.name} has no such variable; {hint}")
+        if variable.causality not in causes:
+            raise InputRefused(f"{where}: it is {variable.causality}; a connection {what}")
+        if variable.kind < 0:
+            raise InputRefused(f"{where}: of type {variable.type}; numbers and truth values can be connected here")
+        return variable
+
+    def _offered(self, path: str, sources: Mapping[str, None]) -> tuple[FmuPort, ...]:
+        """Outputs of the FMU, and what else connections begin at."""
+        description = self._descriptions[path]
+        begun = [self._variable(path, name, ("output", "local"), "begins at an output") for name in sources]
+        offered = description.offered("output")
+        offered += [variable for variable in begun if variable not in offered]
+        # what -0.0 is added to stays what it is
+        return tuple(distinct_ports([FmuPort(port_of(v, path), v, 1.0, -0.0) for v in offered]))
+
+    def _input(self, lead: Lead) -> FmuPort:
+        end = self._variable(*lead.end, ("input",), "ends at an input")
+        start = self._variable(*lead.start, ("output", "local"), "begins at an output")
+        where = f"{self._package.file}: the connection from {'.'.join(lead.start)} to {'.'.join(lead.end)}"
+        if start.size != end.size:
+            raise InputRefused(f"{where}: {start.size} values into {end.size}")
+        measures = [
+            measure(v.unit, self._connector(*at), self._units, self._descriptions[at.element], where)
+            for v, at in ((start, lead.start), (end, lead.end))
+        ]
+        led = way(measures[0], lead.hops, measures[1], self._units, where)
+        ranks = [rank(variable) for variable in (start, end)]
+        if ranks[0] > ranks[1] or (ranks[1] < 2 and led != (1.0, 0.0)):
+            raise InputRefused(f"{where}: a {start.type} into a {end.type}; expected the same type, or a Real input")
+        return FmuPort(port_of(end, lead.end.element), end, led.gain, led.shift)

@@ -1,0 +1,43 @@
+"""A topic for each component of a system: its outputs, elements of an array as one signal again."""
+
+from twin.cosim.system import System
+from twin.drive.ports import FmuPort
+from twin.recording.layout import Field, Topic
+from twin.runs.streams import RowStream
+from twin.studies.systems.naming import distinct, element, field
+from twin.studies.systems.plan import Part, Plan
+
+
+def streams(plan: Plan, system: System) -> list[RowStream]:
+    """In the order of the components; none of one that has no outputs."""
+    found = []
+    for c, part in enumerate(plan.parts):
+        if not part.outputs:
+            continue
+        columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
+        found.append(RowStream(Topic(part.name, tuple(_fields(part)), 1), columns))
+    return found
+
+
+def _fields(part: Part) -> list[Field]:
+    groups = _arrays(part.outputs)
+    names = distinct(field(element(group[0].variable.name)[0] if len(group) > 1 else group[0].variable.name, part.path)
+                     for group in groups)  # fmt: skip
+    return [
+        Field(name, sum(p.port.size for p in group), group[0].port.kind, group[0].port.unit, group[0].port.meaning)
+        for name, group in zip(names, groups, strict=True)
+    ]
+
+
+def _arrays(ports: tuple[FmuPort, ...]) -> list[list[FmuPort]]:
+    """Ports one after the other, `X[1]`, `X[2]` .. of one kind and unit together."""
+    groups: list[list[FmuPort]] = []
+    for port in ports:
+        array, number = element(port.variable.name)
+        last = groups[-1] if groups else []
+        like = last and (last[0].port.kind, last[0].port.unit) == (port.port.kind, port.port.unit)
+        if like and element(last[0].variable.name) == (array, 1) and number == len(last) + 1 and port.port.size == 1:
+            last.append(port)
+        else:
+            groups.append([port])
+    return groups
