@@ -49,7 +49,8 @@ def program(folder: Path, source: Path, name: str) -> str:
     # warnings are mistakes: it is the header that they would be about
     strict = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run(
-        ["cc", *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)], check=True
+        [*compiler(target), *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)],
+        check=True,
     )
     return str(target)
 
