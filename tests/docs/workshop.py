@@ -46,7 +46,9 @@ class Workshop:
         shutil.copy(root / "fmus" / "pmsm_foc" / "pmsm_foc.fmu", folder / "supplier" / "servo.fmu")
         programs = folder / "programs"
         programs.mkdir()
-        for name, start in (("twin", "-m twin"), ("python", "")):
+        # who has no compiler has that of the drives
+        compiler = [] if shutil.which("cc") else [("cc", "-m ziglang cc")]
+        for name, start in (("twin", "-m twin"), ("python", ""), *compiler):
             (programs / name).write_text(f'#!/bin/sh\nexec {shlex.quote(sys.executable)} {start} "$@"\n')
             (programs / name).chmod(0o755)
         self._environment = {
@@ -148,7 +150,7 @@ class Workshop:
         """What calls the library that `twin build --c` has written in a block before."""
         (header,) = self.folder.glob("results/build/*/c/computer.h")
         command = ["cc", "-std=c11", "-Wall", "-Werror", "-fsyntax-only", f"-I{header.parent}", "-x", "c", "-"]
-        done = subprocess.run(command, input=block.text, capture_output=True, text=True)
+        done = subprocess.run(command, input=block.text, env=self._environment, capture_output=True, text=True)
         assert done.returncode == 0, f"{block.place}: {done.stderr}"
 
     def _toml(self, block: Block) -> None:

@@ -1,5 +1,6 @@
 """The robot's computer as C: compiled, fed with recorded counts, and held to the recording."""
 
+import shutil
 import subprocess
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from tests.studies.build.test_open_parameters import another
+from twin.drive.compiling import compiler
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace, run_in_memory
 from twin.studies.build.emission import MATHEMATICS
@@ -47,7 +49,8 @@ def program(folder: Path, source: Path, name: str) -> str:
     # warnings are mistakes: it is the header that they would be about
     strict = ["-std=c11", "-Wall", "-Wextra", "-Wpedantic", "-Werror"]
     subprocess.run(
-        ["cc", *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)], check=True
+        [*compiler(target), *strict, "-O2", f"-I{folder}", str(source), str(library), "-lm", "-o", str(target)],
+        check=True,
     )
     return str(target)
 
@@ -205,6 +208,7 @@ def test_mistakes_are_told_in_words_and_nothing_moves_then(written: Callable[...
     ]
 
 
+@pytest.mark.skipif(shutil.which("nm") is None, reason="binutils are not installed")
 def test_the_library_needs_mathematics_alone_and_no_name_of_it_is_in_the_way(written: Callable[..., Path]) -> None:
     library = str(written(FIG4) / "x86_64-linux" / "libcomputer.a")
 
