@@ -22,7 +22,7 @@ TITLE = "Fig. 4 as an SSP: stepping / the twin's own"
 def seconds(file: Path) -> float:
     """Wall seconds of stepping the system of an SSP archive, nothing recorded."""
     with opened(read_package(file)) as (plan, made):
-        return simulate(made, plan.ticks, (), SLICE_TICKS).completed().stepping
+        return simulate(made, plan.timing.ticks, (), SLICE_TICKS).completed().stepping
 
 
 def measurements(path: Path) -> list[Measurement]:

@@ -120,6 +120,15 @@ def test_a_component_may_have_no_outputs_and_then_has_no_topic(ran: Ran, ideal: 
         ran(structure(system([component("sink", "sink.fmu")]), 0.01), {"sink.fmu": sink})
 
 
+def test_names_that_no_topic_can_have_are_others_or_refused(ran: Ran):
+    names = ("events", "a b", "a-b", "1", "\u03b8")
+    run, facts = ran(structure(system([component(name, "a.fmu") for name in names]), 0.002))
+    assert list(run.streams) == ["events_2", "a_b", "a_b_2", "x_1", "x"]
+    assert {path: one["topic"] for path, one in facts["components"].items()} == dict(
+        zip(names, run.streams, strict=True)
+    )
+
+
 def test_values_at_the_start_go_from_one_fmu_to_the_next_before_the_first_step(tmp_path: Path, ideal: Path):
     wires = [connection("b.theta_m", "a.tau_load", more='suppressUnitConversion="true"')]
     whole = system([component("a", "a.fmu"), component("b", "a.fmu", bindings=values("theta_m=0.25"))], wires)

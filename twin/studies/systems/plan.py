@@ -12,6 +12,7 @@ from twin.drive.setting import Setting, Value, set_to
 from twin.drive.units import conversion
 from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest
+from twin.recording.writer import EVENTS
 from twin.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.ssp.package import Package
 from twin.ssp.structure import FMU, Connector
@@ -155,7 +156,9 @@ class _Planner:
         self.ignored: list[str] = []
         self._descriptions: dict[str, FmuDescription] = {}
         self._given: dict[str, dict[str, Value]] = {}
-        self._names = dict(zip(flat.components, distinct(topic(path) for path in flat.components), strict=True))
+        # /events is in every recording
+        names = distinct([EVENTS, *(topic(path) for path in flat.components)])[1:]
+        self._names = dict(zip(flat.components, names, strict=True))
         for path, entry in fmu_sources(package, flat).items():
             plain = described(files[entry])
             if plain.kind != "co_simulation":

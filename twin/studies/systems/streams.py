@@ -2,7 +2,9 @@
 
 from twin.cosim.system import System
 from twin.drive.ports import FmuPort
+from twin.errors import InputRefused
 from twin.recording.layout import Field, Topic
+from twin.recording.schema import message_names
 from twin.runs.streams import RowStream
 from twin.studies.systems.naming import distinct, element, field
 from twin.studies.systems.plan import Part, Plan
@@ -10,12 +12,23 @@ from twin.studies.systems.plan import Part, Plan
 
 def streams(plan: Plan, system: System) -> list[RowStream]:
     """In the order of the components; none of one that has no outputs."""
-    found = []
-    for c, part in enumerate(plan.parts):
-        if not part.outputs:
-            continue
-        columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
-        found.append(RowStream(Topic(part.name, tuple(_fields(part)), 1), columns))
+    columns = {
+        part.name: slice(int(system.y_start[c]), int(system.y_start[c + 1])) for c, part in enumerate(plan.parts)
+    }
+    return [RowStream(topic, columns[topic.name]) for topic in topics(plan)]
+
+
+def topics(plan: Plan) -> list[Topic]:
+    """The same before there is a system.
+
+    Raises:
+        InputRefused: two components have names that a recording cannot tell apart.
+    """
+    found = [Topic(part.name, tuple(_fields(part)), 1) for part in plan.parts if part.outputs]
+    try:
+        message_names(found)
+    except ValueError as problem:
+        raise InputRefused(f"{plan.package.file}: {problem}; give components names that are less alike") from None
     return found
 
 

@@ -31,7 +31,7 @@ from twin.ssp.flat import flattened
 from twin.ssp.package import Package, read_package
 from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Plan, fmu_sources, planned
-from twin.studies.systems.streams import streams
+from twin.studies.systems.streams import streams, topics
 from twin.studies.systems.text import facts, text
 from twin.writing import made_folder, write_bytes
 
@@ -114,7 +114,10 @@ def _planned(
             write_bytes(files[entry], package.content(entry))
             if compiled:
                 build(files[entry])
-    return planned(package, flat, files, tick, stop, scheme)
+    plan = planned(package, flat, files, tick, stop, scheme)
+    # refuses names that a recording cannot hold, before there is one
+    topics(plan)
+    return plan
 
 
 @contextmanager
