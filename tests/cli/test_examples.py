@@ -11,6 +11,9 @@ from tests.command_line import twin
 from tests.studies.systems.archives import archive, component, structure, system
 from twin.recording.recording import Recording
 
+LONG = ("converge", "drive survey", "faults", "tune")
+"""Ten seconds each: `make endurance` tries them, and `make test` what they run by shorter ones of its own."""
+
 
 @pytest.fixture(scope="module")
 def repository(
@@ -41,7 +44,9 @@ def test_help_is_written_for_80_columns(words: str):
     assert [line for line in lines[1:] if len(line) > 78] == []
 
 
-@pytest.mark.parametrize("words", COMMANDS)
+@pytest.mark.parametrize(
+    "words", [pytest.param(words, marks=[pytest.mark.endurance] if words in LONG else []) for words in COMMANDS]
+)
 def test_every_example_works(repository: Path, words: str):
     done = twin(*shlex.split(EXAMPLES[words].removeprefix(f"{EXAMPLE}twin ")), cwd=repository)
     assert done.returncode == 0, done.stderr

@@ -128,7 +128,7 @@ def recorded(run: Trace, name: str) -> NDArray[np.float64]:
     return np.asarray(run[name if "." in name else f"{owner}.{name}"], dtype=float)
 
 
-@pytest.mark.parametrize("experiment", [FIG4, MASSAGE])
+@pytest.mark.parametrize("experiment", [FIG4, pytest.param(MASSAGE, marks=pytest.mark.endurance)])
 def test_every_output_is_that_of_the_recording_bit_for_bit(written: Callable[..., Path], experiment: Path) -> None:
     run, folder, outputs = run_in_memory(load_experiment(experiment)), written(experiment), sizes(experiment)
     source = folder / "recorder.c"
