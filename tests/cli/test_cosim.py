@@ -30,9 +30,9 @@ def test_a_system_is_run_recorded_and_exported(two: Path, tmp_path: Path):
     assert "coupling   Jacobi, steps of 2 ms by --tick-ms" in done.stdout
     assert "a.omega_m->b.omega_ref" in done.stdout and "not fed    a.omega_ref = 1" in done.stdout
     assert (tmp_path / lines[-1].split()[1]).is_file()
-    exported = twin("export", "results/two", "--csv", "--signals", "b", cwd=tmp_path)
+    exported = twin("export", "results/cosim/two", "--csv", "--signals", "b", cwd=tmp_path)
     assert exported.returncode == 0, exported.stderr
-    head, *rows = (tmp_path / "results/two/latest/run.csv").read_text().splitlines()
+    head, *rows = (tmp_path / "results/cosim/two/latest/run.csv").read_text().splitlines()
     assert head == "t_s,b.theta_m_rad,b.omega_m_rad_per_s" and len(rows) == 51 and rows[-1].endswith(",1.0")
 
 

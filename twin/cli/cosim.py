@@ -40,7 +40,7 @@ def cosim(
         float | None, typer.Option(metavar="S", help="End of the run; without it, of the default experiment.")
     ] = None,
     out: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/SYSTEM/TIME.")
+        Path | None, typer.Option(metavar="DIR", help="The run's own folder; without it, results/cosim/SYSTEM/TIME.")
     ] = None,
     compile_: Compile = False,
     as_json: AsJson = False,

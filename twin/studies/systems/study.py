@@ -35,6 +35,9 @@ from twin.studies.systems.streams import streams, topics
 from twin.studies.systems.text import facts, text
 from twin.writing import made_folder, write_bytes
 
+HOME = Path("results/cosim")
+"""Apart from runs of the robot: a system is often called as the experiment that it was built from."""
+
 
 def recorded_system(
     reporter: Reporter,
@@ -133,7 +136,7 @@ def _named(package: Package, scratch: str) -> Iterator[None]:
 
 
 def _folder(file: Path, out: str | None) -> Path:
-    return claim_run_folder(Path(out)) if out else create_run_folder(Path("results"), file.stem, datetime.now())
+    return claim_run_folder(Path(out)) if out else create_run_folder(HOME, file.stem, datetime.now())
 
 
 def _recorded(plan: Plan, made: Coupled, path: Path, reporter: Reporter) -> tuple[Simulated, list[TickEvent], float]:
