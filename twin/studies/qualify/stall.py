@@ -75,7 +75,8 @@ def ramped_torque(done: Response) -> float:
 
 
 def held_torque(found: float, carries: Callable[[float], bool]) -> float:
-    """`found` (N m) if loads `UNCERTAINTY` below and above it say so, else what they close in on, as exactly.
+    """`found` (N m) if loads `UNCERTAINTY` below and above it say so, else what they close in on, as exactly; not
+    less than `LOAD_MOST` if that is carried.
 
     Args:
         found: > 0.
@@ -85,14 +86,16 @@ def held_torque(found: float, carries: Callable[[float], bool]) -> float:
     if not carries(below):
         low, high = 0.0, below
     elif carries(above):
-        low, high = above, max(above, LOAD_MOST)
+        if above >= LOAD_MOST or carries(LOAD_MOST):
+            return LOAD_MOST
+        low, high = above, LOAD_MOST
     else:
         return found
     # nothing is told from nothing
     while high - low > max(2.0 * UNCERTAINTY * high, RATE * WINDOW):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if carries(middle) else (low, middle)
-    return high if high == LOAD_MOST else 0.5 * (low + high)
+    return 0.5 * (low + high)
 
 
 def carried(plan: DrivePlan, load: float) -> bool:
