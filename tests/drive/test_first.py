@@ -12,7 +12,8 @@ from tests.drive.test_component import TICK, made, run
 from tests.drive.test_events import stepped
 from twin.cli.drive import _facts, _table
 from twin.drive.description import described
-from twin.drive.instance import Instance, Setup
+from twin.drive.instance import Instance
+from twin.drive.setup import Setup
 from twin.drive.unpacked import unpacked
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive

@@ -10,9 +10,10 @@ from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
 from twin.drive import reuse
 from twin.drive.description import FmuDescription
-from twin.drive.instance import Instance, Setup
+from twin.drive.instance import Instance
 from twin.drive.ports import FmuPort, Placed, placed
 from twin.drive.setting import Setting
+from twin.drive.setup import Setup
 from twin.drive.stepping import Stepping
 from twin.errors import InputRefused
 

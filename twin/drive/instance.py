@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from ctypes import c_void_p
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from twin.drive.description import FmuDescription
 from twin.drive.events import CLOCK
 from twin.drive.ramp import RAMP
 from twin.drive.setting import Setting
+from twin.drive.setup import Setup
 from twin.drive.standards import fmi1, fmi2, fmi3
 from twin.drive.variable import TEXTS, Variable
 from twin.errors import ComponentFailed, InputRefused
@@ -25,24 +26,6 @@ if TYPE_CHECKING:
 
 STEP = ctypes.CFUNCTYPE(ctypes.c_int32, c_void_p, ctypes.c_double, ctypes.c_double, c_void_p, c_void_p)
 """A component's step."""
-
-
-class Setup(NamedTuple):
-    """What an FMU is told of the run before it is initialised.
-
-    Attributes:
-        tolerance: relative, of its solver; None: nothing is said.
-        stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
-        step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
-        ramped: whether those of its inputs that can be are given as lines over a step.
-        waiting: whether it is left in initialisation mode, where what others come to can still be set, until `begin`.
-    """
-
-    tolerance: float | None = None
-    stop: float | None = None
-    step: float | None = None
-    ramped: bool = False
-    waiting: bool = False
 
 
 MOST_UNHEARD = 100

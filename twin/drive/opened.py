@@ -5,8 +5,9 @@ from pathlib import Path
 
 from twin.drive.description import FmuDescription
 from twin.drive.exchange.model import Model
-from twin.drive.instance import Instance, Setup
+from twin.drive.instance import Instance
 from twin.drive.setting import Setting
+from twin.drive.setup import Setup
 
 
 def opened(

@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from twin.drive.description import FmuDescription
-from twin.drive.instance import Instance, Setup
+from twin.drive.instance import Instance
 from twin.drive.opened import opened
 from twin.drive.setting import Setting
+from twin.drive.setup import Setup
 from twin.errors import TwinError
 
 _Kind = tuple[str, Path, str, frozenset[str], bool]

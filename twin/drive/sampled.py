@@ -13,10 +13,10 @@ from twin.cosim.port import Port
 from twin.drive.component import FmuComponent
 from twin.drive.contract import Role
 from twin.drive.description import FmuDescription, described
-from twin.drive.instance import Setup
 from twin.drive.mapping import Binding, Wiring, filled
 from twin.drive.ports import FmuPort
 from twin.drive.setting import Setting, Value
+from twin.drive.setup import Setup
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest

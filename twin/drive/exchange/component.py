@@ -11,9 +11,9 @@ from twin.drive.description import FmuDescription
 from twin.drive.exchange.integrator import Integrator
 from twin.drive.exchange.model import Model
 from twin.drive.exchange.solver import Solver
-from twin.drive.instance import Setup
 from twin.drive.ports import FmuPort, placed
 from twin.drive.setting import Setting
+from twin.drive.setup import Setup
 from twin.drive.shorter import SHORTER
 from twin.drive.stepping import Stepping
 

@@ -16,9 +16,9 @@ from twin.drive.component import FmuComponent
 from twin.drive.contract import COMMANDS, LOAD, SHAFT
 from twin.drive.description import FmuDescription
 from twin.drive.exchange.component import ExchangeComponent
-from twin.drive.instance import Setup
 from twin.drive.ports import FmuPort
 from twin.drive.rotor import DriveRotor
+from twin.drive.setup import Setup
 from twin.drive.steps import refuse_step
 from twin.drive.units import Conversion
 from twin.drive.unpacked import unpacked

@@ -6,9 +6,10 @@ from dataclasses import asdict
 import numpy as np
 
 from twin.drive.description import FmuDescription, Variable
-from twin.drive.instance import Instance, Setup
+from twin.drive.instance import Instance
 from twin.drive.opened import opened
 from twin.drive.setting import Setting
+from twin.drive.setup import Setup
 from twin.drive.unpacked import unpacked
 from twin.errors import TwinError
 from twin.experiment.schema import Drive

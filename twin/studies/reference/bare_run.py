@@ -15,8 +15,8 @@ from twin.drive.component import FmuComponent
 from twin.drive.description import FmuDescription
 from twin.drive.exchange.component import ExchangeComponent
 from twin.drive.exchange.solver import Solver
-from twin.drive.instance import Setup
 from twin.drive.ports import FmuPort
+from twin.drive.setup import Setup
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, InputRefused

@@ -11,8 +11,9 @@ import numpy as np
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent
-from twin.drive.instance import Instance, Setup
+from twin.drive.instance import Instance
 from twin.drive.ports import FmuPort
+from twin.drive.setup import Setup
 from twin.drive.steps import refuse_step
 from twin.errors import InputRefused
 from twin.runs.assembly.rates import stop_time
