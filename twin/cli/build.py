@@ -46,16 +46,17 @@ def build(
 ) -> None:
     """Build a part of the robot for other programs: native code without Python.
 
-    --fmu plant: a co-simulation FMU of springs, mechanism, contact, with body and scale.
+    --fmu plant: a co-simulation FMU of springs, mechanism, contact, body, scale.
     --fmu computer: one of encoders, estimator, controller, delay, monitor.
-    --c: the same from the encoders' counts on, as a C header with static libraries.
+    --c: the same from the encoders' counts on, as C with static libraries.
     --ssp: plant, computer and the drives as they came, joined: an SSP archive.
 
-    For x86-64 Linux, and whatever --platform adds. Its numbers stay open as parameters, called as in the file.
+    For x86-64 Linux, and whatever --platform adds. Its numbers stay open as
+    parameters, called as in the file.
 
     Exit code: 0 written, 2 refused, 3 it could not be written.
 
-    Example: twin build fig4_force_position --fmu plant --platform x86_64-windows
+    Example: twin build fig4_force_position --fmu plant --fmi 3
     """
     asked = {"experiment": experiment, "platforms": platform or [], "out": out, "settings": settings or []}
     if c + ssp + (fmu is not None) != 1:
