@@ -26,7 +26,9 @@ def outputs_at_start(moving, ramp):
 
     @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
     def start(m, t, h, u, y):
-        inside = outputs_near(m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+        inside = outputs_near(
+            m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
+        )
         return 0 if inside else LEFT_WORKSPACE
 
     return start

@@ -20,7 +20,7 @@ from twin.plant.dynamics import acceleration, joint_torque, spring_deflection, s
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.plant.surface import apex_frame
 from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.leg import NO_ANCHOR, angle_near, leg_vectors, move_anchor
+from twin.robot.leg import NO_ANCHOR, angle_near, leg_motion, leg_vectors, move_anchor
 from twin.robot.sea import motor_load_torque
 
 LEFT_WORKSPACE = 2
@@ -72,7 +72,13 @@ def moved(s, v, t):
 def settle(parameters, apex, x, s_B, v_s_B):
     """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
     F_n, _ = normal_force(
-        parameters, apex, x[0] - s_B[0], x[1] - s_B[1], x[2] - s_B[2], x[3] - v_s_B[0], x[4] - v_s_B[1],
+        parameters,
+        apex,
+        x[0] - s_B[0],
+        x[1] - s_B[1],
+        x[2] - s_B[2],
+        x[3] - v_s_B[0],
+        x[4] - v_s_B[1],
         x[5] - v_s_B[2],
     )
     x[6], x[7] = settled_bristle(parameters, F_n, x[6], x[7])
@@ -111,9 +117,7 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
         parameters, moved(p, v_2, half), v_3, ahead(z, r_2, half), theta_half, s_half, v_s_B, apex, anchors
     )
     v_4 = moved(v, a_3, h)
-    a_4, r_4 = acceleration(
-        parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors
-    )
+    a_4, r_4 = acceleration(parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors)
     for i in range(3):
         x[i] += h * weighted(v[i], v_2[i], v_3[i], v_4[i])
         x[3 + i] += h * weighted(a[i], a_2[i], a_3[i], a_4[i])
@@ -134,14 +138,16 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
     for i in range(3):
         y.p_B[i], y.v_B[i] = x[i], x[3 + i]
     y.z_b[0], y.z_b[1] = x[6], x[7]
-    inside = True
+    # no number if a leg could not reach the platform half-way through a step
+    inside = not math.isnan(vx + vy + vz)
     for leg in range(3):
         k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, px, py, pz)
         move_anchor(parameters, anchors, leg, k_r, k_z)
         theta_l = angle_near(anchors, leg, k_r, k_z)
         inside = inside and not math.isnan(theta_l)
         C, S = LEG_COS[leg], LEG_SIN[leg]
-        omega_l = (r * (C * vx + S * vy) + w * (C * vy - S * vx) + h * vz) / (parameters.l_a * q)
+        v_r, v_w = C * vx + S * vy, C * vy - S * vx
+        _, _, _, omega_l, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, v_r, v_w, vz)
         d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
         y.theta_l[leg] = theta_l
         y.omega_l[leg] = omega_l

@@ -12,14 +12,13 @@ Lagrange's equations of uniform rods (P2 to P6 of docs/physics.md). One compiled
 and the python-control system both integrate it.
 """
 
-import numpy as np
 from numba import njit
 
 from twin.plant.contact import touch
 from twin.plant.surface import apex_frame
 from twin.robot.geometry import LEG_COS, LEG_SIN
 from twin.robot.gravity import arm_weight, leg_inertia, moving_mass, platform_weight
-from twin.robot.leg import NO_ANCHOR, angle_near, leg_vectors
+from twin.robot.leg import NO_ANCHOR, angle_near, leg_motion, leg_vectors
 from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_torque
 
 
@@ -77,7 +76,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
     """
     x, y, z = p
     vx, vy, vz = v
-    l_a, inertia, hangs = parameters.l_a, leg_inertia(parameters, parameters), arm_weight(parameters)
+    inertia, hangs = leg_inertia(parameters, parameters), arm_weight(parameters)
     sixth = parameters.m_b / 6.0
     m11 = m22 = m33 = moving_mass(parameters)
     m12 = m13 = m23 = 0.0
@@ -90,14 +89,10 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
         # in the leg's frame: outward, sideways, up
         C, S = LEG_COS[leg], LEG_SIN[leg]
         k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, x, y, z)
-        v_r, v_w = C * vx + S * vy, C * vy - S * vx
-        share = 1.0 / (l_a * q)
-        j_r, j_w, j_z = r * share, w * share, h * share
-        omega_l = j_r * v_r + j_w * v_w + j_z * vz
+        j_r, j_w, j_z, omega_l, kappa = leg_motion(
+            parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz
+        )
         square = omega_l * omega_l
-        # v - d omega, the velocity along which the distal link turns
-        e_r, e_z = v_r - k_z * omega_l, vz + k_r * omega_l
-        kappa = (e_r * e_r + v_w * v_w + e_z * e_z + (r * k_r + h * k_z) * square) * share
         theta_l = angle_near(anchors, leg, k_r, k_z)
         tau_l = joint_torque(parameters, leg, spring_deflection(parameters, leg, theta_m[leg], theta_l), omega_l)
         tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + hangs * k_r - inertia * kappa

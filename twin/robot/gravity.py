@@ -1,7 +1,7 @@
 """The robot's own weight and inertia, which the paper's statics leave out.
 
-The three distal rod pairs are taken as point masses, half of m_b at A_i and half at the platform; the
-proximal link is a uniform rod. Positive theta_l lowers the arm, so its weight is a positive torque.
+All rods are uniform, so the weight of a distal rod pair hangs half at A_i and half at the platform; what its inertia
+does is in `plant.dynamics`. Positive theta_l lowers the arm, so its weight is a positive torque.
 """
 
 from typing import NamedTuple

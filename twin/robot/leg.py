@@ -50,6 +50,28 @@ def leg_vectors(geometry, leg, x, y, z):
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
+def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
+    """How a joint moves with the platform, in the leg's own frame: ``(j_r, j_w, j_z, omega_l, kappa)``.
+
+    (j_r, j_w, j_z) = s / (s . d) is the row of J = d theta_l / d p in rad/m, omega_l the joint's speed in rad/s, and
+    kappa its acceleration in rad/s^2 while the platform moves at constant velocity, (dJ/dt) v. The second time
+    derivative of Eq. 7 at dv/dt = 0, with d' = d^2 A_i / d theta^2 = -(k_r, 0, k_z), is
+
+        (v - d omega) . (v - d omega) - (s . d') omega^2 - (s . d) kappa = 0.
+
+    Args:
+        geometry, k_r, k_z, r, w, h, q: of :func:`leg_vectors`.
+        v_r, v_w, v_z: velocity of the platform in m/s.
+    """
+    share = 1.0 / geometry.l_a / q
+    j_r, j_w, j_z = r * share, w * share, h * share
+    omega_l = j_r * v_r + j_w * v_w + j_z * v_z
+    e_r, e_z = v_r - k_z * omega_l, v_z + k_r * omega_l
+    kappa = (e_r * e_r + v_w * v_w + e_z * e_z + (r * k_r + h * k_z) * (omega_l * omega_l)) * share
+    return j_r, j_w, j_z, omega_l, kappa
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
 def angle_near(anchors, leg, k_r, k_z):
     """Joint angle in rad of the leg whose knee is at (k_r, k_z); fast if its anchor is near.
 

@@ -19,6 +19,7 @@ from twin.experiment.experiment import Experiment
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
+from twin.plant.surface import apex_frame
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
