@@ -26,6 +26,10 @@ def outputs_at_start(moving, ramp):
 
     @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
     def start(m, t, h, u, y):
+        # a pose may have been set that the old anchors know nothing of
+        for leg in range(3):
+            for i in range(3):
+                m.anchors[leg, i] = math.nan
         inside = outputs_near(
             m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
         )

@@ -223,7 +223,16 @@ class Plant(NativeComponent):
     ):
         memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=NO_ANCHOR)
         initial = np.empty(1, dtype=port_record(OUTPUTS))
-        outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial[0])
+        outputs_near(
+            parameters,
+            memory["x"][0],
+            np.asarray(theta_m, dtype=float),
+            STILL,
+            STILL,
+            apex_frame(parameters),
+            memory["anchors"][0],
+            initial[0],
+        )
         super().__init__(
             "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
             initial.view(np.float64), rewindable=True,
