@@ -16,6 +16,9 @@ from numba import njit
 from twin.plant.contact_law import pressing_force
 from twin.plant.surface import apex_frame, dot, frame_at
 
+ROUNDING = 1e-9
+"""How near (of it) to its limit a bristle is at the limit."""
+
 
 @njit(cache=True)
 def normal_force(parameters, apex, x, y, z, vx, vy, vz):
@@ -58,7 +61,8 @@ def bristle_rate(parameters, F_n, z_1, z_2, v_1, v_2):
     """dz_b/dt (m/s): the tangential velocity, less what would stretch a bristle that already slides."""
     limit = parameters.mu * F_n / parameters.sigma_0
     length = math.sqrt(z_1 * z_1 + z_2 * z_2)
-    if length < limit:
+    # return mapping leaves a sliding bristle at the limit: the last bit must not say whether it slides
+    if length < limit * (1.0 - ROUNDING):
         return v_1, v_2
     if limit == 0.0:
         return 0.0, 0.0
