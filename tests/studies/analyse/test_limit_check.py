@@ -102,7 +102,7 @@ def test_a_nudge_that_lasts_with_the_gains_as_they_are_set_is_unstable(monkeypat
 
 def test_tasks_are_held_with_the_damping_that_only_they_have():
     done = tried(shipped("massage"), slice(1, 3))
-    # 26.6 and 134 1/s; without the damping 19.4 1/s is the limit in air
+    # 28.8 and 134 1/s; without the damping 19.4 1/s is the limit in air
     assert [(check.law, check.point.in_contact, check.holds) for check in done.checks] == [
         ("position", False, True),
         ("position", True, True),
