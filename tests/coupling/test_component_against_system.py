@@ -7,6 +7,7 @@ from scipy.integrate import solve_ivp
 from tests.laws.runs import PARAMETERS, Sampled
 from twin.plant.component import STILL, Plant, settle
 from twin.plant.equilibrium import resting
+from twin.plant.surface import apex_frame
 from twin.studies.analyse.linear.plant_system import plant_system
 
 TICK = 1e-3
@@ -42,7 +43,7 @@ def integrated_states(parameters, x, inputs):
 
         solution = solve_ivp(rate, (0.0, TICK), x, method="DOP853", first_step=TICK, rtol=1e-10, atol=ATOL)
         x = solution.y[:, -1]
-        settle(parameters, x, STILL, STILL)
+        settle(parameters, apex_frame(parameters), x, STILL, STILL)
         states.append(x)
     return np.array(states)
 

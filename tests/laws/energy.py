@@ -3,9 +3,10 @@
 import numpy as np
 from numpy.typing import NDArray
 
+from tests.plant.kinetic import kinetic_energy
 from tests.plant.test_energy import stored
 from twin.plant.parameters import PlantParameters
-from twin.robot.gravity import G_ACCELERATION, leg_inertia, platform_mass
+from twin.robot.gravity import G_ACCELERATION, platform_weight
 from twin.runs.trace import Trace
 
 Numbers = NDArray[np.float64]
@@ -30,8 +31,8 @@ def gained_with_motors_held(parameters: PlantParameters, rows: Trace, scheme: st
     depth = np.maximum((np.array([0.0, 0.0, parameters.z_s]) - p_B) @ n, 0.0)
     moment = (parameters.m_a + parameters.m_b) / 2.0 * parameters.l_a
     without_springs = (
-        platform_mass(parameters) * (np.sum(v_B**2, axis=1) / 2.0 + G_ACCELERATION * p_B[:, 2])
-        + leg_inertia(parameters, parameters) * np.sum(omega_l**2, axis=1) / 2.0
+        kinetic_energy(parameters, theta_l, omega_l, v_B)
+        + platform_weight(parameters) * p_B[:, 2]
         - moment * G_ACCELERATION * np.sin(theta_l).sum(axis=1)
         + stored(parameters, depth)
         + parameters.sigma_0 * np.sum(rows["plant.z_b"] ** 2, axis=1) / 2.0

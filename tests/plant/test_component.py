@@ -3,6 +3,7 @@ import pytest
 from hypothesis import given
 
 from tests.laws.runs import PARAMETERS, Sampled, shipped
+from tests.plant.kinetic import mass_matrix
 from tests.plant.states import moving
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
@@ -12,7 +13,7 @@ from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative
 from twin.plant.equilibrium import resting
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import leg_inertia, platform_mass
+from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 from twin.runs.assembly.assemble import assemble
 
@@ -30,7 +31,7 @@ def test_what_the_robot_does_to_the_surface_the_surface_does_to_the_robot(state)
     """Newton's third law: the surface changes the platform's momentum rate by -F_ee_B."""
     x, theta_m = state
     J = jacobian(GEOMETRY, x[:3])
-    M = platform_mass(PARAMETERS) * np.eye(3) + leg_inertia(PARAMETERS, PARAMETERS) * J.T @ J
+    M = mass_matrix(PARAMETERS, joint_angles(GEOMETRY, x[:3]), J)
     change = acceleration(PARAMETERS, x, theta_m) - acceleration(PARAMETERS._replace(K=0.0), x, theta_m)
     F_ee_B = Plant(PARAMETERS, x, theta_m).initial("F_ee_B")
     # rounding: accelerations up to 1e3 m/s2 on 0.3 kg

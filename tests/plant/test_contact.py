@@ -14,7 +14,7 @@ from twin.plant.contact import (
     settled_bristle,
     touch,
 )
-from twin.plant.surface import Shape, surface_frame
+from twin.plant.surface import Shape, apex_frame, surface_frame
 
 depths = st.floats(1e-6, 0.01)
 speeds = st.tuples(share, share, share).map(np.array)
@@ -40,7 +40,7 @@ def test_above_the_surface_nothing_is_felt(depth, v, z_b, tilt):
 
 @given(depths, speeds)
 def test_normal_force_is_hunt_and_crossley(depth, v):
-    F_n, found = normal_force(PARAMETERS, *touching(depth), *v)
+    F_n, found = normal_force(PARAMETERS, apex_frame(PARAMETERS), *touching(depth), *v)
     expected = PARAMETERS.K * depth * (1.0 - PARAMETERS.damping * v[2])
     # the depth is a difference of numbers near 0.1: 1e-17 m of at least 1e-6
     assert found == pytest.approx(depth, rel=1e-10)
@@ -49,7 +49,7 @@ def test_normal_force_is_hunt_and_crossley(depth, v):
 
 @given(depths, st.floats(0.4, 10.0))
 def test_a_surface_left_in_haste_does_not_pull(depth, speed):
-    F_n, _ = normal_force(PARAMETERS, *touching(depth), 0.0, 0.0, speed)
+    F_n, _ = normal_force(PARAMETERS, apex_frame(PARAMETERS), *touching(depth), 0.0, 0.0, speed)
     assert F_n == 0.0
 
 
@@ -133,8 +133,8 @@ def test_contact_takes_more_power_than_it_stores(depth, v, z_b, tilt):
     p_B = touching(depth, tilt)
     _, _, _, n = surface_frame(parameters, *p_B)
     depth_rate = -np.dot(n, v)
-    _, found = normal_force(parameters, *p_B, *v)
-    *force, _, dz_1, dz_2 = touch(parameters, *p_B, *v, *z_b)
+    _, found = normal_force(parameters, apex_frame(parameters), *p_B, *v)
+    *force, _, dz_1, dz_2 = touch(parameters, apex_frame(parameters), *p_B, *v, *z_b)
     z_rate = np.array([dz_1, dz_2])
     stored = parameters.K * found * depth_rate + parameters.sigma_0 * (z_b @ z_rate)
     taken = np.dot(force, v)
@@ -157,7 +157,7 @@ def test_on_every_surface_the_force_is_normal_and_tangential_within_the_cone(law
     parameters = SURFACES[law]._replace(tilt=tilt, tilt_x=tilt_x, **shape)
     p_B = np.array([0.0, 0.0, PARAMETERS.z_s]) + 0.02 * np.array(place)
     _, e_1, e_2, n = surface_frame(parameters, *p_B)
-    F_n, _ = normal_force(parameters, *p_B, *v)
+    F_n, _ = normal_force(parameters, apex_frame(parameters), *p_B, *v)
     force = np.array(contact_force(parameters, *p_B, *v, *z_b))
     # rounding of forces up to 1 kN
     assert force @ n == pytest.approx(-F_n, abs=1e-11)

@@ -6,16 +6,18 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
+from tests.plant.kinetic import kinetic_energy
 from tests.plant.states import SURFACES, moving
 from twin.plant.component import STILL, integrate
 from twin.plant.contact import normal_force
 from twin.plant.contact_law import ContactLaw
 from twin.plant.dynamics import spring_deflection
-from twin.plant.surface import Shape
+from twin.plant.surface import Shape, apex_frame
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import G_ACCELERATION, leg_inertia, platform_mass
+from twin.robot.gravity import G_ACCELERATION, platform_weight
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
+from twin.robot.leg import NO_ANCHOR
 
 STEP = 1e-4
 LOSSLESS = PARAMETERS._replace(b_j=0.0, damping=0.0, mu=0.0, backlash=0.0)
@@ -35,11 +37,11 @@ def energy(parameters, x, theta_m):
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     theta_l, omega_l = joint_angles(geometry, x[:3]), jacobian(geometry, x[:3]) @ x[3:6]
     d = np.array([spring_deflection(parameters, leg, theta_m[leg], theta_l[leg]) for leg in range(3)])
-    _, depth = normal_force(parameters, *x[:6])
+    _, depth = normal_force(parameters, apex_frame(parameters), *x[:6])
     arm_moment = (parameters.m_a + parameters.m_b) / 2.0 * parameters.l_a
     return (
-        platform_mass(parameters) * (x[3:6] @ x[3:6] / 2.0 + G_ACCELERATION * x[2])
-        + leg_inertia(parameters, parameters) * (omega_l @ omega_l) / 2.0
+        kinetic_energy(parameters, theta_l, omega_l, x[3:6])
+        + platform_weight(parameters) * x[2]
         - arm_moment * G_ACCELERATION * np.sin(theta_l).sum()
         + parameters.k_s * (parameters.k_s_share @ d**2) / 2.0
         + stored(parameters, max(depth, 0.0))
@@ -49,12 +51,12 @@ def energy(parameters, x, theta_m):
 
 def energies(parameters, x, theta_m, duration=0.05):
     """Energy (J) at each step of a free motion with the motors held, shape (steps + 1,)."""
-    x, k, stage = x.copy(), np.empty((4, 8)), np.empty(8)
+    x, apex = x.copy(), apex_frame(parameters)
     # a bristle longer than the cone allows is no state the robot can be in
-    integrate(parameters, x, theta_m, STILL, STILL, STILL, 0.0, k, stage)
+    integrate(parameters, x, theta_m, STILL, STILL, STILL, 0.0, apex, NO_ANCHOR)
     found = [energy(parameters, x, theta_m)]
     for _ in range(round(duration / STEP)):
-        integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, k, stage)
+        integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, apex, NO_ANCHOR)
         found.append(energy(parameters, x, theta_m))
     return np.array(found)
 
@@ -121,7 +123,7 @@ def test_the_papers_constant_efficiency_gives_back_what_it_took():
     theta_m = PARAMETERS.N * joint_angles(Geometry(*PARAMETERS[:4]), x[:3])
     equivalent = LOSSLESS._replace(k_s=0.8 * LOSSLESS.k_s)
     end, same = x.copy(), x.copy()
-    scratch = np.empty((4, 8)), np.empty(8)
+    scratch = apex_frame(soft), NO_ANCHOR
     for _ in range(1000):
         integrate(soft, end, theta_m, STILL, STILL, STILL, STEP, *scratch)
         integrate(equivalent, same, theta_m, STILL, STILL, STILL, STEP, *scratch)

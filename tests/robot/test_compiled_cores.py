@@ -7,7 +7,8 @@ from tests.robot.poses import GEOMETRY, HOME, MASSES
 from twin.robot.forward_kinematics import circumcentre, platform_position
 from twin.robot.gravity import arm_gravity_torque, environment_force, leg_inertia, platform_weight
 from twin.robot.inverse_kinematics import leg_angle, leg_angle_inward
-from twin.robot.jacobian import jacobian_rate_row_times, jacobian_row
+from twin.robot.jacobian import jacobian_row
+from twin.robot.leg import leg_motion, leg_vectors
 from twin.robot.sea import dead_zone, directed_load_torque, load_torque
 from twin.robot.statics import leg_force, resultant_force
 
@@ -22,7 +23,8 @@ CALLS = [
     (platform_position, (GEOMETRY, *THETA_L)),
     (platform_position, (GEOMETRY._replace(l_b=0.07), 0.0, 0.0, 0.0)),
     (jacobian_row, (GEOMETRY, 1, THETA_L[1], *P_B)),
-    (jacobian_rate_row_times, (GEOMETRY, 1, THETA_L[1], *P_B, 0.1, -0.2, 0.3)),
+    (leg_vectors, (GEOMETRY, 1, *P_B)),
+    (leg_motion, (GEOMETRY, *leg_vectors(GEOMETRY, 1, *P_B), 0.1, -0.2, 0.3)),
     (leg_force, (GEOMETRY, 1, THETA_L[1], *P_B, 0.2)),
     (resultant_force, (GEOMETRY, THETA_L, P_B, (0.1, 0.2, -0.3))),
     (environment_force, (GEOMETRY, MASSES, THETA_L, P_B, (0.1, 0.2, -0.3))),

@@ -9,7 +9,7 @@ from twin.robot.gravity import (
     arm_gravity_torque,
     environment_force,
     leg_inertia,
-    platform_mass,
+    moving_mass,
     platform_weight,
 )
 from twin.robot.inverse_kinematics import joint_angles
@@ -57,16 +57,16 @@ def test_a_horizontal_arm_weighs_most_and_a_hanging_one_nothing():
     assert arm_gravity_torque(GEOMETRY, MASSES, np.pi / 2.0) == pytest.approx(0.0, abs=1e-17)
 
 
-def test_leg_inertia_is_rod_about_its_end_plus_half_a_rod_pair_plus_pulley():
+def test_leg_inertia_is_that_of_rods_about_their_end_plus_the_pulley():
     s = np.linspace(0.0, GEOMETRY.l_a, 10_001)
-    rod = np.trapezoid(MASSES.m_a / GEOMETRY.l_a * s**2, s)
+    # of the rod pair the share that the knee's own motion has: it falls from the knee to the platform
+    rods = np.trapezoid((MASSES.m_a + MASSES.m_b) / GEOMETRY.l_a * s**2, s)
     # 1e-8: trapezoidal rule with 10,000 intervals
-    expected = rod + MASSES.m_b / 2.0 * GEOMETRY.l_a**2 + MASSES.I_r
-    assert leg_inertia(GEOMETRY, MASSES) == pytest.approx(expected, rel=1e-8)
+    assert leg_inertia(GEOMETRY, MASSES) == pytest.approx(rods + MASSES.I_r, rel=1e-8)
 
 
 @given(st.floats(0.0, 1.0), st.floats(0.0, 1.0))
-def test_weight_is_the_mass_that_moves_with_the_platform_times_g(m_p, m_b):
+def test_half_of_each_rod_pair_hangs_at_the_platform_and_a_third_of_it_resists_there(m_p, m_b):
     masses = MASSES._replace(m_p=m_p, m_b=m_b)
-    assert platform_mass(masses) == m_p + 3.0 * m_b / 2.0
-    assert platform_weight(masses) == platform_mass(masses) * 9.81
+    assert platform_weight(masses) == (m_p + 3.0 * m_b / 2.0) * 9.81
+    assert moving_mass(masses) == m_p + m_b

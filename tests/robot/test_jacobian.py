@@ -1,13 +1,12 @@
 import numpy as np
 import pytest
 from hypothesis import given
-from hypothesis import strategies as st
 
 from tests.robot.poses import GEOMETRY, HOME, TURN, reachable_poses, triple, working_poses
 from twin.errors import Unreachable
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles, loop_coefficients
-from twin.robot.jacobian import jacobian, jacobian_rate_row_times, jacobian_row
+from twin.robot.jacobian import jacobian
 from twin.robot.singularity import SingularPose
 
 STEP = 1e-30  # of the complex-step derivative: no subtraction, so no cancellation however small
@@ -24,19 +23,6 @@ def test_jacobian_is_the_derivative_of_the_joint_angles(p_B, v):
     derivative = complex_joint_angles(p_B + 1j * STEP * v).imag / STEP
     # 1e-13 relative to |J| = 20 rad/m: two evaluations of different formulas
     np.testing.assert_allclose(jacobian(GEOMETRY, p_B) @ v, derivative, rtol=0, atol=2e-12)
-
-
-@given(working_poses, triple)
-def test_jacobian_rate_is_the_derivative_of_the_joint_speeds_at_constant_velocity(p_B, v):
-    thetadot = jacobian(GEOMETRY, p_B) @ v
-    theta_l = joint_angles(GEOMETRY, p_B)
-    x, y, z = p_B + 1j * STEP * v
-    for leg in range(3):
-        row = jacobian_row(GEOMETRY, leg, theta_l[leg] + 1j * STEP * thetadot[leg], x, y, z)
-        derivative = np.dot(row, v).imag / STEP
-        # 1e-13 relative to 1e3 rad/s2 at 1 m/s, with room for the conditioning near the upper edge
-        rate = jacobian_rate_row_times(GEOMETRY, leg, theta_l[leg], *p_B, *v)
-        assert rate == pytest.approx(derivative, rel=1e-11, abs=1e-9)
 
 
 @given(reachable_poses(), triple)
@@ -68,15 +54,6 @@ def test_spring_stiffness_at_home_is_874_874_and_2137_newton_per_metre():
     J = jacobian(GEOMETRY, HOME)
     # the reference values are given in whole N/m
     np.testing.assert_allclose(k_s * N**2 * J.T @ J, np.diag([873.5, 873.5, 2137.4]), rtol=0, atol=0.5)
-
-
-@given(working_poses, st.floats(0.01, 100.0))
-def test_jacobian_rate_grows_with_the_square_of_speed(p_B, factor):
-    at = (GEOMETRY, 0, joint_angles(GEOMETRY, p_B)[0], *p_B)
-    v = np.array([0.1, 0.2, 0.3])
-    once, scaled = jacobian_rate_row_times(*at, *v), jacobian_rate_row_times(*at, *(factor * v))
-    # 1e-9: rounding of two terms that partly cancel
-    assert scaled == pytest.approx(once * factor**2, rel=1e-9, abs=1e-9 * factor**2)
 
 
 def test_a_batch_equals_its_single_poses():

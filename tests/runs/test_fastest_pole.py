@@ -6,11 +6,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.plant.kinetic import mass_matrix
 from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
+from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.fastest_pole import STABLE, fastest_pole, too_fast
 from twin.runs.run import execute
 
@@ -20,13 +23,12 @@ def stiff(root: Path, *settings: str) -> Experiment:
 
 
 def test_the_pole_of_friction_alone_is_damping_over_inertia(root: Path):
-    """Far above all springs the poles are the eigenvalues of M^-1 b_j J^T J, M = (m_p + 3/2 m_b) 1 + I_a J^T J: for
-    each singular value s of J, b_j s^2 / (m_p + 3/2 m_b + I_a s^2)."""
+    """Far above all springs the poles are the eigenvalues of M^-1 b_j J^T J, with M of uniform rods: (P6)."""
     experiment = stiff(root, "plant.b_j_Nm_s_per_rad=200", "plant.eta_rate_rad_per_s=0")
-    plant = experiment.plant
-    s = np.linalg.svd(jacobian(geometry_of(plant), experiment.start), compute_uv=False).max()
-    inertia = plant.m_a * plant.l_a**2 / 3 + plant.m_b * plant.l_a**2 / 2 + plant.I_r
-    expected = 200.0 * s**2 / (plant.m_p + 1.5 * plant.m_b + inertia * s**2)
+    geometry = geometry_of(experiment.plant)
+    J = jacobian(geometry, experiment.start)
+    M = mass_matrix(plant_parameters(experiment.plant, experiment.contact), joint_angles(geometry, experiment.start), J)
+    expected = np.linalg.eigvals(np.linalg.solve(M, 200.0 * J.T @ J)).real.max()
     # the springs are 1e-4 of it
     assert fastest_pole(experiment) == pytest.approx(expected, rel=1e-3)
 

@@ -7,9 +7,10 @@ from numba import njit
 
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.plant.component import LEFT_WORKSPACE, MEMORY, OUTPUTS, STILL, inputs, outputs, triple
+from twin.plant.component import LEFT_WORKSPACE, MEMORY, OUTPUTS, STILL, inputs, outputs_near, triple
 from twin.plant.contact import contact_force
 from twin.plant.dynamics import joint_torque
+from twin.plant.surface import apex_frame
 from twin.robot.gravity import arm_gravity_torque, platform_weight
 from twin.robot.inverse_kinematics import leg_angle
 from twin.robot.jacobian import jacobian_row
@@ -25,7 +26,13 @@ def outputs_at_start(moving, ramp):
 
     @step_function(MEMORY, inputs(moving, ramp), OUTPUTS)
     def start(m, t, h, u, y):
-        inside = outputs(m.parameters, m.x, triple(u.theta_m), STILL, STILL, y)
+        # a pose may have been set that the old anchors know nothing of
+        for leg in range(3):
+            for i in range(3):
+                m.anchors[leg, i] = math.nan
+        inside = outputs_near(
+            m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
+        )
         return 0 if inside else LEFT_WORKSPACE
 
     return start

@@ -16,10 +16,11 @@ from twin.cosim.native import step_function
 from twin.cosim.port import Port, port_record
 from twin.cosim.record import memory_of, record
 from twin.plant.contact import normal_force, settled_bristle, touch
-from twin.plant.dynamics import derivative, joint_torque, spring_deflection, spring_stiffness
+from twin.plant.dynamics import acceleration, joint_torque, spring_deflection, spring_stiffness
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
-from twin.robot.inverse_kinematics import leg_angle
-from twin.robot.jacobian import jacobian_row
+from twin.plant.surface import apex_frame
+from twin.robot.geometry import LEG_COS, LEG_SIN
+from twin.robot.leg import NO_ANCHOR, angle_near, leg_motion, leg_vectors, move_anchor
 from twin.robot.sea import motor_load_torque
 
 LEFT_WORKSPACE = 2
@@ -52,9 +53,8 @@ MEMORY = record(
     parameters=PARAMETERS,
     substeps="i8",
     x=("f8", (STATES,)),
+    anchors=("f8", (3, 3)),
     last=("f8", (STATES,)),
-    k=("f8", (4, STATES)),
-    stage=("f8", (STATES,)),
 )
 
 
@@ -69,49 +69,85 @@ def moved(s, v, t):
 
 
 @njit(cache=True)
-def settle(parameters, x, s_B, v_s_B):
+def settle(parameters, apex, x, s_B, v_s_B):
     """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
     F_n, _ = normal_force(
-        parameters, x[0] - s_B[0], x[1] - s_B[1], x[2] - s_B[2], x[3] - v_s_B[0], x[4] - v_s_B[1], x[5] - v_s_B[2]
+        parameters,
+        apex,
+        x[0] - s_B[0],
+        x[1] - s_B[1],
+        x[2] - s_B[2],
+        x[3] - v_s_B[0],
+        x[4] - v_s_B[1],
+        x[5] - v_s_B[2],
     )
     x[6], x[7] = settled_bristle(parameters, F_n, x[6], x[7])
 
 
 @njit(cache=True)
-def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, k, stage):
-    """One classical Runge-Kutta step of `h` seconds, `x` in place; `k` (4, 8) and `stage` (8,) are scratch.
+def ahead(a, rate, t):
+    """As `moved`, of a pair."""
+    return a[0] + t * rate[0], a[1] + t * rate[1]
 
-    The motors start at the triple `theta_m` (rad) and turn at `omega_m` (rad/s), the surface starts at `s_B` (m) and
-    moves at `v_s_B` (m/s).
-    """
-    derivative(parameters, x, theta_m, s_B, v_s_B, k[0])
-    for part, weight in ((1, 0.5), (2, 0.5), (3, 1.0)):
-        for i in range(STATES):
-            stage[i] = x[i] + weight * h * k[part - 1, i]
-        turned = moved(theta_m, omega_m, weight * h)
-        derivative(parameters, stage, turned, moved(s_B, v_s_B, weight * h), v_s_B, k[part])
-    for i in range(STATES):
-        x[i] += h / 6.0 * (k[0, i] + 2.0 * k[1, i] + 2.0 * k[2, i] + k[3, i])
-    settle(parameters, x, moved(s_B, v_s_B, h), v_s_B)
+
+@njit(cache=True, forceinline=True)
+def weighted(a, b, c, d):
+    """The mean of the rates of a classical Runge-Kutta step."""
+    return (a + 2.0 * b + 2.0 * c + d) / 6.0
 
 
 @njit(cache=True)
-def outputs(parameters, x, theta_m, s_B, v_s_B, y):
+def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
+    """One classical Runge-Kutta step of `h` seconds, `x` in place.
+
+    The motors start at the triple `theta_m` (rad) and turn at `omega_m` (rad/s), the surface starts at `s_B` (m) and
+    moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
+    """
+    half = 0.5 * h
+    theta_half, theta_end = moved(theta_m, omega_m, half), moved(theta_m, omega_m, h)
+    s_half, s_end = moved(s_B, v_s_B, half), moved(s_B, v_s_B, h)
+    p, v, z = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
+    a, r = acceleration(parameters, p, v, z, theta_m, s_B, v_s_B, apex, anchors)
+    v_2 = moved(v, a, half)
+    a_2, r_2 = acceleration(
+        parameters, moved(p, v, half), v_2, ahead(z, r, half), theta_half, s_half, v_s_B, apex, anchors
+    )
+    v_3 = moved(v, a_2, half)
+    a_3, r_3 = acceleration(
+        parameters, moved(p, v_2, half), v_3, ahead(z, r_2, half), theta_half, s_half, v_s_B, apex, anchors
+    )
+    v_4 = moved(v, a_3, h)
+    a_4, r_4 = acceleration(parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors)
+    for i in range(3):
+        x[i] += h * weighted(v[i], v_2[i], v_3[i], v_4[i])
+        x[3 + i] += h * weighted(a[i], a_2[i], a_3[i], a_4[i])
+    for i in range(2):
+        x[6 + i] += h * weighted(r[i], r_2[i], r_3[i], r_4[i])
+    settle(parameters, apex, x, s_end, v_s_B)
+
+
+@njit(cache=True, error_model="numpy")
+def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
     """The state `x` at motor angles `theta_m` as the record `y` of `OUTPUTS`; False outside the workspace.
 
-    The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s).
+    The surface is at the triple `s_B` (m) and moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`, and
+    the anchors are moved where this state has gone too far from them.
     """
     px, py, pz, vx, vy, vz = x[0], x[1], x[2], x[3], x[4], x[5]
     # value by value: copying a slice allocates memory for what may overlap, which an exported step must not
     for i in range(3):
         y.p_B[i], y.v_B[i] = x[i], x[3 + i]
     y.z_b[0], y.z_b[1] = x[6], x[7]
-    inside = True
+    # no number if a leg could not reach the platform half-way through a step
+    inside = not math.isnan(vx + vy + vz)
     for leg in range(3):
-        theta_l = leg_angle(parameters, leg, px, py, pz)
+        k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, px, py, pz)
+        move_anchor(parameters, anchors, leg, k_r, k_z)
+        theta_l = angle_near(anchors, leg, k_r, k_z)
         inside = inside and not math.isnan(theta_l)
-        jx, jy, jz = jacobian_row(parameters, leg, theta_l, px, py, pz)
-        omega_l = jx * vx + jy * vy + jz * vz
+        C, S = LEG_COS[leg], LEG_SIN[leg]
+        v_r, v_w = C * vx + S * vy, C * vy - S * vx
+        _, _, _, omega_l, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, v_r, v_w, vz)
         d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
         y.theta_l[leg] = theta_l
         y.omega_l[leg] = omega_l
@@ -119,9 +155,15 @@ def outputs(parameters, x, theta_m, s_B, v_s_B, y):
         y.tau_load[leg] = motor_load_torque(spring_stiffness(parameters, leg), d)
     rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
-    fx, fy, fz, y.F_n, _, _ = touch(parameters, rx, ry, rz, ux, uy, uz, x[6], x[7])
+    fx, fy, fz, y.F_n, _, _ = touch(parameters, apex, rx, ry, rz, ux, uy, uz, x[6], x[7])
     y.F_ee_B[0], y.F_ee_B[1], y.F_ee_B[2] = fx, fy, fz
     return inside
+
+
+@njit(cache=True)
+def outputs(parameters, x, theta_m, s_B, v_s_B, y):
+    """As `outputs_near`, with nothing known of a pose near this one."""
+    return outputs_near(parameters, x, theta_m, s_B, v_s_B, apex_frame(parameters), np.full((3, 3), np.nan), y)
 
 
 @njit(cache=True)
@@ -147,10 +189,12 @@ def step_over(moving, ramp):
         for i in range(STATES):
             m.last[i] = m.x[i]
         substep = h / m.substeps
+        apex = apex_frame(m.parameters)
         for i in range(m.substeps):
             turned = moved(start, omega_m, i * substep)
-            integrate(m.parameters, m.x, turned, omega_m, moved(s_B, v_s_B, i * substep), v_s_B, substep, m.k, m.stage)
-        inside = outputs(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, y)
+            s_now = moved(s_B, v_s_B, i * substep)
+            integrate(m.parameters, m.x, turned, omega_m, s_now, v_s_B, substep, apex, m.anchors)
+        inside = outputs_near(m.parameters, m.x, theta_m, moved(s_B, v_s_B, h), v_s_B, apex, m.anchors, y)
         return 0 if inside else LEFT_WORKSPACE
 
     return step
@@ -177,9 +221,18 @@ class Plant(NativeComponent):
         moving: bool = False,
         ramp: bool = False,
     ):
-        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x)
+        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=NO_ANCHOR)
         initial = np.empty(1, dtype=port_record(OUTPUTS))
-        outputs(parameters, memory["x"][0], np.asarray(theta_m, dtype=float), STILL, STILL, initial[0])
+        outputs_near(
+            parameters,
+            memory["x"][0],
+            np.asarray(theta_m, dtype=float),
+            STILL,
+            STILL,
+            apex_frame(parameters),
+            memory["anchors"][0],
+            initial[0],
+        )
         super().__init__(
             "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
             initial.view(np.float64), rewindable=True,

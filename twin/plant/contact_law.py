@@ -30,7 +30,7 @@ class ContactLaw(IntEnum):
 
 # numpy's division: a constant that a fault has set to 0 has to give NaN, because an exception of compiled code that the
 # master calls by address is lost
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def elastic_force(parameters, d):
     """Force (N) of a surface that was pressed in to depth `d` > 0 (m) and stays there."""
     if parameters.law == ContactLaw.EXPONENTIAL:
@@ -40,7 +40,7 @@ def elastic_force(parameters, d):
     return parameters.K * d
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def pressing_force(parameters, d, rate):
     """Normal force (N, >= 0) at depth `d` (m, positive inside) that grows at `rate` (m/s)."""
     if d <= 0.0:

@@ -1,37 +1,41 @@
-"""The right-hand side of the plant: three series elastic joints, the mechanism, the contact.
+"""The acceleration of the plant: three series elastic joints, the mechanism, the contact.
 
-In platform coordinates, with J = d theta_l / d p (3 x 3) and tau_l the torque of the springs on the joints,
+In platform coordinates, with J = d theta_l / d p (3 x 3), tau_l the torque of the springs on the joints, omega = J v,
+kappa = (dJ/dt) v, d_i = dA_i/d theta_i and d'_i = d^2 A_i/d theta_i^2 of knee i,
 
-    M(p) dv/dt = J^T (tau_l - b_j J v + g_a(theta_l) - I_a (dJ/dt) v) - F_ee_B - (m_p + 3/2 m_b) g e_z,
-    M = (m_p + 3/2 m_b) 1 + I_a J^T J,  I_a = m_a l_a^2/3 + m_b l_a^2/2 + I_r,  g_a = (m_a/2 + m_b/2) g l_a cos theta_l:
+    M(p) dv/dt = J^T (tau_l - b_j omega + g_a) - c - F_ee_B - (m_p + 3/2 m_b) g e_z,
+    M = (m_p + m_b) 1 + I_a J^T J + m_b/6 sum_i (d_i J_i + J_i^T d_i^T),
+    c = I_a J^T kappa + m_b/6 sum_i (d_i kappa_i + d'_i omega_i^2),
+    I_a = (m_a + m_b) l_a^2/3 + I_r,  g_a = (m_a/2 + m_b/2) g l_a cos theta_l:
 
-Lagrange's equations with each rod pair's mass split between its two ends. One compiled function; the co-simulation
-component and the python-control system both integrate it.
+Lagrange's equations of uniform rods (P2 to P6 of docs/physics.md). One compiled function; the co-simulation component
+and the python-control system both integrate it.
 """
 
 from numba import njit
 
 from twin.plant.contact import touch
-from twin.robot.gravity import arm_gravity_torque, leg_inertia, platform_mass, platform_weight
-from twin.robot.inverse_kinematics import leg_angle
-from twin.robot.jacobian import jacobian_rate_row_times, jacobian_row
+from twin.plant.surface import apex_frame
+from twin.robot.geometry import LEG_COS, LEG_SIN
+from twin.robot.gravity import arm_weight, leg_inertia, moving_mass, platform_weight
+from twin.robot.leg import NO_ANCHOR, angle_near, leg_motion, leg_vectors
 from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_torque
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def spring_deflection(parameters, leg, theta_m, theta_l):
     """Deflection that winds the spring of `leg` (rad, motor side): Eq. 19 less the belt's slip and the backlash."""
     d = deflection(theta_m, theta_l, parameters.N) - parameters.slip[leg]
     return dead_zone(d, parameters.backlash + parameters.backlash_added[leg])
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def spring_stiffness(parameters, leg):
     """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
     return parameters.k_s * parameters.k_s_share[leg]
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def joint_torque(parameters, leg, d, omega_l):
     """tau_l (N m) that the spring of `leg` at deflection `d` puts on the joint (Eq. 20), efficiency as configured."""
     k_s = spring_stiffness(parameters, leg)
@@ -42,48 +46,74 @@ def joint_torque(parameters, leg, d, omega_l):
 
 # numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
 # calls by address is lost
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)
 def _solve_symmetric(a, b, c, d, e, f, x, y, z):
     """Solve [[a, b, c], [b, d, e], [c, e, f]] s = (x, y, z) by cofactors."""
     m11, m12, m13 = d * f - e * e, c * e - b * f, b * e - c * d
     m22, m23, m33 = a * f - c * c, b * c - a * e, a * d - b * b
-    det = a * m11 + b * m12 + c * m13
+    share = 1.0 / (a * m11 + b * m12 + c * m13)
     return (
-        (m11 * x + m12 * y + m13 * z) / det,
-        (m12 * x + m22 * y + m23 * z) / det,
-        (m13 * x + m23 * y + m33 * z) / det,
+        (m11 * x + m12 * y + m13 * z) * share,
+        (m12 * x + m22 * y + m23 * z) * share,
+        (m13 * x + m23 * y + m33 * z) * share,
     )
+
+
+@njit(cache=True, error_model="numpy")
+def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
+    """What the platform and the bristles do next: dv/dt (m/s^2) and dz_b/dt (m/s), two tuples.
+
+    Outside the workspace, where there are no joint angles, both are NaN.
+
+    Args:
+        parameters: `PlantParameters`, or a record of them.
+        p, v: position (m) and velocity (m/s) of the platform, triples.
+        z_b: bristle deflection (m), a pair.
+        theta_m: motor angles (rad), a triple.
+        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface, triples; it does not turn.
+        apex: see `touch`.
+        anchors: of the joints' angles, see `robot.leg`.
+    """
+    x, y, z = p
+    vx, vy, vz = v
+    inertia, hangs = leg_inertia(parameters, parameters), arm_weight(parameters)
+    sixth = parameters.m_b / 6.0
+    m11 = m22 = m33 = moving_mass(parameters)
+    m12 = m13 = m23 = 0.0
+    # the platform as the surface sees it
+    rx, ry, rz = x - s_B[0], y - s_B[1], z - s_B[2]
+    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
+    contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
+    fx, fy, fz = -contact_x, -contact_y, -contact_z - platform_weight(parameters)
+    for leg in range(3):
+        # in the leg's frame: outward, sideways, up
+        C, S = LEG_COS[leg], LEG_SIN[leg]
+        k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, x, y, z)
+        j_r, j_w, j_z, omega_l, kappa = leg_motion(
+            parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz
+        )
+        square = omega_l * omega_l
+        theta_l = angle_near(anchors, leg, k_r, k_z)
+        tau_l = joint_torque(parameters, leg, spring_deflection(parameters, leg, theta_m[leg], theta_l), omega_l)
+        tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + hangs * k_r - inertia * kappa
+        f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
+        f_w = j_w * tau
+        fx, fy = fx + (C * f_r - S * f_w), fy + (S * f_r + C * f_w)
+        fz += j_z * tau + sixth * (k_r * kappa + k_z * square)
+        # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
+        a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
+        jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
+        ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
+        m11, m12, m13 = m11 + 2.0 * ax * jx, m12 + (ax * jy + ay * jx), m13 + (ax * j_z + a_z * jx)
+        m22, m23, m33 = m22 + 2.0 * ay * jy, m23 + (ay * j_z + a_z * jy), m33 + 2.0 * a_z * j_z
+    return _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz), (dz_1, dz_2)
 
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """dx/dt into `dx`, for the state `x` (8,) of `parameters.py` and motor angles `theta_m` (3,), all SI.
-
-    `s_B`, `v_s_B` (3,) are displacement (m) and velocity (m/s) of the surface; it does not turn. Outside the workspace
-    the angles do not exist and `dx` becomes NaN.
-    """
-    px, py, pz, vx, vy, vz, z_1, z_2 = x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7]
-    inertia = leg_inertia(parameters, parameters)
-    m11 = m22 = m33 = platform_mass(parameters)
-    m12 = m13 = m23 = 0.0
-    # the platform as the surface sees it
-    rx, ry, rz = px - s_B[0], py - s_B[1], pz - s_B[2]
-    ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
-    contact_x, contact_y, contact_z, _, dx[6], dx[7] = touch(parameters, rx, ry, rz, ux, uy, uz, z_1, z_2)
-    fx, fy, fz = -contact_x, -contact_y, -contact_z - platform_weight(parameters)
-    for leg in range(3):
-        theta_l = leg_angle(parameters, leg, px, py, pz)
-        jx, jy, jz = jacobian_row(parameters, leg, theta_l, px, py, pz)
-        omega_l = jx * vx + jy * vy + jz * vz
-        tau_l = joint_torque(parameters, leg, spring_deflection(parameters, leg, theta_m[leg], theta_l), omega_l)
-        tau = (
-            tau_l
-            - (parameters.b_j + parameters.b_j_added[leg]) * omega_l
-            + arm_gravity_torque(parameters, parameters, theta_l)
-            - inertia * jacobian_rate_row_times(parameters, leg, theta_l, px, py, pz, vx, vy, vz)
-        )
-        fx, fy, fz = fx + jx * tau, fy + jy * tau, fz + jz * tau
-        m11, m12, m13 = m11 + inertia * jx * jx, m12 + inertia * jx * jy, m13 + inertia * jx * jz
-        m22, m23, m33 = m22 + inertia * jy * jy, m23 + inertia * jy * jz, m33 + inertia * jz * jz
-    dx[0], dx[1], dx[2] = vx, vy, vz
-    dx[3], dx[4], dx[5] = _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz)
+    """dx/dt into `dx`, for the state `x` (8,) of `parameters.py`; else as `acceleration`."""
+    p, v, z_b = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
+    dx[0], dx[1], dx[2] = v
+    dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), NO_ANCHOR)
+    dx[3], dx[4], dx[5] = dv
+    dx[6], dx[7] = dz

@@ -21,7 +21,7 @@ class Shape(IntEnum):
     CYLINDER_Y = 3
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def dot(a, x, y, z):
     """Scalar product of the triple `a` with (x, y, z)."""
     return a[0] * x + a[1] * y + a[2] * z
@@ -47,7 +47,13 @@ def surface_frame(parameters, x, y, z):
     On a curved surface the tangents are the apex's, carried along the great circle (the smallest turn that takes one
     normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
     """
-    a_1, a_2, a_3 = apex_frame(parameters)
+    return frame_at(parameters, apex_frame(parameters), x, y, z)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def frame_at(parameters, apex, x, y, z):
+    """As `surface_frame`; `apex` is the frame at the apex."""
+    a_1, a_2, a_3 = apex
     if parameters.shape == Shape.PLANE:
         return -a_3[0] * x - a_3[1] * y + a_3[2] * (parameters.z_s - z), a_1, a_2, a_3
     R = parameters.radius

@@ -1,7 +1,7 @@
 """The robot's own weight and inertia, which the paper's statics leave out.
 
-The three distal rod pairs are taken as point masses, half of m_b at A_i and half at the platform; the
-proximal link is a uniform rod. Positive theta_l lowers the arm, so its weight is a positive torque.
+All rods are uniform, so the weight of a distal rod pair hangs half at A_i and half at the platform; what its inertia
+does is in `plant.dynamics`. Positive theta_l lowers the arm, so its weight is a positive torque.
 """
 
 from typing import NamedTuple
@@ -35,25 +35,31 @@ class Masses(NamedTuple):
 @njit(cache=True)
 def arm_gravity_torque(geometry, masses, theta):
     """Torque in N m with which one arm's weight turns its joint: (m_a/2 + m_b/2) g l_a cos(theta)."""
-    return 0.5 * (masses.m_a + masses.m_b) * G_ACCELERATION * geometry.l_a * np.cos(theta)
+    return arm_weight(masses) * geometry.l_a * np.cos(theta)
+
+
+@njit(cache=True)
+def arm_weight(masses):
+    """Weight in N that hangs at one knee A_i: (m_a/2 + m_b/2) g."""
+    return 0.5 * (masses.m_a + masses.m_b) * G_ACCELERATION
 
 
 @njit(cache=True)
 def platform_weight(masses):
     """Weight in N that hangs at the platform: (m_p + 3/2 m_b) g."""
-    return platform_mass(masses) * G_ACCELERATION
+    return (masses.m_p + 1.5 * masses.m_b) * G_ACCELERATION
 
 
 @njit(cache=True)
-def platform_mass(masses):
-    """Mass in kg that moves with the platform: m_p + 3/2 m_b."""
-    return masses.m_p + 1.5 * masses.m_b
+def moving_mass(masses):
+    """Mass in kg that the platform's own acceleration feels: m_p + m_b, of three uniform rod pairs."""
+    return masses.m_p + masses.m_b
 
 
 @njit(cache=True)
 def leg_inertia(geometry, masses):
-    """Inertia in kg m^2 of one arm about its joint: m_a l_a^2/3 + m_b l_a^2/2 + I_r."""
-    return (masses.m_a / 3.0 + 0.5 * masses.m_b) * geometry.l_a * geometry.l_a + masses.I_r
+    """Inertia in kg m^2 that a joint's own acceleration feels: (m_a + m_b) l_a^2/3 + I_r, of uniform rods."""
+    return (masses.m_a + masses.m_b) / 3.0 * geometry.l_a * geometry.l_a + masses.I_r
 
 
 @njit(cache=True)

@@ -1,4 +1,4 @@
-"""The Jacobian J = d theta_l / d p_B and its rate.
+"""The Jacobian J = d theta_l / d p_B.
 
 The time derivative of Eq. 7, s_i . (v - d_i dtheta_i/dt) = 0 with s_i = A_iP_i, d_i = dA_i/dtheta_i and
 v = dp_B/dt, gives row i of J as s_i^T / (s_i . d_i). The denominator is +sqrt(D)/2 with the knee outward
@@ -31,31 +31,6 @@ def jacobian_row(geometry, leg, theta, x, y, z):
     s_x, s_y, s_z = distal_link(geometry, leg, cos_theta, sin_theta, x, y, z)
     s_d = -geometry.l_a * ((s_x * LEG_COS[leg] + s_y * LEG_SIN[leg]) * sin_theta + s_z * cos_theta)
     return s_x / s_d, s_y / s_d, s_z / s_d
-
-
-@njit(cache=True, error_model="numpy")
-def jacobian_rate_row_times(geometry, leg, theta, x, y, z, vx, vy, vz):
-    """Component i of (dJ/dt) v in rad/s^2: the joint's acceleration while the platform moves at constant v.
-
-    The second time derivative of Eq. 7 at dv/dt = 0 is
-    (v - d thetadot).(v - d thetadot) - (s.d') thetadot^2 - (s.d) thetadotdot = 0, with d' = d2A_i/dtheta_i^2
-    and thetadot = s.v / s.d.
-
-    Args:
-        geometry, leg, theta, x, y, z: as :func:`jacobian_row`.
-        vx, vy, vz: platform velocity in the base frame in m/s.
-    """
-    l_a = geometry.l_a
-    cos_theta, sin_theta = np.cos(theta), np.sin(theta)
-    s_x, s_y, s_z = distal_link(geometry, leg, cos_theta, sin_theta, x, y, z)
-    s_r = s_x * LEG_COS[leg] + s_y * LEG_SIN[leg]
-    s_d = -l_a * (s_r * sin_theta + s_z * cos_theta)
-    s_dd = -l_a * (s_r * cos_theta - s_z * sin_theta)
-    thetadot = (s_x * vx + s_y * vy + s_z * vz) / s_d
-    r_x = vx + l_a * sin_theta * LEG_COS[leg] * thetadot
-    r_y = vy + l_a * sin_theta * LEG_SIN[leg] * thetadot
-    r_z = vz + l_a * cos_theta * thetadot
-    return (r_x * r_x + r_y * r_y + r_z * r_z - s_dd * thetadot * thetadot) / s_d
 
 
 @njit(cache=True)

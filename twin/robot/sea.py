@@ -14,7 +14,7 @@ def deflection(theta_m, theta_l, N):
     return theta_m - N * theta_l
 
 
-@njit(cache=True)
+@njit(cache=True, forceinline=True)
 def dead_zone(d, half_width):
     """Wind-up in rad left after backlash: 0 for |d| <= half_width, beyond that d reduced by half_width."""
     if d > half_width:

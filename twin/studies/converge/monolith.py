@@ -19,6 +19,7 @@ from twin.experiment.experiment import Experiment
 from twin.plant.component import OUTPUTS, STILL, outputs, settle
 from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
+from twin.plant.surface import apex_frame
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
@@ -119,7 +120,7 @@ def monolithic_rows(
             return coupled_derivative(parameters, drives.T_m, drives.droop, omega_ref, x)
 
         x = solve_ivp(rate, (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=rtol, atol=atol).y[:, -1]
-        settle(parameters, x[6:], STILL, STILL)
+        settle(parameters, apex_frame(parameters), x[6:], STILL, STILL)
     rows = {f"plant.{port.name}": np.reshape(y[port.name], (len(y), -1)) for port in OUTPUTS}
     return rows | {"theta_m": shaft[:, :3], "omega_m": shaft[:, 3:6], "omega_ref": shaft[:, 6:]}
 

@@ -16,7 +16,7 @@ from twin.recording.logs.sampling import in_gap
 from twin.studies.replay.robot_log import RobotLog
 
 LENGTH = 0.1
-"""s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (72 rad/s)."""
+"""s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (75 rad/s)."""
 COUNTS = 4.0
 """Motor counts that have to be crossed in a window, on average over the joints."""
 ACCELERATION = 0.05

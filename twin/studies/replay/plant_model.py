@@ -19,7 +19,7 @@ from twin.recording.logs.errors import LogRefused
 from twin.studies.replay.model import RobotModel
 
 LONGEST_GAP = 0.1
-"""s. A line across more than this is no motor's way: several periods of the springs' slowest free motion, 72 rad/s."""
+"""s. A line across more than this is no motor's way: several periods of the springs' slowest free motion, 75 rad/s."""
 SETTLING = 1.0
 """s, before each start, with the motors where the first sample has them: 20 time constants of the springs' swing with
 the robot's joint friction, and 5 of a robot with a quarter of it."""

@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from tests.laws.runs import PARAMETERS
 from twin.plant.component import STILL, integrate
 from twin.plant.equilibrium import resting
-from twin.plant.parameters import STATES
+from twin.plant.surface import apex_frame
+from twin.robot.leg import NO_ANCHOR
 from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.plant_system import linear_plant
 from twin.studies.analyse.linear.sampled_robot import Stepping, period_map, runge_kutta_step, tick_map
@@ -28,7 +29,7 @@ def test_the_step_of_the_linear_plant_is_the_derivative_of_the_component_s_own(s
     x, theta_m = resting(PARAMETERS, (0.005, 0.01, z))
     linear = linear_plant(PARAMETERS, x, theta_m)
     A, B = runge_kutta_step(linear.A, linear.B, TICK, substeps)
-    k, stage = np.empty((4, STATES)), np.empty(STATES)
+    scratch = apex_frame(PARAMETERS), NO_ANCHOR
 
     def stepped(deviation):
         new = x.copy()
@@ -36,7 +37,7 @@ def test_the_step_of_the_linear_plant_is_the_derivative_of_the_component_s_own(s
         # the bristle follows the platform while it sticks
         new[6:] += deviation[:2] if z < PARAMETERS.z_s else 0.0
         for _ in range(substeps):
-            integrate(PARAMETERS, new, theta_m + deviation[6:], STILL, STILL, STILL, TICK / substeps, k, stage)
+            integrate(PARAMETERS, new, theta_m + deviation[6:], STILL, STILL, STILL, TICK / substeps, *scratch)
         return new[:6]
 
     step = 1e-6
