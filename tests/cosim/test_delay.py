@@ -16,20 +16,20 @@ INITIAL = np.array([8.0, 9.0])
 @given(st.integers(1, 9), st.integers(0, 25))
 def test_a_delay_gives_back_what_it_was_given_so_many_ticks_ago(ticks, last_tick):
     source = sampled("source", lambda t, h, u: (t, -t), outputs=(X,))
-    late = delay("late", X, ticks, INITIAL)
+    late = delay("late", (X,), ticks, INITIAL)
     system = System([source, late], [("source.x", "late.x")], 1.0)
     rows = Simulation(system, last_tick).run()[:, system.columns("late.x")].tolist()
     assert rows == [[k - ticks, ticks - k] if k >= ticks else [8.0, 9.0] for k in range(last_tick + 1)]
 
 
 def test_the_initial_output_is_valid_before_the_first_tick():
-    assert delay("late", X, 3, INITIAL).initial("x").tolist() == [8.0, 9.0]
+    assert delay("late", (X,), 3, INITIAL).initial("x").tolist() == [8.0, 9.0]
 
 
 @pytest.mark.parametrize("ticks", [1, 4])
 def test_two_delays_keep_memories_of_their_own(ticks):
     source = sampled("source", lambda t, h, u: (t, t), outputs=(X,))
-    parts = [source, delay("a", X, ticks, np.zeros(2)), delay("b", X, ticks, np.zeros(2))]
+    parts = [source, delay("a", (X,), ticks, np.zeros(2)), delay("b", (X,), ticks, np.zeros(2))]
     system = System(parts, [("source.x", "a.x"), ("a.x", "b.x")], 1.0)
     rows = Simulation(system, 20).run()[:, system.columns("b.x")][:, 0].tolist()
     assert rows == [max(0, k - 2 * ticks) for k in range(21)]

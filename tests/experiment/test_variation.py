@@ -17,6 +17,7 @@ def times(experiment: Experiment) -> list[float]:
         experiment.controller_ticks,
         experiment.scale_ticks,
         experiment.controller.delay_ticks,
+        experiment.controller.bus_delay_ticks,
         *(change.tick for change in experiment.changes),
     ]
     return [count * experiment.cosim.tick for count in ticks]
@@ -24,7 +25,7 @@ def times(experiment: Experiment) -> list[float]:
 
 @pytest.mark.parametrize("share", [2.0, 1.0, 0.5, 0.125])
 def test_with_another_tick_everything_is_as_long_and_as_late(share: float):
-    experiment = shipped(STEP, "controller.delay_ticks=4")
+    experiment = shipped(STEP, "controller.delay_ticks=4", "controller.bus_delay_ticks=2")
     varied = with_cosim(experiment, tick=share * experiment.cosim.tick)
     # rounding
     assert times(varied) == pytest.approx(times(experiment), rel=1e-12)
@@ -35,6 +36,7 @@ def test_with_another_tick_everything_is_as_long_and_as_late(share: float):
     ("override", "share", "says"),
     [
         ("controller.delay_ticks=3", 2.0, "delay of 0.003 s"),
+        ("controller.bus_delay_ticks=1", 2.0, "delay of the bus of 0.001 s"),
         ("change.1.t_s=20.001", 2.0, "time of a change of 20.001 s"),
         ("duration_s=45", 4.0, "controller of 0.002 s"),
     ],

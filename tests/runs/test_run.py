@@ -108,12 +108,13 @@ def test_a_drive_that_fails_in_mid_run_stops_it_at_that_tick(root: Path, tmp_pat
     assert partial.events[-1].text.startswith(said)
 
 
-def test_a_delay_of_the_computation_delays_the_motors_by_as_much(root: Path, tmp_path: Path):
+@pytest.mark.parametrize("key", ["delay_ticks", "bus_delay_ticks"])
+def test_a_delay_of_computation_or_bus_delays_the_motors_by_as_much(root: Path, tmp_path: Path, key: str):
     speeds = []
     for ticks in (0, 3):
         folder = tmp_path / str(ticks)
         folder.mkdir()
-        overrides = ["duration_s=1", f"controller.delay_ticks={ticks}"]
+        overrides = ["duration_s=1", f"controller.{key}={ticks}"]
         experiment = load_experiment(root / "experiments/fig4_position.toml", overrides, drive="ideal_velocity")
         recording = read(execute(experiment, folder).recording)
         speeds.append(np.stack([recording[f"drive/{i}.omega_m"] for i in (1, 2, 3)]))

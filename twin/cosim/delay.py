@@ -1,4 +1,4 @@
-"""A pure delay of whole ticks, for a computation that takes time."""
+"""A pure delay of whole ticks, for a computation or a bus that takes time."""
 
 import numpy as np
 from numba import carray
@@ -22,8 +22,8 @@ def step(m, t, h, u, y):
     return 0
 
 
-def delay(name: str, port: Port, ticks: int, initial: np.ndarray) -> Component:
-    """Sampled component: its output `port` is its input of `ticks` (>= 1) ticks ago, before that `initial`."""
+def delay(name: str, ports: tuple[Port, ...], ticks: int, initial: np.ndarray) -> Component:
+    """Sampled component: its outputs `ports` are its inputs of `ticks` (>= 1) ticks ago, before that `initial`."""
     ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))
-    memory = np.array([(width((port,)), ticks, 0, 0)], dtype=MEMORY)
-    return NativeComponent(name, (port,), (port,), True, step, memory, ring[0].copy(), pointers={"ring": ring})
+    memory = np.array([(width(ports), ticks, 0, 0)], dtype=MEMORY)
+    return NativeComponent(name, ports, ports, True, step, memory, ring[0].copy(), pointers={"ring": ring})

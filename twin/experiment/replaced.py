@@ -22,7 +22,8 @@ KEPT = {
     "body": (),
     "estimator": (),
     "controller": (
-        "period_ms", "delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg", "model",
+        "period_ms", "delay_ticks", "bus_delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg",
+        "model",
     ),
     "monitor": ("enabled", "period_ms"),
     "scale": ("period_ms",),

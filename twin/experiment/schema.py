@@ -258,6 +258,7 @@ class Controller(Section):
     mode: Literal["force_position", "position"] = Field(description="force and position, or position alone")
     period: float = quantity("period_ms", "time between two commands", gt=0)
     delay_ticks: int = Field(0, ge=0, le=1000, description="computation delay")
+    bus_delay_ticks: int = Field(0, ge=0, le=1000, description="delay of the bus to the drives, behind the monitor")
     speed_limit: float = quantity("speed_limit_rad_per_s", "largest motor speed it commands", gt=0)
     gravity_compensation: bool = Field(description="take the robot's own weight out of the estimated force")
     dead_zone: float = quantity(

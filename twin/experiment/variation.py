@@ -51,9 +51,12 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
         for name in ("duration", "controller", *optional)
     }
     changes = tuple(replace(change, tick=recounted("time of a change", change.tick)) for change in experiment.changes)
-    computer = experiment.controller
-    if computer.delay_ticks:
-        computer = computer.model_copy(update={"delay_ticks": recounted("delay", computer.delay_ticks)})
+    delays = {
+        key: recounted(name, ticks)
+        for key, name in (("delay_ticks", "delay"), ("bus_delay_ticks", "delay of the bus"))
+        if (ticks := getattr(experiment.controller, key))
+    }
+    computer = experiment.controller.model_copy(update=delays)
     return replace(experiment, cosim=cosim, controller=computer, changes=changes, **counts)
 
 

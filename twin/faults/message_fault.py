@@ -40,6 +40,13 @@ _ticks_at = pointer_to(types.int64)
 
 
 @njit(cache=True)
+def copy(target, values):
+    """Write `values` into `target`; an assignment of a whole array allocates memory."""
+    for j in range(len(values)):
+        target[j] = values[j]
+
+
+@njit(cache=True)
 def arrival(m, k):
     """The tick at which a message sent at tick `k` arrives."""
     if m.share > 0.0 and drawn(m) < m.share:
@@ -55,7 +62,7 @@ def post(m, message, messages, arrivals, k):
     """Put `message` of tick `k` under way."""
     m.sent += 1
     slot = m.sent % m.capacity
-    messages[slot] = message
+    copy(messages[slot], message)
     arrivals[slot] = arrival(m, k)
 
 
@@ -64,7 +71,7 @@ def receive(m, present, messages, arrivals, k):
     """Make the newest message that has arrived the `present` one, in place."""
     for n in range(m.sent, max(0, m.sent - m.capacity), -1):
         if arrivals[n % m.capacity] <= k:
-            present[:] = messages[n % m.capacity]
+            copy(present, messages[n % m.capacity])
             return
 
 
@@ -76,7 +83,7 @@ def step(m, t, h, u, y):
     k = tick_now(m.window)
     active = within(m.window, k)
     if k == 0 or not active:
-        present[:] = message
+        copy(present, message)
         m.sent = 0
     if active:
         if k % m.sender_period == 0:
@@ -116,10 +123,9 @@ class MessageFault(NativeComponent):
     ):
         size, capacity = width(ports), most // sender_period + 2
         messages, arrivals, present = np.zeros((capacity, size)), np.zeros(capacity, dtype=np.int64), np.zeros(size)
-        kept = (messages, arrivals, present)
+        pointers = {"messages": messages, "arrivals": arrivals, "present": present}
         memory = memory_of(MEMORY, window=window(span, 1), size=size, sender_period=sender_period, capacity=capacity)
         memory["least"], memory["most"], memory["share"], memory["random"] = least, most, share, random
-        memory["messages"], memory["arrivals"], memory["present"] = (array.ctypes.data for array in kept)
         # a count that came through a fault before may be NaN
         read = (replace(port, kind="double") for port in ports)
-        super().__init__(name, ports, (*read, ACTIVE), True, step, memory, keep=kept)
+        super().__init__(name, ports, (*read, ACTIVE), True, step, memory, pointers=pointers)

@@ -1,10 +1,11 @@
 """The safety monitor as a co-simulation component between controller and drives."""
 
+import numpy as np
 from numba import njit
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
+from twin.cosim.port import Port, by_port, width
 from twin.cosim.record import memory_of, record
 from twin.monitor.belief import BELIEF, MonitorBelief
 from twin.monitor.checks import (
@@ -33,11 +34,12 @@ INPUTS = (
     Port("sample", 1, "1", "number of the encoder message, one more with each"),
     Port("omega_ref", 3, "rad/s", "motor speeds that the controller commands"),
 )
+POWER = Port("power", 1, "1", "whether the drives may have power", "bool")
 OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "motor speeds for the drives: the controller's, after a trip the retraction's"),
     Port("tripped", 1, "1", "whether the monitor has tripped; stays", "bool"),
     Port("reason", 1, "1", "why, a code of twin.monitor.reasons; 0: not tripped", "int"),
-    Port("power", 1, "1", "whether the drives may have power", "bool"),
+    POWER,
     Port("F_z", 1, "N", "pressing force by the monitor's own estimate, low-passed"),
     Port("speed", 1, "m/s", "speed of the platform, low-passed"),
     Port("depth", 1, "m", "how far the platform is below the place where the present contact began"),
@@ -142,7 +144,9 @@ class SafetyMonitor(NativeComponent):
         memory = memory_of(MEMORY, belief=tuple(belief), limits=tuple(limits), sample_interval=sample_interval)
         memory["limit"][0], memory["rest"][0] = thresholds(limits)
         memory["period"], memory["retraction"]["power"], memory["retraction"]["power_off_tick"] = period, 1, -1
-        super().__init__("monitor", INPUTS, OUTPUTS, True, step, memory, period=period)
+        initial = np.zeros(width(OUTPUTS))
+        by_port(OUTPUTS, initial)["power"][0] = 1.0
+        super().__init__("monitor", INPUTS, OUTPUTS, True, step, memory, initial, period)
 
     @property
     def trip(self) -> Trip | None:

@@ -12,6 +12,7 @@ from tests.studies.paper.fig5_recordings import pressed
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
+from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
@@ -73,6 +74,16 @@ def test_panels_show_truth_beside_belief(page: str):
     roles = {row["role"] for row in panels["Pressing force F_z"]["rows"]}
     assert roles >= {"truth", "belief", "reference"}
     assert {row["label"] for row in panels["Motor speed"]["rows"]} >= {"commanded 1", "true 3"}
+
+
+def test_the_commanded_speed_is_what_reaches_the_drives(root: Path, tmp_path: Path):
+    late = ["duration_s=0.1", "controller.bus_delay_ticks=20"]
+    experiment = load_experiment(root / "experiments/fig4_force_position.toml", late)
+    run = ReportRun("", read(execute(experiment, tmp_path).recording))
+    samples = commanded_speed(1)(run)
+    assert samples is not None
+    assert np.array_equal(samples[1], run.recording["bus.omega_ref"][:, 1])
+    assert not np.array_equal(samples[1][::2], run.recording["controller.omega_ref"][:, 1])
 
 
 def test_what_a_drive_says_of_its_own_has_a_panel(root: Path, tmp_path: Path):

@@ -18,7 +18,7 @@ ALONE = ["encoder", "estimator", "controller", "scale", "drive_1", "drive_2", "d
 TOLD = "reference"
 """Only a controller of another make is told of the way: tests/runs/assembly/test_roles.py."""
 EVERYTHING = (
-    "controller.delay_ticks=1", "monitor.enabled=true", "cosim.inputs='linear'",
+    "controller.delay_ticks=1", "controller.bus_delay_ticks=1", "monitor.enabled=true", "cosim.inputs='linear'",
     "contact.shift={by_mm=[0,0,1],start_s=1,rise_s=1}",
 )  # fmt: skip
 

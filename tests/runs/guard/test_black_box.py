@@ -17,8 +17,8 @@ from twin.runs.guard.reporter import PipeReporter
 
 def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
     box = BlackBox()
-    first = delay("first", Port("x", 2), 1, np.array([1.5, -2.5]))
-    second = delay("second", Port("x", 2), 1, np.array([0.25, 4.0]))
+    first = delay("first", (Port("x", 2),), 1, np.array([1.5, -2.5]))
+    second = delay("second", (Port("x", 2),), 1, np.array([0.25, 4.0]))
     system = System([first, second], [("second.x", "first.x"), ("first.x", "second.x")], 1e-3)
     memory = PipeReporter(io.StringIO(), box.fd).stepping(system, 10)
     assert box.mark() == (0, NOBODY)
@@ -32,7 +32,7 @@ def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():
 
 def test_an_account_knows_the_component_that_the_mark_points_to():
     box, pipe, account = BlackBox(), io.StringIO(), Account()
-    system = System([delay("only", Port("x", 1, "N"), 1, np.zeros(1))], [("only.x", "only.x")], 1e-3)
+    system = System([delay("only", (Port("x", 1, "N"),), 1, np.zeros(1))], [("only.x", "only.x")], 1e-3)
     memory = PipeReporter(pipe, box.fd).stepping(system, 10)
     account.take(json.loads(pipe.getvalue()))
     assert not account.busy(box)

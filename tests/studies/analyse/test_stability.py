@@ -69,6 +69,11 @@ def test_a_monitor_that_passes_commands_on_late_is_refused():
         stability(shipped("massage", "controller.delay_ticks=1", "monitor.period_ms=2"))
 
 
+def test_a_delay_behind_the_monitor_is_as_long_whatever_the_monitor_samples():
+    experiment = shipped("massage", "controller.bus_delay_ticks=1", "monitor.period_ms=2")
+    assert Linearised(experiment, operating_points(experiment)[0]).stepping.delay == 1
+
+
 def test_the_text_says_the_verdict_first_in_80_columns(fig4, too_much):
     for done, verdict in ((fig4, "STABLE at all 5"), (too_much, "UNSTABLE at 2 of 5")):
         lines = analysis_text(done).splitlines()

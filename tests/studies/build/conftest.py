@@ -11,6 +11,9 @@ from twin.studies.build.study import build_fmu
 
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"
+MASSAGE = ROOT / "experiments" / "massage.toml"
+DELAYED = ("controller.delay_ticks=3",)
+"""A computer with a ring of memory."""
 MODULES: dict[str, str] = {}
 """LLVM's assembly of all steps that were built, by their symbols."""
 
@@ -21,13 +24,15 @@ def silent(what: str) -> None:
 
 @pytest.fixture(scope="session")
 def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
-    """Builds a part: `built("plant")`, once for each."""
+    """Builds a part: `built("plant")`, once for each; steps that parts share are emitted once."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
+    steps: dict[tuple[object, str], Emitted] = {}
 
     def kept(step: object, symbol: str) -> Emitted:
-        made = emitted(step, symbol)  # type: ignore[arg-type]
-        MODULES[symbol] = made.text
-        return made
+        if (step, symbol) not in steps:
+            steps[step, symbol] = emitted(step, symbol)  # type: ignore[arg-type]
+            MODULES[symbol] = steps[step, symbol].text
+        return steps[step, symbol]
 
     def build(part: str, fmi: str = "2.0", settings: tuple[str, ...] = (), experiment: str = str(FIG4)) -> Path:
         key = part, fmi, settings, experiment

@@ -1,7 +1,8 @@
 """FMUs in FMPy's hands: another master than ours, which knows nothing of the twin."""
 
+import ctypes
 import shutil
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -64,6 +65,10 @@ class Slave:
         assert elements, name
         return [self.variables[element].valueReference for element in elements]
 
+    def outputs(self) -> list[str]:
+        """All outputs; the elements that FMI 2.0 makes of an array are one."""
+        return list(dict.fromkeys(v.name.partition("[")[0] for v in self.variables.values() if v.causality == "output"))
+
     def set(self, values: Mapping[str, Any]) -> None:
         """Values by name."""
         for name, value in values.items():
@@ -93,22 +98,50 @@ class Slave:
         shutil.rmtree(self.folder, ignore_errors=True)
 
 
+class Ends:
+    """Some values of a slave, in its calls' own form: what is done tens of thousands of times should cost little.
+
+    Args:
+        slave: whose.
+        references: of the variables.
+
+    Attributes:
+        values: what `take` has read, or `put` writes.
+    """
+
+    def __init__(self, slave: Slave, references: Sequence[int]):
+        self.values = np.zeros(sum(slave.sizes[reference] for reference in references))
+        ends = (ctypes.c_uint32 * len(references))(*references), len(references)
+        there = self.values.ctypes.data_as(ctypes.POINTER(ctypes.c_double))
+        self._arguments = (slave.fmu.component, *ends, there, *([len(self.values)] if slave.new else []))
+        prefix, kind = ("fmi3", "Float64") if slave.new else ("fmi2", "Real")
+        self._get, self._set = (getattr(slave.fmu.dll, f"{prefix}{verb}{kind}") for verb in ("Get", "Set"))
+
+    def take(self) -> NDArray[np.float64]:
+        """They, read anew."""
+        assert self._get(*self._arguments) == 0
+        return self.values
+
+    def put(self, values: NDArray[np.float64]) -> None:
+        """Write `values`."""
+        self.values[:] = values
+        assert self._set(*self._arguments) == 0
+
+
 class Kept:
     """Some outputs of a slave, tick by tick."""
 
-    def __init__(self, slave: Slave, names: list[str], rows: int):
-        self.names = names
+    def __init__(self, slave: Slave, names: Sequence[str], rows: int):
         parts = [slave.references(name) for name in names]
-        self.references = [reference for part in parts for reference in part]
-        self.ends = np.cumsum([sum(slave.sizes[reference] for reference in part) for part in parts])
-        self.rows = np.zeros((rows, int(self.ends[-1])))
-        self.slave = slave
+        sizes = [sum(slave.sizes[reference] for reference in part) for part in parts]
+        ends = np.cumsum(sizes)
+        self.columns = {name: slice(end - size, end) for name, end, size in zip(names, ends, sizes, strict=True)}
+        self.rows = np.zeros((rows, sum(sizes)))
+        self.ends = Ends(slave, [reference for part in parts for reference in part])
 
     def keep(self, row: int) -> None:
-        self.rows[row] = self.slave.take(self.references)
+        self.rows[row] = self.ends.take()
 
     def __getitem__(self, name: str) -> NDArray[np.float64]:
-        n = self.names.index(name)
-        start = self.ends[n - 1] if n else 0
-        found = self.rows[:, start : self.ends[n]]
+        found = self.rows[:, self.columns[name]]
         return found[:, 0] if found.shape[1] == 1 else found

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.build.conftest import FIG4, ROOT
+from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, ROOT
 from tests.studies.build.slaves import Kept, Slave
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import run_in_memory
@@ -16,7 +16,6 @@ from twin.studies.build.part import part_of
 
 TICKS = 1500
 BREATHING = ROOT / "experiments" / "track_breathing.toml"
-MASSAGE = ROOT / "experiments" / "massage.toml"
 SHIFTED = (
     "contact.shift={by_mm=[0.5,0.0,1.0],start_s=0.3,rise_s=0.2,end_s=1.0}", "contact.shape=sphere",
     "contact.radius_mm=80", "contact.tilt_deg=3", "contact.height_mm=-93",
@@ -36,7 +35,7 @@ def another(parameter: Parameter, n: int) -> list[float]:
     ("experiment", "part", "settings"),
     [
         (BREATHING, "plant", SHIFTED),
-        (MASSAGE, "computer", ("controller.delay_ticks=3",)),
+        (MASSAGE, "computer", DELAYED),
         pytest.param(FIG4, "plant", DEEP, marks=pytest.mark.endurance),
         pytest.param(FIG4, "computer", WATCHED, marks=pytest.mark.endurance),
     ],

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.studies.build.conftest import DELAYED, MASSAGE
 from tests.studies.build.slaves import Slave
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
@@ -122,7 +123,7 @@ def test_a_state_of_another_build_is_refused(built: Callable[..., Path]) -> None
 
 def test_a_computer_with_a_ring_of_memory_goes_back_too(built: Callable[..., Path]) -> None:
     # way points and delay are behind pointers, which belong to an instance
-    slave, other = (Slave(built("computer", "2.0", ("controller.delay_ticks=3",))).ready() for _ in range(2))
+    slave, other = (Slave(built("computer", "2.0", DELAYED, str(MASSAGE))).ready() for _ in range(2))
     angles = slave.get("theta_m"), slave.get("theta_l")
 
     def run(which: Slave, first: int) -> list[float]:

@@ -54,6 +54,12 @@ def test_a_servo_at_a_limit_is_not_the_equation_that_is_integrated():
     assert reference_of(shortened(experiment, 0.2)).meaning.endswith("a drive reaches a limit")
 
 
+@pytest.mark.parametrize("key", ["delay_ticks", "bus_delay_ticks"])
+def test_the_monolithic_run_knows_no_delays(key: str):
+    assert applies(short())
+    assert not applies(short(f"controller.{key}=1"))
+
+
 def test_a_drive_behind_a_gear_is_not_taken_for_ours():
     experiment = short("drive.gear_ratio=2.0")
     with assemble(experiment) as assembly:

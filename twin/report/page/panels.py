@@ -94,10 +94,11 @@ def wind_up(joint: int, motor: str, load: str) -> Reader:
 
 
 def commanded_speed(joint: int) -> Reader:
-    """Reads what the drive is told, rad/s: the monitor's word where there is one, else the controller's."""
+    """Reads what the drive is told, rad/s: by the last of the components between controller and drives."""
 
     def samples(run: ReportRun) -> Samples | None:
-        return series("monitor.omega_ref", joint)(run) or series("controller.omega_ref", joint)(run)
+        last = next((name for name in ("bus", "monitor", "delay") if run.has(f"{name}.omega_ref")), "controller")
+        return series(f"{last}.omega_ref", joint)(run)
 
     return samples
 

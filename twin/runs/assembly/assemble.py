@@ -96,20 +96,25 @@ def assemble(
                 to_close.callback(component.close)
                 made[row].append(component)
         components = [component for row in made.values() for component in row]
-        components, feeds = inject(
-            components,
-            connected(made),
-            experiment.faults,
-            experiment.cosim.tick,
-            (experiment.plant.motor_counts_per_turn, experiment.plant.joint_counts_per_turn),
-            experiment.controller.speed_limit,
-        )
+        components, feeds = broken(experiment, components, connected(made))
         cosim = experiment.cosim
         joined = wires(feeds | _at_end(feeds, components), components)
         system = System(components, joined, cosim.tick, cosim.scheme, cosim.inputs, cosim.iterations)
         system.changes = scheduled(experiment, system)
         to_close.pop_all()
     return Assembly(system, plans, {name: _kind(taken[name]) for name in taken}, home, others)
+
+
+def broken(experiment: Experiment, components: Sequence[Component], feeds: Feeds) -> tuple[list[Component], Feeds]:
+    """The same robot with the faults of `experiment` in it, see `inject`."""
+    return inject(
+        components,
+        feeds,
+        experiment.faults,
+        experiment.cosim.tick,
+        (experiment.plant.motor_counts_per_turn, experiment.plant.joint_counts_per_turn),
+        experiment.controller.speed_limit,
+    )
 
 
 def _at_end(feeds: Feeds, components: Sequence[Component]) -> Feeds:

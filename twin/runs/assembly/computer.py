@@ -17,7 +17,7 @@ from twin.cosim.delay import delay
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Approach, Task
-from twin.monitor.component import SafetyMonitor
+from twin.monitor.component import POWER, SafetyMonitor
 from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
 from twin.runs.assembly.build import Build, Makers
 
@@ -110,7 +110,7 @@ def references(build: Build) -> Makers:
 def delays(build: Build) -> Makers:
     """What makes the delay between controller and drives, if one is set."""
     ticks = build.experiment.controller.delay_ticks
-    return {"delay": lambda: delay("delay", OMEGA_REF, ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
+    return {"delay": lambda: delay("delay", (OMEGA_REF,), ticks, np.zeros(OMEGA_REF.size))} if ticks else {}
 
 
 def monitors(build: Build) -> Makers:
@@ -121,3 +121,16 @@ def monitors(build: Build) -> Makers:
     limits = monitor_limits(experiment.monitor, experiment.controller.speed_limit)
     periods = experiment.controller_ticks, experiment.monitor_ticks
     return {"monitor": lambda: SafetyMonitor(monitor_belief(experiment.robot), limits, *periods)}
+
+
+def buses(build: Build) -> Makers:
+    """What makes the bus between the last of the computer and the drives, if it takes time.
+
+    Until the first message has come the drives are told to stand still, and have power.
+    """
+    ticks = build.experiment.controller.bus_delay_ticks
+    if not ticks:
+        return {}
+    ports = (OMEGA_REF,) if build.experiment.monitor is None else (OMEGA_REF, POWER)
+    initial = np.concatenate([np.zeros(OMEGA_REF.size), np.ones(len(ports) - 1)])
+    return {"bus": lambda: delay("bus", ports, ticks, initial)}

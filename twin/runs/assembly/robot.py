@@ -42,8 +42,10 @@ def _source(text: str) -> Source:
     return row, port
 
 
-COMMAND = ("monitor.omega_ref", "delay.omega_ref", "controller.omega_ref")
+COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "controller.omega_ref")
 """What the drives are told: the last word on the way from the controller."""
+POWER = ("bus.power", "monitor.power")
+"""Whether they may have power."""
 
 ROBOT = (
     _row("body", mechanics.body),
@@ -55,13 +57,14 @@ ROBOT = (
         p_ref_B="reference.p_ref_B",
         p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
     ),
-    _row("delay", computer.delays, omega_ref=COMMAND[2:]),
+    _row("delay", computer.delays, omega_ref=COMMAND[3:]),
     _row(
         "monitor", computer.monitors,
-        omega_ref=COMMAND[1:], count_m="encoder.count_m", count_l="encoder.count_l", sample="encoder.sample",
+        omega_ref=COMMAND[2:], count_m="encoder.count_m", count_l="encoder.count_l", sample="encoder.sample",
     ),
+    _row("bus", computer.buses, omega_ref=COMMAND[1:], power=POWER[1:]),
     _row("scale", mechanics.scale, F_ee_B="plant.F_ee_B"),
-    _row("drive", joint_drives, omega_ref=COMMAND, tau_load="plant.tau_load", enable="monitor.power"),
+    _row("drive", joint_drives, omega_ref=COMMAND, tau_load="plant.tau_load", enable=POWER),
     _row(
         "plant", mechanics.plant,
         theta_m="drive.theta_m", theta_m_start="drive.theta_m", s_B="body.s_B", v_s_B="body.v_s_B",

@@ -118,4 +118,6 @@ def _stepping(experiment: Experiment) -> Stepping:
             "commands on late; the analysis knows only monitors that divide the controller's period and delay"
         )
     jacobi = experiment.cosim.scheme == "jacobi"
-    return Stepping(experiment.cosim.tick, experiment.plant.substeps, period, delay, jacobi)
+    # what is behind the monitor nobody samples
+    late = delay + c.bus_delay_ticks
+    return Stepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

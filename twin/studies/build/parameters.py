@@ -6,7 +6,7 @@ many ticks or phases there are, or which law holds, or something is worked out o
 """
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -14,6 +14,8 @@ import numpy as np
 from twin.controller.belief import Belief
 from twin.experiment.contact import Breathing, Contact, Shift
 from twin.experiment.experiment import Experiment
+from twin.experiment.fault import table_of
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.schema import (
     Controller,
@@ -30,6 +32,7 @@ from twin.experiment.schema import (
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.tunable import PLACES as TUNABLES
+from twin.studies.build.fault_numbers import fault_beside, fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
 
@@ -99,8 +102,11 @@ def parameters(part: RobotPart) -> list[Parameter]:
     for component in part.components:
         for key, destination in _OF.get(component.name, _nothing)(part, component.memory[0:1]):
             found.setdefault(key, []).append(destination)
-    order = list(_TABLES)
-    keys = sorted((key for key in found if key != START), key=lambda key: order.index(key.rpartition(".")[0]))
+        fault = fault_of(part.experiment, component.name)
+        for attribute, memory, times in fault_numbers(part.experiment, fault, component) if fault else ():
+            found[f"{component.name}.{attribute}"] = [Destination(component.name, memory, times=times)]
+    order = {table: n for n, table in enumerate(_TABLES)}
+    keys = sorted((key for key in found if key != START), key=lambda key: order.get(key.rpartition(".")[0], 0))
     offered = [_parameter(part.experiment, key, tuple(found[key])) for key in keys]
     if START in found:
         meaning = "where the platform is at the start, at rest"
@@ -113,12 +119,10 @@ def parameters(part: RobotPart) -> list[Parameter]:
 
 def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> Parameter:
     table, _, attribute = key.rpartition(".")
-    field = _TABLES[table].model_fields[attribute]
+    fault = fault_of(experiment, table)
+    field = (table_of(CATALOGUE[fault.kind]) if fault else _TABLES[table]).model_fields[attribute]
     name = field.alias or attribute
-    values: Any = experiment.values
-    for word in table.split("."):
-        values = values.get(word, {})
-    value = values.get(name, field.default)
+    value = _said(experiment, table).get(name, field.default)
     text = name.removeprefix(f"{attribute}_").replace("_per_", "/").replace("per_", "1/").replace("_", ".")
     text = text if field.alias and known_unit(text) else "1"
     unit = known_unit(text)
@@ -262,16 +266,29 @@ _FIXED = {
 def fixed(part: RobotPart, offered: list[Parameter]) -> list[str]:
     """The keys of the experiment's file that decide on the part, and cannot be set any more."""
     open_ones = {parameter.key for parameter in offered}
-    keys = dict.fromkeys(key for component in part.components for key in _FIXED.get(component.name, ()))
     experiment = part.experiment
-    return ["cosim.tick_ms", *(key for key in keys if key not in open_ones and _said(experiment, key))]
+    keys: dict[str, None] = {}
+    for component in part.components:
+        fault = fault_of(experiment, component.name)
+        if fault:
+            said = (f"{component.name}.{key}" for key in _said(experiment, component.name))
+            keys |= dict.fromkeys((*said, *fault_beside(fault)))
+        keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
+    return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
 
 
-def _said(experiment: Experiment, key: str) -> bool:
+def _has(experiment: Experiment, key: str) -> bool:
     """Whether the experiment says it, or has such a table."""
+    table, _, name = key.strip("[]").rpartition(".")
+    value = _said(experiment, table).get(name)
+    return bool(value) or value == 0
+
+
+def _said(experiment: Experiment, table: str) -> Mapping[str, Any]:
+    """What the experiment says in `table`, `controller.force`, or `fault_2` for the second [[fault]]."""
     values: Any = experiment.values
-    for word in key.strip("[]").split("."):
-        if not isinstance(values, dict) or word not in values:
-            return False
-        values = values[word]
-    return bool(values) or values == 0
+    if fault_of(experiment, table):
+        return values["fault"][int(table.rpartition("_")[2]) - 1]
+    for word in table.split(".") if table else ():
+        values = values.get(word) if isinstance(values, Mapping) else None
+    return values if isinstance(values, Mapping) else {}

@@ -7,23 +7,28 @@ from typing import Any
 import numpy as np
 
 from twin.cosim.component import Component, NativeComponent
-from twin.cosim.port import Port, by_port, width
+from twin.cosim.port import Port, width
 from twin.cosim.wiring import End, Feeds
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
 from twin.plant.beginning import REST_OUTPUTS, outputs_at_start, rest
 from twin.plant.component import inputs as plant_inputs
-from twin.runs.assembly.assemble import HERE
-from twin.runs.assembly.build import Build
-from twin.runs.assembly.mechanics import at_rest, motions
-from twin.runs.assembly.robot import ROBOT, connected
+from twin.runs.assembly.assemble import HERE, broken
+from twin.runs.assembly.build import JOINTS, Build
+from twin.runs.assembly.mechanics import at_rest
+from twin.runs.assembly.robot import ROBOT, Row, connected
+from twin.runs.assembly.roles import CONTRACTS
+from twin.studies.build.refusals import refuse_broken, refuse_changed, refuse_others
 
 DRIVE = "drive"
+COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))
+SHAFTS = (Port("theta_m", JOINTS, "rad"),)
 PARTS = {
     "plant": ("body", "scale", "plant"),
     "computer": ("encoder", "estimator", "controller", "delay", "monitor"),
 }
-"""Parts of several components, as far as an experiment has them; any other component is one by its name."""
+"""Parts of several components, as far as an experiment has them; any other component is one by its name. The bus is not
+the computer's: where all exchange their values between steps, these take the time that it takes."""
 
 
 @dataclass(frozen=True)
@@ -72,79 +77,51 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
     Raises:
         InputRefused: there is no such part, or it cannot be taken out of the experiment.
     """
-    _refuse_broken(experiment)
     plant, theta_m = at_rest(experiment, "body" in experiment.stand_ins)
     build = Build(experiment, (), HERE, plant, theta_m)
-    makers = {
-        row.name: row.parts(build) if row.name != DRIVE and row.name not in experiment.stand_ins else {}
-        for row in ROBOT
-    }
-    known = [*PARTS, *(row for row, found in makers.items() if found and row not in PARTS)]
-    wanted = PARTS.get(name, (name,))
-    _refuse_others(experiment, name, wanted)
-    if name not in known:
-        hint = nearest(name, known, "parts are {}")
+    made = {row.name: _made(row, build) for row in ROBOT}
+    sound = connected(made)
+    components, feeds = broken(experiment, [component for row in made.values() for component in row], sound)
+    native = [component for component in components if isinstance(component, NativeComponent) and component.portable]
+    known = [component.name for component in native]
+    wanted = [component for component in PARTS.get(name, (name,)) if component in known]
+    refuse_others(experiment, name, PARTS.get(name, (name,)))
+    if not wanted:
+        hint = nearest(name, dict.fromkeys([*PARTS, *known]), "parts are {}")
         raise InputRefused(f"{name}: no part of {experiment.name} that can be built; {hint}")
-    made = {row: [make() for make in found.values()] if row in wanted else [] for row, found in makers.items()}
-    feeds = connected(made)
-    components = sorted((c for row in made.values() for c in row), key=lambda c: not c.sampled)
-    native = tuple(_native(component) for component in components)
+    refuse_changed(experiment, wanted)
+    refuse_broken(experiment, name, wanted, sound, feeds)
+    chosen = sorted((c for c in native if c.name in wanted), key=lambda component: not component.sampled)
+    within = {target: source for target, source in feeds.items() if {target.component, source.component} <= {*wanted}}
     beginnings: dict[str, tuple[Beginning, ...]] = {}
-    if made["plant"]:
+    if plant in chosen:
         moving = len(plant.inputs) > len(plant_inputs(False, False))
         beginnings["plant"] = Beginning(outputs_at_start(moving, False)), Beginning(rest, REST_OUTPUTS)
     starts = {
-        port.name: (port, _value_at_start(component, port, build))
-        for component in native
+        port.name: (port, _at_start(component, port, components, feeds))
+        for component in chosen
         for port in component.inputs
-        if End(component.name, port.name) not in feeds
+        if End(component.name, port.name) not in within
     }
-    return RobotPart(name, experiment, native, feeds, beginnings, starts, experiment.start)
+    return RobotPart(name, experiment, tuple(chosen), within, beginnings, starts, experiment.start)
 
 
-def _refuse_broken(experiment: Experiment) -> None:
-    """What an experiment does to its robot on the way is not part of the robot."""
-    for found, table, remedy in (
-        (experiment.faults, "fault", "what breaks in the other master is its own affair"),
-        (experiment.changes, "change", "set the parameter at that time there"),
-    ):
-        if found:
-            raise InputRefused(
-                f"{experiment.name}: has [[{table}]] tables, which cannot be built; remove them: {remedy}"
-            )
+def _made(row: Row, build: Build) -> list[Component]:
+    """The components of a row; of drives, and of what is of another make, nothing but the ports."""
+    if row.name == DRIVE:
+        return [Component(DRIVE, COMMANDS, SHAFTS, False, 0, 0, build.theta_m)]
+    if row.name in build.experiment.stand_ins:
+        inputs, outputs, _ = CONTRACTS[row.name]
+        return [Component(row.name, inputs, outputs, True, 0, 0, np.zeros(width(outputs)))]
+    return [make() for make in row.parts(build).values()]
 
 
-def _refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
-    if name.startswith(DRIVE):
-        raise InputRefused(f"{name}: a drive is an FMU already; expected another part of {experiment.name}")
-    for role in wanted:
-        # the body's values come in from outside then
-        if role in experiment.stand_ins and name != "plant":
-            label = experiment.stand_ins[role].label
-            raise InputRefused(
-                f"{experiment.name}: its {role} is {label}, of another make; only twin's own can be built"
-            )
-    if "plant" in wanted and experiment.cosim.inputs == "linear":
-        raise InputRefused(
-            f'{experiment.name}: [cosim] inputs = "linear": an FMU holds its inputs over a step; '
-            "build the plant with --set cosim.inputs=hold"
-        )
-    if "body" in wanted and name == "body" and not motions(experiment):
-        raise InputRefused(f"{experiment.name}: its body does not move; there is nothing to build")
-
-
-def _native(component: Component) -> NativeComponent:
-    if not isinstance(component, NativeComponent) or not component.portable:
-        raise InputRefused(f"{component.name}: works on memory that cannot be taken elsewhere; build another part")
-    return component
-
-
-def _value_at_start(component: Component, port: Port, build: Build) -> np.ndarray:
-    """What comes in at the start of the experiment, the robot at rest; 0 for what nobody has worked out yet."""
-    row = next(row for row in ROBOT if row.name == component.name)
-    for source, name in row.inputs.get(port.name, ()):
-        if source == DRIVE and name == "theta_m":
-            return np.array(build.theta_m)
-        if source == "plant":
-            return by_port(build.plant.outputs, build.plant.initial_outputs)[name].copy()
-    return np.zeros(width((port,)))
+def _at_start(component: Component, port: Port, components: Sequence[Component], feeds: Feeds) -> np.ndarray:
+    """What comes in at the start of the experiment, the robot at rest; 0 for what nobody feeds."""
+    values = np.zeros(port.size)
+    for n in range(port.size):
+        source = feeds.get(End(component.name, port.name, n))
+        if source is not None:
+            feeder = next(other for other in components if other.name == source.component)
+            values[n] = feeder.initial(source.port)[source.element]
+    return values

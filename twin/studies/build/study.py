@@ -70,6 +70,14 @@ def about(part: RobotPart) -> str:
             "their values between steps (Jacobi) that is a delay of one step; in one that steps it before those it "
             "feeds, and hands its values on at once (Gauss-Seidel), there is none."
         )
+    for number, fault in enumerate(experiment.faults, start=1):
+        if part.component(f"fault_{number}"):
+            sentences.append(f"fault_{number}: {fault.kind} of {fault.target}.")
+    if part.component("controller") and experiment.controller.bus_delay_ticks:
+        sentences.append(
+            f"The delay of the bus, controller.bus_delay_ticks = {experiment.controller.bus_delay_ticks}, is not in "
+            "it: of these ticks a Jacobi master makes one."
+        )
     return " ".join(sentences)
 
 

@@ -6,11 +6,8 @@ from collections.abc import Iterable, Sequence
 
 from twin.studies.build.layout import Layout, Row, Variable
 
-STATUS = {
-    "plant": "left the workspace, a leg cannot reach the platform",
-    "estimator": "found no pose that fits the first encoder counts",
-}
-"""What status 2 of a component means."""
+STATUS = {"plant": "left the workspace, a leg cannot reach the platform"}
+"""What status 2 means of a component whose own words are of this moment."""
 
 
 def sizes(layout: Layout, variables: Sequence[Variable], guid: str, tick: float) -> str:
@@ -76,7 +73,7 @@ def _variable(variable: Variable) -> str:
 def _component(row: Row) -> str:
     n_u = sum(port.size for port in row.component.inputs)
     name = row.component.name
-    status = f'"{STATUS[name]}"' if name in STATUS else "0"
+    status = f'"{STATUS.get(name) or row.component.explain(2)}"'
     return (
         f'{{"{name}", {row.symbol}, {row.period}, {row.memory}, {row.u}, {n_u}, {row.y}, {row.y_size}, '
         f"{int(row.component.finite)}, {status}}}"

@@ -81,6 +81,7 @@ def applies(experiment: Experiment) -> bool:
         or experiment.monitor
         or experiment.stand_ins
         or experiment.controller.delay_ticks
+        or experiment.controller.bus_delay_ticks
         or experiment.plant.motor_noise
         or experiment.plant.joint_noise
     )

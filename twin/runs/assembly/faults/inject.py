@@ -184,7 +184,7 @@ def _break_drive(circuit: Circuit, number: int, fault: Fault) -> None:
     circuit.put_behind(broken, [theta_m], [End(broken.name, "theta_m")])
     circuit.feeds[End(broken.name, "tau_load")] = tau_load
     if monitored:
-        circuit.feeds[End(broken.name, "power")] = End("monitor", "power")
+        circuit.feeds[End(broken.name, "power")] = End("bus" if circuit.has("bus") else "monitor", "power")
 
 
 def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> End:

@@ -1,0 +1,1 @@
+"""The twin beside what others made: `make validation`, docs/validation.md."""

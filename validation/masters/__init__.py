@@ -1,0 +1,1 @@
+"""The robot of an experiment as parts that another master can run."""
