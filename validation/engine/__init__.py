@@ -1,0 +1,1 @@
+"""The robot as bodies in the engine of somebody else, beside `twin.plant`."""
