@@ -23,15 +23,11 @@ from validation.engine.constrained import Numbers
 from validation.engine.mechanism import Mechanism
 from validation.engine.robots import spring_torques
 
-SUBSTEPS = 1
-"""As the twin's plant has them: what differs then is the robot and not how it is integrated."""
-
-
 class EnginesPlant:
-    """What `PythonComponent` steps; classical Runge-Kutta as in the twin's own plant, friction settled after it.
+    """What `PythonComponent` steps: one step of Runge-Kutta as in the twin's own plant, friction settled after it.
 
-    Rods begin without turning about their own axis. Nothing ever turns them: they are thin and round, and held by balls
-    at both ends.
+    So the robot differs and not how it is integrated. Rods begin without turning about their own axis, and go on so:
+    they are round, and held by balls at both ends.
 
     Args:
         mechanism: the bodies.

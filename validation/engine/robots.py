@@ -10,7 +10,8 @@ from twin.plant.component import STILL
 from twin.plant.dynamics import acceleration, joint_torque, spring_deflection
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import apex_frame
-from twin.robot.geometry import Geometry
+from twin.robot.forward_kinematics import position
+from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
 from twin.robot.gravity import G_ACCELERATION, arm_gravity_torque, environment_force
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
@@ -23,7 +24,9 @@ from validation.engine.mechanism import Mechanism
 
 WEIGHTLESS = "rods of a weightless robot"
 CLEAR = 0.1
-"""How far from a singularity, as the measures of `twin.robot.singularity`: 0 there, at most 1."""
+"""How far from a singularity, as the measures of `twin.robot.singularity` and `holding`: 0 there, at most 1."""
+WAY = 21
+"""Points of a way that are looked at."""
 
 
 @dataclass(frozen=True)
@@ -143,25 +146,41 @@ def _of_pairs(reactions: Numbers) -> Numbers:
 
 
 def states(parameters: PlantParameters, number: int, seed: int = 16) -> list[State]:
-    """Drawn from the whole workspace but the neighbourhood of singularities, where every error grows.
+    """Drawn from the workspace as far as a straight way leads from where the arms are horizontal.
 
-    The platform moves at about 1 m/s, motors are off by up to 0.3 rad from where springs are slack, springs hold with
+    Left out is the neighbourhood of singularities, where every error grows. The platform moves at about 1 m/s, motors are off by up to 0.3 rad from where springs are slack, springs hold with
     about 0.2 N m.
     """
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     random, found = np.random.default_rng(seed), list[State]()
     reach = parameters.l_a + parameters.l_b
+    first = position(geometry, np.zeros(3))
     while len(found) < number:
         p_B = random.uniform(-reach, reach, 3)
-        if p_B[2] > 0.0 or not is_reachable(geometry, p_B):
+        way = first + np.linspace(0.0, 1.0, WAY)[:, None] * (p_B - first)
+        if not is_reachable(geometry, way).all():
             continue
-        J = jacobian(geometry, p_B)
-        if transmission_sines(geometry, J).min() < CLEAR or abs(distal_volume(J)) < CLEAR:
+        J = jacobian(geometry, way)
+        measures = transmission_sines(geometry, J), np.abs(distal_volume(J)), holding(J)
+        if min(measure.min() for measure in measures) < CLEAR:
             continue
         off = random.uniform(-0.3, 0.3, 3)
         theta_m = parameters.N * joint_angles(geometry, p_B) + off
         found.append(State(p_B, random.normal(size=3), theta_m, 0.2 * random.normal(size=3)))
     return found
+
+
+def holding(J: Numbers) -> Numbers:
+    """How well the parallelograms keep the platform from turning, (...): 1 well, 0 not at all.
+
+    Each keeps it from turning about its own normal, so that it is the volume which the three normals span.
+
+    Args:
+        J: d theta_l / d p_B (rad/m), (..., 3, 3), whose rows point along the rods.
+    """
+    sideways = np.array([-np.array(LEG_SIN), LEG_COS, np.zeros(3)]).T
+    normals = np.cross(sideways, J)
+    return np.abs(np.linalg.det(normals / np.linalg.norm(normals, axis=-1, keepdims=True)))
 
 
 def differences(one: Robot, other: Robot, given: Sequence[State]) -> dict[str, float]:
