@@ -47,7 +47,10 @@ class Mechanism:
         self._angles, self.arms = [int(arm.qposadr[0]) for arm in arms], [int(arm.dofadr[0]) for arm in arms]
         place, speed = (int(found[0]) for found in (model.joint("platform").qposadr, model.joint("platform").dofadr))
         self._place, self.platform = slice(place, place + 3), slice(speed, speed + 3)
-        self._rods_rows, self._joints_rows, self._turns = (np.zeros((RODS, 3, n)) for _ in range(3))
+        self._bodies = model.site_bodyid.tolist()
+        # the engine writes into these: velocities of sites per speed, their rates, angular velocities of the rods
+        rows = (np.zeros((RODS, 3, n)) for _ in range(5))
+        self._rod_rows, self._joint_rows, self._rod_rates, self._joint_rates, self._turns = rows
         self._rows, self._M, self._bias = np.zeros((n, n)), np.zeros((n, n)), np.zeros(n)
         self._rows[FREE, self.platform] = np.eye(3)
         self._look()
@@ -91,11 +94,10 @@ class Mechanism:
         engine.mj_comVel(model, data)
         engine.mj_rne(model, data, 0, self._bias)
         engine.mj_passive(model, data)
-        rates = np.zeros((2, RODS, 3, model.nv))
-        for rate, sites in zip(rates, (self._joints, self._rods), strict=True):
-            for i, site in enumerate(sites):
-                engine.mj_jacDot(model, data, rate[i], None, data.site_xpos[site], model.site_bodyid[site])
-        drift = ((rates[0] - rates[1]) @ data.qvel).ravel()
+        for sites, rates in ((self._joints, self._joint_rates), (self._rods, self._rod_rates)):
+            for site, rate in zip(sites, rates, strict=True):
+                engine.mj_jacDot(model, data, rate, None, data.site_xpos[site], self._bodies[site])
+        drift = ((self._joint_rates - self._rod_rates) @ data.qvel).ravel()
         bias = self._bias - data.qfrc_passive
         return Constrained(self._M.copy(), bias, self._rows[:BOUND].copy(), drift, self._inverse.copy())
 
@@ -138,11 +140,9 @@ class Mechanism:
         engine, model, data = self._engine, self._model, self._data
         engine.mj_comPos(model, data)
         for i, (rod, joint) in enumerate(zip(self._rods, self._joints, strict=True)):
-            engine.mj_jacSite(model, data, self._rods_rows[i], self._turns[i], rod)
-            engine.mj_jacSite(model, data, self._joints_rows[i], None, joint)
-        np.subtract(
-            self._joints_rows.reshape(BOUND, -1), self._rods_rows.reshape(BOUND, -1), out=self._rows[:BOUND]
-        )
+            engine.mj_jacSite(model, data, self._rod_rows[i], self._turns[i], rod)
+            engine.mj_jacSite(model, data, self._joint_rows[i], None, joint)
+        np.subtract(self._joint_rows.reshape(BOUND, -1), self._rod_rows.reshape(BOUND, -1), out=self._rows[:BOUND])
         axes = data.site_xmat[self._rods][:, 2::3]
         self._rows[BOUND + 3 :] = np.einsum("ij,ijk->ik", axes, self._turns)
         self._inverse = np.linalg.inv(self._rows)

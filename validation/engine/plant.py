@@ -19,9 +19,10 @@ from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.loop import simulate
 from twin.runs.trace import Trace
-from validation.engine.constrained import Numbers
+from validation.engine.constrained import Constrained, Numbers
 from validation.engine.mechanism import Mechanism
 from validation.engine.robots import spring_torques
+
 
 class EnginesPlant:
     """What `PythonComponent` steps: one step of Runge-Kutta as in the twin's own plant, friction settled after it.
@@ -48,31 +49,35 @@ class EnginesPlant:
 
     def step(self, t: float, h: float, u: Numbers, y: Numbers) -> None:
         """One step of `h` seconds, see `PythonModel`."""
-        theta_m, x = tuple(u), self._x
-        k_1 = self._rate(x, theta_m)
-        k_2 = self._rate(x + 0.5 * h * k_1, theta_m)
-        k_3 = self._rate(x + 0.5 * h * k_2, theta_m)
-        k_4 = self._rate(x + h * k_3, theta_m)
+        theta_m, x = u.copy(), self._x
+        # where it stands the last answer was given
+        k_1 = self._rate(x, theta_m, self._bodies)
+        k_2 = self._moved(x + 0.5 * h * k_1, theta_m)
+        k_3 = self._moved(x + 0.5 * h * k_2, theta_m)
+        k_4 = self._moved(x + h * k_3, theta_m)
         x += h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
         settle(self._parameters, self._apex, x, STILL, STILL)
         y[:] = np.concatenate(self._answer(theta_m))
 
-    def _rate(self, x: Numbers, theta_m: Numbers) -> Numbers:
+    def _moved(self, x: Numbers, theta_m: Numbers) -> Numbers:
+        return self._rate(x, theta_m, self._at(x))
+
+    def _at(self, x: Numbers) -> Constrained:
+        self._mechanism.move(x[:3])
+        return self._mechanism.equations(x[3:6])
+
+    def _rate(self, x: Numbers, theta_m: Numbers, bodies: Constrained) -> Numbers:
+        """dx/dt of the state `x` (8,), in which the mechanism is."""
         mechanism = self._mechanism
-        mechanism.move(x[:3])
-        bodies = mechanism.equations(x[3:6])
         contact = touch(self._parameters, self._apex, *x)
-        forces = mechanism.on_arms(
-            spring_torques(self._parameters, theta_m, mechanism.theta_l, mechanism.omega_l)
-        )
+        forces = mechanism.on_arms(spring_torques(self._parameters, theta_m, mechanism.theta_l, mechanism.omega_l))
         forces[mechanism.platform] = [-force for force in contact[:3]]
         return np.concatenate([x[3:6], bodies.acceleration(forces)[mechanism.platform], contact[4:]])
 
     def _answer(self, theta_m: Numbers) -> tuple[Any, ...]:
         """Values of `OUTPUTS`."""
         mechanism, c, x = self._mechanism, self._parameters, self._x
-        mechanism.move(x[:3])
-        mechanism.equations(x[3:6])
+        self._bodies = self._at(x)
         theta_l, omega_l = mechanism.theta_l, mechanism.omega_l
         load = [
             motor_load_torque(spring_stiffness(c, leg), spring_deflection(c, leg, theta_m[leg], theta_l[leg]))

@@ -22,7 +22,7 @@ from twin.robot.workspace import is_reachable
 from validation.engine.constrained import Numbers
 from validation.engine.mechanism import Mechanism
 
-WEIGHTLESS = "rods of a weightless robot"
+WEIGHTLESS = "rods, weightless"
 CLEAR = 0.1
 """How far from a singularity, as the measures of `twin.robot.singularity` and `holding`: 0 there, at most 1."""
 WAY = 21
@@ -148,8 +148,8 @@ def _of_pairs(reactions: Numbers) -> Numbers:
 def states(parameters: PlantParameters, number: int, seed: int = 16) -> list[State]:
     """Drawn from the workspace as far as a straight way leads from where the arms are horizontal.
 
-    Left out is the neighbourhood of singularities, where every error grows. The platform moves at about 1 m/s, motors are off by up to 0.3 rad from where springs are slack, springs hold with
-    about 0.2 N m.
+    Left out is the neighbourhood of singularities, where every error grows. The platform moves at about 1 m/s, motors
+    are off by up to 0.3 rad from where springs are slack, springs hold with about 0.2 N m.
     """
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
     random, found = np.random.default_rng(seed), list[State]()
