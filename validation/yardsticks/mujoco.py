@@ -19,9 +19,9 @@ HEAVIER = 0.097
 """By how much rods taken as two point masses each make the robot at home too heavy in x and y (docs/physics.md)."""
 ALIKE = 1e-9
 WHY_ALIKE = (
-    "ours are 3 equations, those of the engine's bodies 27 with 18 constraints: if they say the same, rounding is left, "
-    "which grows where a leg is nearly stretched or the parallelograms hardly hold the platform; distal rods that are "
-    "a millionth heavier are already out"
+    "ours are 3 equations, the engine's 27 with 18 constraints: if they say the same, rounding is left; it "
+    "grows where a leg is nearly stretched or the parallelograms hardly hold the platform; distal rods that are a "
+    "millionth heavier are already out"
 )
 SAME_RUN = 1e-9
 WHY_SAME_RUN = (
