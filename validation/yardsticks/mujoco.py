@@ -99,7 +99,7 @@ def of_states(what: str, *keys: str) -> Yardstick:
 
 def of_run(what: str, unit: str, **keys: float) -> Yardstick:
     return Yardstick(
-        f"20 s of fig4_force_position with the engine's robot for a plant: {what}",
+        f"20 s of Fig. 4 with the engine's robot for a plant: {what}",
         ENGINE,
         unit,
         SAME_RUN,

@@ -168,8 +168,7 @@ YARDSTICKS = tuple(
             EDGE,
             f"how far it is to the edge of the workspace in {RAYS} directions",
             "mm",
-            "beyond a parallel singularity the library is at the mirrored place, which counts as another one when it is "
-            "1e-4 mm away",
+            "beyond a parallel singularity the library is at the mirrored place, which is another one from 1e-4 mm on",
         ),
         (
             SINGULAR,
