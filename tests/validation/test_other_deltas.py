@@ -19,6 +19,7 @@ from validation.yardsticks.visual_kinematics import (
     POSES,
     SINGULAR,
     compared,
+    to_singularity,
 )
 
 
@@ -63,6 +64,10 @@ def exceeded(geometry: Geometry, off: float = 0.0) -> set[str]:
 @pytest.mark.usefixtures("few")
 def test_the_same_delta_exceeds_nothing():
     assert exceeded(LENGTHS) == set()
+
+
+def test_where_a_library_reaches_farther_than_the_twin_there_is_no_singularity_of_the_twin():
+    assert to_singularity(np.array([0.0, 0.0, -0.9])) == np.inf
 
 
 @pytest.mark.usefixtures("few")
