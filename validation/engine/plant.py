@@ -94,6 +94,8 @@ def run(experiment: Experiment) -> Trace:
     x, theta_m = resting(parameters, experiment.start)
     plant = EnginesPlant(Mechanism(parameters), parameters, x, theta_m)
     trace = Trace()
-    with assemble(experiment, {"plant": PythonComponent("plant", plant, initial_outputs=plant.first)}) as assembly:
+    with assemble(
+        experiment, {"plant": PythonComponent("plant", plant, initial_outputs=plant.first.tolist())}
+    ) as assembly:
         simulate(assembly, experiment.duration_ticks, [trace]).completed()
     return trace

@@ -103,7 +103,7 @@ def to_singularity(p_B: Numbers) -> float:
     if not is_reachable(LENGTHS, p_B):
         return inf
     J = jacobian(LENGTHS, p_B)
-    return float(min(np.min(transmission_sines(LENGTHS, J)), abs(distal_volume(J))))
+    return float(np.minimum(np.min(transmission_sines(LENGTHS, J)), np.abs(distal_volume(J))))
 
 
 def compared(library: Library) -> dict[str, float]:
