@@ -78,10 +78,10 @@ def field(message: Any, parts: Sequence[str | int]) -> float:
         LookupError: there is no such field; its text says what is there. `Unnamed`: no such name.
         ValueError: what is there is neither a number nor a stamp.
     """
-    around, value = [], message
+    around: list[Any] = []
+    value = message
     for part in parts:
-        names = () if isinstance(part, int) else _names(value)
-        if not isinstance(part, int) and not names and _is_array(value):
+        if isinstance(part, str) and _is_array(value):
             part = _index_of(part, around)
         if isinstance(part, int):
             try:
@@ -89,13 +89,18 @@ def field(message: Any, parts: Sequence[str | int]) -> float:
             except (TypeError, IndexError, KeyError):
                 raise LookupError(f"no element [{part}]") from None
             continue
+        around.append(value)
+        members = value if isinstance(value, Mapping) else vars(value) if is_dataclass(value) else None
+        if members is not None and part in members:
+            value = members[part]
+            continue
+        names = _names(value)
         # what Python keeps for itself is spelt with a dash below in a dataclass
         part = f"{part}_" if keyword.iskeyword(part) and f"{part}_" in names else part
         if part not in names:
             where = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts)[1:]
             raise LookupError(f"it has {', '.join(names)}" if names else f"nothing lies below '{where}'")
-        around.append(value)
-        value = value[part] if isinstance(value, Mapping) else getattr(value, part)
+        value = getattr(value, part)
     if isinstance(value, bool | int | float | np.number | np.bool_):
         try:
             return float(value)
