@@ -1,4 +1,5 @@
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -85,7 +86,7 @@ def test_two_readers_of_others_find_the_same_messages(run: Path, folder: Path):
     assert k == len(p_B)
 
 
-def numbers_in(message: object) -> list:
+def numbers_in(message: Any) -> list:
     """Everything a message says, in its order."""
     if isinstance(message, int | float | str):
         return [message]
