@@ -83,9 +83,9 @@ def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[s
             ]
             expected = np.stack(columns, axis=1)
             if np.shape(rows) != expected.shape or times != stream.head["log_time"].tolist():
-                differences[topic.name] = float(expected.size)
+                differences[topic.name[1:]] = float(expected.size)
             else:
-                differences[topic.name] = float(np.sum(np.array(rows).view(np.uint64) != expected.view(np.uint64)))
+                differences[topic.name[1:]] = float(np.sum(np.array(rows).view(np.uint64) != expected.view(np.uint64)))
     return differences
 
 

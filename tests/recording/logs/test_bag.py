@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import zstandard
 from mcap.writer import Writer
 
 from tests.recording.logs import bags
@@ -98,7 +99,7 @@ def test_files_of_one_bag_are_one_log_and_one_that_is_not_there_is_told(tmp_path
     ]
     folder = tmp_path / "bag"
     folder.mkdir()
-    # as text the tenth would come before the second
+    # by name the tenth comes before the second
     for number, part in zip((2, 10), parts, strict=True):
         shutil.copy(part / f"{part.name}.db3", folder / f"bag_{number}.db3")
     log = logged(folder, "F=/tool.F_N")
@@ -324,6 +325,15 @@ def test_a_bag_that_does_not_decompress_is_refused(tmp_path: Path):
     assert "does not decompress" in refusal(path, "F=/tool.F_N")
     path.write_bytes(content[: len(content) // 2])
     assert "damaged" in refusal(path, "F=/tool.F_N") or "an empty file" in refusal(path, "F=/tool.F_N")
+
+
+def test_a_refusal_names_the_packed_file_and_not_where_it_was_unpacked(tmp_path: Path):
+    folder = bag(tmp_path / "b", {"/tool": [(t, own(t, 1.0)) for t in TICKS]})
+    content = bytearray((folder / "b.mcap").read_bytes())
+    content[len(content) // 2] ^= 1
+    path = tmp_path / "b.mcap.zstd"
+    path.write_bytes(zstandard.compress(bytes(content)))
+    assert refusal(path, "F=/tool.F_N").startswith(f"{path}: damaged near byte")
 
 
 def test_a_folder_without_files_of_a_bag_is_refused(tmp_path: Path):

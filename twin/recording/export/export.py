@@ -70,7 +70,7 @@ def export_recording(
     if os.path.lexists(path) and not force:
         raise InputRefused(f"{path}: already there; replace it with --force or name another with --out")
     if form == "ros2":
-        return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate, force), recording.note)
+        return Exported(path, len(signals), write_ros_bag(path, recording, signals, rate), recording.note)
     if form == "mat":
         return Exported(path, len(signals), write_matlab(path, recording, signals, rate), recording.note)
     rows = table(recording, signals, rate)

@@ -30,15 +30,14 @@ AT_ONCE = 10_000
 """Messages of a topic that are in memory as records."""
 
 
-def write_ros_bag(
-    folder: Path, recording: Recording, signals: Sequence[str], rate: float | None = None, force: bool = False
-) -> int:
-    """Write `signals` to the new folder `folder`; log times and stamps are simulation time. How many messages.
+def write_ros_bag(folder: Path, recording: Recording, signals: Sequence[str], rate: float | None = None) -> int:
+    """Write `signals` to the folder `folder`, in the place of a bag of ours if one is there; how many messages.
+
+    Log times and stamps are simulation time.
 
     Args:
         signals: names `topic.field`, each with at least one message.
         rate: messages per second and topic (Hz), see `table.table`; without one, every topic keeps its own times.
-        force: replace a bag that was written here.
 
     Raises:
         InputRefused: a rate that `table` refuses, something else in the way.
@@ -65,7 +64,7 @@ def write_ros_bag(
             write_text(beside / MAP, _map(topics))
             # as readable as any folder; mkdtemp makes it the owner's alone
             beside.chmod(0o755)
-            if force and os.path.lexists(folder):
+            if os.path.lexists(folder):
                 shutil.rmtree(folder)
             beside.rename(folder)
         finally:

@@ -69,7 +69,7 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     for file in files:
         with _unpacked(file) as plain:
             if file.name.removesuffix(".zstd").endswith(".mcap"):
-                topics, note = topics_in(plain, columns)
+                topics, note = _mcap(plain, file, columns)
             else:
                 topics, note = _rows_of(plain, file, columns)
         found += topics
@@ -80,10 +80,8 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
 
 
 def _files(folder: Path) -> list[Path]:
-    """Files of the bag in the order they were written: NAME_0, NAME_1, ..., NAME_10."""
-    names = [name for name in os.listdir(folder) if name.endswith(SUFFIXES)]
-    numbered = sorted(names, key=lambda name: [int(part) if part.isdigit() else 0 for part in re.split(r"(\d+)", name)])
-    return [folder / name for name in numbered]
+    """Files of the bag; their messages have times, so any order does."""
+    return sorted(folder / name for name in os.listdir(folder) if name.endswith(SUFFIXES))
 
 
 def _absent(folder: Path, files: list[Path]) -> list[str]:
@@ -123,6 +121,14 @@ def _unpacked(file: Path) -> Iterator[Path]:
         raise LogRefused(f"{file}: does not decompress: {problem}; expected a bag compressed by zstd") from None
     except InputRefused as problem:
         raise LogRefused(str(problem)) from None
+
+
+def _mcap(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tuple[list[LoggedTopic], str]:
+    """`topics_in` of `plain`, unpacked from `file`, which is what refusals are to name."""
+    try:
+        return topics_in(plain, columns)
+    except LogRefused as problem:
+        raise LogRefused(str(problem).replace(str(plain), str(file))) from None
 
 
 def _rows_of(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tuple[list[LoggedTopic], str]:
