@@ -330,7 +330,7 @@ def test_a_bag_that_does_not_decompress_is_refused(tmp_path: Path):
 def test_a_refusal_names_the_packed_file_and_not_where_it_was_unpacked(tmp_path: Path):
     folder = bag(tmp_path / "b", {"/tool": [(t, own(t, 1.0)) for t in TICKS]})
     content = bytearray((folder / "b.mcap").read_bytes())
-    content[len(content) // 2] ^= 1
+    content[0] ^= 1
     path = tmp_path / "b.mcap.zstd"
     path.write_bytes(zstandard.compress(bytes(content)))
     assert refusal(path, "F=/tool.F_N").startswith(f"{path}: damaged near byte")
