@@ -25,6 +25,7 @@ from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.recording.logs.mcap_file import topics_in
 from twin.recording.logs.topics import LoggedTopic, log_of, merged, wanted
+from twin.writing import written
 
 SQLITE = b"SQLite format 3\0"
 HEAD = 100
@@ -108,7 +109,8 @@ def _unpacked(file: Path) -> Iterator[Path]:
             most, done = allowance(os.fstat(content.fileno()).st_size), 0
             with tempfile.TemporaryDirectory(prefix="twin-bag-") as room:
                 plain = Path(room) / file.name.removesuffix(".zstd")
-                with plain.open("wb") as out, zstandard.ZstdDecompressor().stream_reader(content) as packed:
+                packed = zstandard.ZstdDecompressor().stream_reader(content)
+                with written(plain) as beside, beside.open("wb") as out, packed:
                     while block := packed.read(2**20):
                         done += len(block)
                         if done > most:
