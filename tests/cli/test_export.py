@@ -17,4 +17,17 @@ def test_two_formats_at_once_are_refused(tmp_path: Path):
     samples.finished(tmp_path / "run.mcap")
     done = twin("export", ".", "--csv", "--mat", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr == "got 2 formats; expected one of --csv, --parquet and --mat\n"
+    assert done.stderr == "got 2 formats; expected one of --csv, --parquet, --mat and --ros2\n"
+
+
+def test_a_bag_of_ros_2_is_written_and_a_damaged_one_refused(tmp_path: Path):
+    samples.finished(tmp_path / "run.mcap")
+    done = twin("export", ".", "--ros2", "--signals", "plant.p_B", cwd=tmp_path)
+    assert done.stdout == "run_ros2  1 signals, 1500 messages\n", done.stderr
+    file = tmp_path / "run_ros2/run_ros2_0.mcap"
+    content = bytearray(file.read_bytes())
+    content[len(content) // 2] ^= 1
+    file.write_bytes(content)
+    done = twin("export", "run_ros2", "--map", "run_ros2/map.toml", "--csv", cwd=tmp_path)
+    assert done.returncode == 2
+    assert done.stderr.startswith("run_ros2/run_ros2_0.mcap: damaged near byte") and done.stderr.count("\n") == 1

@@ -17,6 +17,7 @@ from tests.command_line import twin
 from tests.docs.code_blocks import Block
 from tests.drive.amplifier import parts_of_a_drive
 from twin.experiment.schema import Drive
+from twin.recording.logs.column_map import column_map
 from twin.runs.assembly.load import load_experiment
 from twin.studies.sweep.plan import planned
 
@@ -154,10 +155,13 @@ class Workshop:
         assert done.returncode == 0, f"{block.place}: {done.stderr}"
 
     def _toml(self, block: Block) -> None:
-        """A mapping of a drive, a sweep, or else a complete experiment."""
+        """A mapping of a drive, a column map, a sweep, or else a complete experiment."""
         table = tomllib.loads(block.text)
         if table.keys() <= set(Drive.model_fields):
             Drive.model_validate(table)
+            return
+        if "time" in table:
+            column_map([self._written(block)])
             return
         if "experiment" in table:
             planned(self._written(block))

@@ -82,12 +82,12 @@ class Writer:
         if len({*names, EVENTS}) <= len(names):
             raise ValueError(f"topics {names}: expected different names, none of them {EVENTS!r}")
         self.tick = tick
-        self._schemas, self._channels = _declarations(topics, forms)
+        schemas, self._channels = _declarations(topics, forms)
         self._topics = {
             stream.name: _opened(stream, channel.id)
             for stream, channel in zip(streams, self._channels[:-1], strict=True)
         }
-        self._summary = Summary(self._schemas, self._channels)
+        self._summary = Summary(schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._pending: list[RecordBlock] = []
         self._slice_topics: set[str] = set()
@@ -213,17 +213,28 @@ class Writer:
 
     def _write_chunks(self) -> None:
         blocks, self._pending = self._pending, []
-        if not blocks:
-            return
-        for messages in pieces(merged(blocks)):
-            # in the first chunk rather than before it, schemas and channels are under its CRC
-            first = not self._summary.chunks
-            preamble = b"".join(map(encoded, [*self._schemas, *self._channels])) if first else b""
-            record = chunk(messages, preamble, self._compressor)
-            data = encoded(record)
-            indexes = message_indexes(messages, len(preamble))
-            start = self._output.append(data + b"".join(indexes.values()))
-            self._summary.note_chunk(record, start, len(data), indexes)
+        append_chunks(self._output, self._summary, blocks, self._compressor)
+
+
+def append_chunks(
+    output: Output, summary: Summary, blocks: Sequence[RecordBlock], compressor: zstandard.ZstdCompressor
+) -> None:
+    """Put `blocks` into the file as chunks with their indexes, and note them in `summary`.
+
+    Raises:
+        RecordingFailed: disk full or recording closed.
+    """
+    if not blocks:
+        return
+    for messages in pieces(merged(blocks)):
+        # in the first chunk rather than before it, schemas and channels are under its CRC
+        declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
+        preamble = b"".join(map(encoded, declared))
+        record = chunk(messages, preamble, compressor)
+        data = encoded(record)
+        indexes = message_indexes(messages, len(preamble))
+        start = output.append(data + b"".join(indexes.values()))
+        summary.note_chunk(record, start, len(data), indexes)
 
 
 def _opened(topic: Topic | Form, channel: int) -> OpenTopic:

@@ -11,7 +11,12 @@ from twin.cli.installation.finding import Finding
 from twin.files import read_toml
 from twin.places import HOME
 
-PURPOSES = {"dask": "twin sweep --engine dask", "live": "twin run --live", "parquet": "twin export --parquet"}
+PURPOSES = {
+    "dask": "twin sweep --engine dask",
+    "live": "twin run --live",
+    "parquet": "twin export --parquet",
+    "ros2": "logs of ROS 2 in twin compare, replay, identify and export",
+}
 """What users need an extra for; all others are for who develops twin."""
 
 

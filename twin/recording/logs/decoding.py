@@ -1,22 +1,30 @@
-"""Messages of foreign MCAP files as numbers: protobuf by the schema in the file, JSON as it is.
+"""Messages of others' logs as numbers: protobuf by the schema in the file, JSON as it is, CDR of ROS 2.
 
 Encodings: https://mcap.dev/spec/registry. A protobuf schema is a serialised FileDescriptorSet.
 """
 
 import json
+import keyword
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import fields, is_dataclass
 from typing import Any
 
+import numpy as np
 from google.protobuf.descriptor_pb2 import FileDescriptorProto, FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message import DecodeError, Message
 from google.protobuf.message_factory import GetMessageClass
 from mcap.records import Channel, Schema
 
+from twin.errors import nearest
+from twin.recording.logs import ros_messages
+
 Decoder = Callable[[bytes], Any]
 SECONDS, NANOSECONDS = ("seconds", "sec", "secs"), ("nanos", "nanosec", "nsec", "nsecs")
-"""Parts of a stamp: google.protobuf.Timestamp, ROS 2 and ROS 1 as JSON."""
+"""Parts of a stamp: google.protobuf.Timestamp, ROS 2 and ROS 1."""
+LABELS = ("name", "names", "joint_names")
+"""Fields with the names of the elements of the arrays beside them: JointState, and messages of ros2_control."""
 
 
 def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
@@ -26,6 +34,8 @@ def decoder(channel: Channel, schema: Schema | None) -> Decoder | None:
     """
     if channel.message_encoding == "json":
         return _json
+    if channel.message_encoding == "cdr" and schema is not None:
+        return ros_messages.decoder(schema.name, schema.encoding, schema.data)
     if channel.message_encoding != "protobuf" or schema is None or schema.encoding != "protobuf":
         return None
     try:
@@ -50,42 +60,83 @@ def _json(data: bytes) -> Any:
         raise ValueError("nested too deeply") from None
 
 
-def field(message: Any, path: str) -> Any:
-    """The number (or stamp, in s) at `path` of a message: `force.z`, `position[2]`, `header.stamp`.
+class Unnamed(LookupError):
+    """A message has no element of that name; another one of the topic may have."""
+
+
+def path_parts(path: str) -> tuple[str | int, ...]:
+    """`joints.position[2]` -> joints, position, 2."""
+    return tuple(int(index) if index else name for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path))
+
+
+def field(message: Any, parts: Sequence[str | int]) -> float:
+    """The number (or stamp, in s) of a message at `force.z`, `position[2]`, `header.stamp`, as `path_parts` has it.
+
+    `position.knee` is the element of an array that stands where 'knee' stands in the names beside it.
 
     Raises:
-        LookupError: there is no such field; its text says what is there.
+        LookupError: there is no such field; its text says what is there. `Unnamed`: no such name.
         ValueError: what is there is neither a number nor a stamp.
     """
+    around: list[Any] = []
     value = message
-    for name, index in re.findall(r"([^.\[\]]+)|\[(\d+)\]", path):
-        if index:
+    for part in parts:
+        if isinstance(part, str) and _is_array(value):
+            part = _index_of(part, around)
+        if isinstance(part, int):
             try:
-                value = value[int(index)]
+                value = value[part]
             except (TypeError, IndexError, KeyError):
-                raise LookupError(f"no element [{index}]") from None
-        else:
-            names = _names(value)
-            if name not in names:
-                raise LookupError(f"it has {', '.join(names)}" if names else f"nothing lies below '{path}'")
-            value = value[name] if isinstance(value, Mapping) else getattr(value, name)
-    if isinstance(value, bool | int | float):
+                raise LookupError(f"no element [{part}]") from None
+            continue
+        around.append(value)
+        members = value if isinstance(value, Mapping) else vars(value) if is_dataclass(value) else None
+        if members is not None and part in members:
+            value = members[part]
+            continue
+        names = _names(value)
+        # what Python keeps for itself is spelt with a dash below in a dataclass
+        part = f"{part}_" if keyword.iskeyword(part) and f"{part}_" in names else part
+        if part not in names:
+            where = "".join(f"[{p}]" if isinstance(p, int) else f".{p}" for p in parts)[1:]
+            raise LookupError(f"it has {', '.join(names)}" if names else f"nothing lies below '{where}'")
+        value = getattr(value, part)
+    if isinstance(value, bool | int | float | np.number | np.bool_):
         try:
             return float(value)
         except OverflowError:
             raise ValueError("a number of more than 300 digits") from None
     names = _names(value)
-    parts = [next((name for name in words if name in names), None) for words in (SECONDS, NANOSECONDS)]
-    if all(parts):
-        seconds, nanoseconds = (field(value, str(part)) for part in parts)
+    stamp = [next((name for name in words if name in names), None) for words in (SECONDS, NANOSECONDS)]
+    if all(stamp):
+        seconds, nanoseconds = (field(value, (str(part),)) for part in stamp)
         return seconds + nanoseconds * 1e-9
     got = f"a message of {', '.join(names)}" if names else repr(value)[:40]
     raise ValueError(f"expected a number, got {got}")
 
 
+def _is_array(value: Any) -> bool:
+    return isinstance(value, Sequence | np.ndarray) and not isinstance(value, str | bytes)
+
+
+def _index_of(name: str, around: Sequence[Any]) -> int:
+    """Where `name` stands among the names in the nearest of the messages `around` an array."""
+    for message in reversed(around):
+        for label in set(_names(message)).intersection(LABELS):
+            labels = message[label] if isinstance(message, Mapping) else getattr(message, label)
+            if _is_array(labels) and len(labels) and isinstance(labels[0], str):
+                if name in labels:
+                    return list(labels).index(name)
+                raise Unnamed(nearest(name, labels, "there are {}"))
+    raise LookupError(f"an array without names beside it; choose an element with [0] instead of .{name}")
+
+
 def _names(value: Any) -> list[str]:
     if isinstance(value, Mapping):
         return list(value)
+    if is_dataclass(value):
+        # rosbags keeps the type beside the fields
+        return [one.name for one in fields(value) if not one.name.startswith("__")]
     return [f.name for f in value.DESCRIPTOR.fields] if isinstance(value, Message) else []
 
 

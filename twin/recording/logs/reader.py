@@ -11,6 +11,7 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.files import open_regular
 from twin.recording.folder import recording_in
+from twin.recording.logs.bag import SQLITE, is_bag, read_bag
 from twin.recording.logs.column_map import MappedColumn
 from twin.recording.logs.csv_file import read_csv
 from twin.recording.logs.errors import LogRefused
@@ -27,7 +28,8 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
     """The log in `path`.
 
     Args:
-        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, or a CSV file.
+        path: a recording of twin (its file, its run's folder, results/EXPERIMENT), another MCAP file, a
+            bag of ROS 2 (its folder or one of its files), or a CSV file.
         columns: by signal, from `column_map`; a recording of twin has names and units of its own and heeds none.
 
     Raises:
@@ -36,14 +38,18 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
     path = Path(path)
     if is_recording(path):
         return recorded(read(recording_in(path)))
+    if os.path.isdir(path):
+        return _finished(read_bag(path, columns or {}))
     if path.exists() and not path.is_file():
         raise LogRefused(f"{path}: not a regular file but a pipe, socket or device; expected a file")
     try:
         with open_regular(path, sys.maxsize) as file:
-            magic = file.read(len(MAGIC))
+            magic = file.read(len(SQLITE))
     except InputRefused as problem:
         raise LogRefused(str(problem)) from None
-    if magic == MAGIC:
+    if is_bag(path) or magic == SQLITE:
+        return _finished(read_bag(path, columns or {}))
+    if magic.startswith(MAGIC):
         return _finished(read_mcap(path, columns or {}))
     if path.suffix == ".mcap" or path.name.endswith(".mcap.partial"):
         what = "not an MCAP file" if magic else "an empty file"
@@ -54,6 +60,8 @@ def read_log(path: str | Path, columns: Mapping[str, MappedColumn] | None = None
 def is_recording(path: Path) -> bool:
     """Whether `path` means a recording of twin, which heeds no column map."""
     # not Path.exists, which raises for a name that is too long
+    if is_bag(path):
+        return False
     if os.path.isdir(path) or (not os.path.lexists(path) and not path.suffix):
         return True
     return os.path.isfile(path) and written_by_twin(path)

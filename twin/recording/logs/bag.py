@@ -1,0 +1,221 @@
+"""Bags of ROS 2: a folder as `ros2 bag record` leaves it, or one of its files; SQLite and MCAP.
+
+Layout: https://github.com/ros2/rosbag2. What the folder's metadata.yaml says is needed for nothing but the names of
+files that should be there: a recorder that was killed writes none.
+"""
+
+import os
+import re
+import sqlite3
+import tempfile
+from collections.abc import Iterator, Mapping
+from contextlib import closing, contextmanager
+from pathlib import Path
+
+import zstandard
+from mcap.records import Channel, Schema
+
+from twin.errors import InputRefused
+from twin.files import open_regular, read_text
+from twin.recording.chunks import LARGEST_RATIO, allowance
+from twin.recording.folder import LATEST, RECORDING
+from twin.recording.logs import ros_messages
+from twin.recording.logs.column_map import MappedColumn
+from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import Log
+from twin.recording.logs.mcap_file import topics_in
+from twin.recording.logs.topics import LoggedTopic, log_of, merged, wanted
+from twin.writing import written
+
+SQLITE = b"SQLite format 3\0"
+HEAD = 100
+"""Bytes of its header (https://sqlite.org/fileformat2.html)."""
+SUFFIXES = (".db3", ".mcap", ".db3.zstd", ".mcap.zstd")
+METADATA = "metadata.yaml"
+LARGEST_FILE = 2**36
+LARGEST_MESSAGE = 2**28
+"""Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
+MOST_DEFINITIONS = 200
+_TABLE = re.compile(r"CREATE TABLE\b", re.IGNORECASE)
+_WORKED_OUT = re.compile(r"\bAS\s*\(", re.IGNORECASE)
+_FILES = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
+
+
+def is_bag(path: Path) -> bool:
+    """Whether `path` is a folder with a bag in it, or one file of a bag that is no plain MCAP file."""
+    if not os.path.isdir(path):
+        return path.name.endswith((".db3", ".zstd"))
+    # a run of twin is an MCAP file in a folder, too
+    own = (RECORDING, f"{RECORDING}.partial", LATEST)
+    return not any(os.path.lexists(path / name) for name in own) and (
+        os.path.lexists(path / METADATA) or bool(_files(path))
+    )
+
+
+def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
+    """The log in the bag `path`, all of its files together.
+
+    Args:
+        columns: see `log_of`.
+
+    Raises:
+        LogRefused: no such file, damaged, or as `log_of`.
+    """
+    folder = os.path.isdir(path)
+    files = _files(path) if folder else [path]
+    notes = _absent(path, files) if folder else []
+    if not files:
+        raise LogRefused(f"{path}: a bag without a file; {'; '.join(notes) or 'expected .db3 or .mcap in it'}")
+    found: list[LoggedTopic] = []
+    for file in files:
+        with _unpacked(file) as plain:
+            if file.name.removesuffix(".zstd").endswith(".mcap"):
+                topics, note = _mcap(plain, file, columns)
+            else:
+                topics, note = _rows_of(plain, file, columns)
+        found += topics
+        notes += [f"{file.name}: {note}"] if note else []
+    for topic in found:
+        _define(topic, path if folder else path.parent)
+    return log_of(path, merged(found), columns, notes)
+
+
+def _files(folder: Path) -> list[Path]:
+    """Files of the bag; their messages have times, so any order does."""
+    return sorted(folder / name for name in os.listdir(folder) if name.endswith(SUFFIXES))
+
+
+def _absent(folder: Path, files: list[Path]) -> list[str]:
+    """What the bag's own list of files has and the folder has not, as a note."""
+    if not os.path.lexists(folder / METADATA):
+        return [f"no {METADATA}: the recorder was stopped before it wrote one"]
+    try:
+        listed = _FILES.search(read_text(folder / METADATA))
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
+    names = re.findall(r"-\s*[\"']?([^\"'\n]+?)[\"']?\s*\n", listed[1]) if listed else []
+    there = {file.name for file in files} | {file.name.removesuffix(".zstd") for file in files}
+    return [f"{name} is missing, which {METADATA} lists" for name in names if Path(name).name not in there]
+
+
+@contextmanager
+def _unpacked(file: Path) -> Iterator[Path]:
+    """`file` itself, or what it is when unpacked."""
+    try:
+        with open_regular(file, LARGEST_FILE) as content:
+            if not file.name.endswith(".zstd"):
+                yield file
+                return
+            most, done = allowance(os.fstat(content.fileno()).st_size), 0
+            with tempfile.TemporaryDirectory(prefix="twin-bag-") as room:
+                plain = Path(room) / file.name.removesuffix(".zstd")
+                packed = zstandard.ZstdDecompressor().stream_reader(content)
+                with written(plain) as beside, beside.open("wb") as out, packed:
+                    while block := packed.read(2**20):
+                        done += len(block)
+                        if done > most:
+                            raise LogRefused(
+                                f"{file}: would unpack to more than {LARGEST_RATIO} times its size; expected a bag"
+                            )
+                        out.write(block)
+                yield plain
+    except zstandard.ZstdError as problem:
+        raise LogRefused(f"{file}: does not decompress: {problem}; expected a bag compressed by zstd") from None
+    except InputRefused as problem:
+        raise LogRefused(str(problem)) from None
+
+
+def _mcap(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tuple[list[LoggedTopic], str]:
+    """`topics_in` of `plain`, unpacked from `file`, which is what refusals are to name."""
+    try:
+        return topics_in(plain, columns)
+    except LogRefused as problem:
+        raise LogRefused(str(problem).replace(str(plain), str(file))) from None
+
+
+def _rows_of(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tuple[list[LoggedTopic], str]:
+    """Topics of the SQLite file `plain`, unpacked from `file`, and a sentence on what the recorder left undone."""
+    size = plain.stat().st_size
+    with plain.open("rb") as start:
+        head = start.read(HEAD)
+    if not head.startswith(SQLITE):
+        raise LogRefused(f"{file}: {'not an SQLite file' if head else 'an empty file'}; expected a bag")
+    page = max(1, int.from_bytes(head[len(SQLITE) : len(SQLITE) + 2], "big"))
+    # a page of 64 KiB is written as 1
+    if size % (page if page > 1 else 2**16):
+        raise LogRefused(
+            f"{file}: damaged, it is cut off; recover what is readable first (sqlite3 {file.name} .recover)"
+        )
+    unsaved = Path(f"{plain}-wal")
+    pending = unsaved.is_file() and unsaved.stat().st_size > 0
+    # without its write-ahead log a file is as it is, and nothing is written beside it
+    where = f"{plain.absolute().as_uri()}?mode=ro{'' if pending else '&immutable=1'}"
+    size += unsaved.stat().st_size if pending else 0
+    try:
+        with closing(sqlite3.connect(where, uri=True)) as bag:
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+            bag.execute("PRAGMA trusted_schema = OFF")
+            topics = _read(bag, file, size, columns)
+    except (sqlite3.Error, sqlite3.Warning, OverflowError, MemoryError, UnicodeError) as problem:
+        raise LogRefused(
+            f"{file}: damaged, or no bag: {problem}; recover what is readable first (sqlite3 {file.name} .recover)"
+        ) from None
+    return topics, f"what was left in {unsaved.name} is read too" if pending else ""
+
+
+def _read(bag: sqlite3.Connection, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
+    tables = {name: text for name, text in bag.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")}
+    for name in ("topics", "messages"):
+        # a column or a table that is worked out may be of any size
+        if not _TABLE.match(str(tables.get(name))) or _WORKED_OUT.search(str(tables[name])):
+            raise LogRefused(f"{file}: has no table {name} as bags of ROS 2 have; it has {', '.join(tables) or 'none'}")
+    definitions: dict[str, tuple[str, str]] = {}
+    if "message_definitions" in tables:
+        query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
+        definitions = {kind: (encoding, text) for kind, encoding, text in bag.execute(query)}
+    topics: dict[int, LoggedTopic] = {}
+    kept: set[int] = set()
+    for number, name, kind, form in bag.execute("SELECT id, name, type, serialization_format FROM topics"):
+        if not all(isinstance(text, str) for text in (name, kind, form)):
+            raise LogRefused(f"{file}: topic {number} has a name, type or format that is no text; expected a bag")
+        encoding, text = definitions.get(kind, ("", ""))
+        schema = Schema(0, str(text or "").encode("utf-8", "replace"), str(encoding), kind)
+        topics[number] = LoggedTopic(Channel(0, name, form, {}, 0), schema)
+        if wanted(name, columns):
+            kept.add(number)
+    for row, (number, time) in enumerate(bag.execute("SELECT topic_id, timestamp FROM messages ORDER BY id")):
+        if row > size:
+            raise LogRefused(f"{file}: damaged: more messages than it has bytes; expected a bag")
+        if number not in topics or not isinstance(time, int) or time < 0:
+            raise LogRefused(f"{file}: a message of topic {number} at time {time!r}; expected a topic that is there")
+        topics[number].times.append(time)
+    total = 0
+    for number in kept:
+        rows = bag.execute("SELECT data FROM messages WHERE topic_id = ? ORDER BY id", (number,))
+        for (data,) in rows:
+            if not isinstance(data, bytes):
+                raise LogRefused(
+                    f"{file}: a message of {topics[number].channel.topic} holds {data!r:.40}; expected bytes"
+                )
+            total += len(data)
+            if total > size:
+                raise LogRefused(f"{file}: damaged: messages of more bytes than it has; expected a bag")
+            topics[number].data.append(data)
+    return list(topics.values())
+
+
+def _define(topic: LoggedTopic, folder: Path) -> None:
+    """Give a topic whose type nobody defines what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
+    schema = topic.schema
+    if not topic.data or schema is None or schema.data or ros_messages.is_known(schema.name):
+        return
+    texts = {}
+    for file in sorted(folder.glob("*/msg/*.msg"))[:MOST_DEFINITIONS]:
+        try:
+            texts[f"{file.parent.parent.name}/msg/{file.stem}"] = read_text(file)
+        except InputRefused as problem:
+            raise LogRefused(str(problem)) from None
+    if schema.name in texts:
+        own = texts.pop(schema.name)
+        others = "".join(f"{'=' * 80}\nMSG: {name}\n{text.rstrip()}\n" for name, text in texts.items())
+        topic.schema = Schema(0, f"{own.rstrip()}\n{others}".encode(), "ros2msg", schema.name)
