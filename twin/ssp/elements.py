@@ -55,20 +55,27 @@ def unique(names: Iterable[str], what: str, where: str) -> None:
 
 
 def number(element: ET.Element, attribute: str, where: str, default: float) -> float:
-    """A finite number.
+    """The finite number of an attribute, `default` without it.
 
     Raises:
         InputRefused: it is none.
     """
     text = element.get(attribute)
-    if text is None:
-        return default
+    return default if text is None else finite(text, f"{where}: <{local(element)}> {attribute}")
+
+
+def finite(text: str, where: str) -> float:
+    """The finite number that `text` says.
+
+    Raises:
+        InputRefused: it says none.
+    """
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise InputRefused(f"{where}: <{local(element)}> {attribute} = '{text[:40]}'; expected a finite number")
+        raise InputRefused(f"{where} = '{text[:40]}'; expected a finite number")
     return value
 
 

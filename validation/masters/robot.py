@@ -134,9 +134,9 @@ def robot(case: Case) -> Robot:
     files = {part: folder / f"{part}.fmu" for part in ("plant", "computer")}
     for part, file in files.items():
         # without the delay: the computer has that of its own step
-        build_fmu(path, part, "2.0", file, settings, lambda what: None)
+        build_fmu(path, part, "2.0", (), file, settings, lambda what: None)
     drive = folder / "drive.fmu"
-    copyfile(loaded.drives[0].fmu, drive)
+    copyfile(str(loaded.drives[0].fmu), drive)
     files |= dict.fromkeys(DRIVES, drive)
     outputs = {
         component: tuple(v.name for v in read_model_description(str(file)).modelVariables if v.causality == "output")

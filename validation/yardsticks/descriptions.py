@@ -23,7 +23,7 @@ def built() -> Mapping[str, Path]:
     for part in PARTS:
         for version in VERSIONS:
             file = folder / f"{part}_{version[0]}.fmu"
-            build_fmu(ROOT / "experiments" / "massage.toml", part, version, file, [], lambda what: None)
+            build_fmu(ROOT / "experiments" / "massage.toml", part, version, (), file, [], lambda what: None)
             found[f"{part}, FMI {version}"] = file
     return found
 

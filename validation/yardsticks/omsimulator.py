@@ -79,7 +79,7 @@ def run(given: Robot) -> Signals:
     oms.call("oms_setResultFile", MODEL, "", 1)
     oms.call("oms_instantiate", MODEL)
     oms.call("oms_initialize", MODEL)
-    rows, value = Rows(given), ctypes.c_double()
+    rows, found = Rows(given), ctypes.c_double()
     seen = [
         (rows.values[name], [f"{SYSTEM}.{name}.{output}" for output in given.outputs[name]]) for name in given.files
     ]
@@ -87,8 +87,8 @@ def run(given: Robot) -> Signals:
         oms.call("oms_doStep", MODEL)
         for values, names in seen:
             for i, name in enumerate(names):
-                oms.call("oms_getReal", name, ctypes.byref(value))
-                values[k + 1, i] = value.value
+                oms.call("oms_getReal", name, ctypes.byref(found))
+                values[k + 1, i] = found.value
     oms.call("oms_terminate", MODEL)
     oms.call("oms_delete", MODEL)
     return rows.signals()

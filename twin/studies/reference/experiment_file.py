@@ -4,13 +4,13 @@ Two formats: the experiments (.exp) that FMI-LS-REF described until they became 
 (NAME_ref.opt) of the FMI Cross-Check, https://github.com/modelica/fmi-cross-check.
 """
 
-import math
 import re
 from dataclasses import dataclass
 from typing import Any
 
 from twin.errors import InputRefused
 from twin.files import xml_of
+from twin.ssp.elements import finite
 
 MIMES = ("application/x-ma-hs-experiments", "application/x-ma-ls-experiments")
 MOST_EXPERIMENTS = 100
@@ -64,7 +64,7 @@ def experiments_of(content: bytes, where: str) -> list[Described]:
                 given[key] = (file.get("source", ""), file.get("type", FILES[tag]))
         for attribute, key in TIMES.items():
             if attribute in element.attrib:
-                given[key] = _number(element.attrib[attribute], f"{where}: {given['name']}: {attribute}")
+                given[key] = finite(element.attrib[attribute], f"{where}: {given['name']}: {attribute}")
         found.append(Described(**given))
     return found
 
@@ -80,15 +80,5 @@ def options_of(text: str, where: str) -> dict[str, float]:
     given = {}
     for line in text.splitlines():
         if (found := OPTION.match(line)) and (key := OPTIONS.get(found[1].lower())):
-            given[key] = _number(found[2], f"{where}: {found[1]}")
+            given[key] = finite(found[2], f"{where}: {found[1]}")
     return {key: value for key, value in given.items() if value > 0.0 or key == "start"}
-
-
-def _number(text: str, where: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise InputRefused(f"{where} = '{text[:40]}'; expected a finite number")
-    return value
