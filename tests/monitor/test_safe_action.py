@@ -14,7 +14,7 @@ from twin.monitor.component import SafetyMonitor
 from twin.monitor.reasons import Reason
 from twin.monitor.retraction import RETRACTION, Retreat, retraction_speed, retreat
 from twin.plant.component import Plant
-from twin.plant.encoder import Encoder
+from twin.plant.encoder import Encoder, Shaft
 from twin.plant.equilibrium import resting
 
 TICK = 1e-3
@@ -38,7 +38,7 @@ class Pressing:
 
     def __init__(self, p_B, counts: Disturbance | None = None, motors: Disturbance | None = None, ticks: int = 700):
         x, theta_m = resting(PARAMETERS, p_B)
-        plant, encoder = Sampled(Plant(PARAMETERS, x, theta_m)), Sampled(Encoder(4096, 16384))
+        plant, encoder = Sampled(Plant(PARAMETERS, x, theta_m)), Sampled(Encoder(Shaft(4096), Shaft(16384)))
         self.monitor = SafetyMonitor(BELIEF, LIMITS, sample_interval=2)
         watching = Sampled(self.monitor)
         state = plant.component.initial_outputs

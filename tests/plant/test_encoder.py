@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import Sampled
-from twin.plant.encoder import Encoder
+from twin.plant.encoder import Encoder, Shaft
 
 MOTOR, JOINT = 4096, 16384
 angles = st.tuples(*[st.floats(-10.0, 10.0)] * 6).map(np.array)
@@ -13,7 +13,7 @@ COUNTS_PER_RAD = np.repeat([MOTOR, JOINT], 3) / (2.0 * np.pi)
 
 @given(angles)
 def test_counts_are_whole_and_the_nearest(theta):
-    counts = Sampled(Encoder(MOTOR, JOINT))(theta)[:6]
+    counts = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta)[:6]
     np.testing.assert_array_equal(counts, np.round(counts))
     # half a count, and rounding of angles of 10 rad
     assert np.abs(counts - theta * COUNTS_PER_RAD).max() <= 0.5 + 1e-10
@@ -24,13 +24,13 @@ def test_whole_turns_are_counted(theta, turns):
     # away from the edge between two counts, where rounding of the angle decides
     theta = (np.floor(theta * COUNTS_PER_RAD) + 0.3) / COUNTS_PER_RAD
     more = theta + 2.0 * np.pi * turns
-    encoder = Sampled(Encoder(MOTOR, JOINT))
+    encoder = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))
     np.testing.assert_array_equal((encoder(more) - encoder(theta))[:6], np.repeat([MOTOR, JOINT], 3) * turns)
 
 
 def test_zero_error_is_added_to_the_true_angle():
     motor_zero, joint_zero = (0.1, 0.2, -0.3), (-0.01, 0.02, 0.03)
-    counts = Sampled(Encoder(MOTOR, JOINT, motor_zero, joint_zero))(np.zeros(6))[:6]
+    counts = Sampled(Encoder(Shaft(MOTOR, motor_zero), Shaft(JOINT, joint_zero)))(np.zeros(6))[:6]
     # half a count
     assert counts / COUNTS_PER_RAD == pytest.approx([*motor_zero, *joint_zero], abs=0.5 / COUNTS_PER_RAD[0])
     assert counts[5] == round(0.03 * COUNTS_PER_RAD[5])
@@ -39,19 +39,19 @@ def test_zero_error_is_added_to_the_true_angle():
 @pytest.mark.parametrize(("angle", "count"), [(0.5, 1), (0.499, 0), (-0.499, 0), (-0.501, -1), (1.5, 2)])
 def test_half_a_count_rounds_up(angle, count):
     # as many counts as 2 pi, so that an angle is its own number of counts
-    encoder = Sampled(Encoder(2.0 * np.pi, 2.0 * np.pi))
+    encoder = Sampled(Encoder(Shaft(2.0 * np.pi), Shaft(2.0 * np.pi)))
     np.testing.assert_array_equal(encoder(np.full(6, angle))[:6], count)
 
 
 def test_samples_are_numbered_from_one():
-    encoder = Sampled(Encoder(MOTOR, JOINT))
+    encoder = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))
     assert [encoder.named(np.zeros(6))["sample"][0] for _ in range(4)] == [1.0, 2.0, 3.0, 4.0]
 
 
 def read_noise(seed, samples=4000, motor_noise=0.02, joint_noise=0.01):
     """Angles (samples, 6) that encoders of very many counts read at zero, rad."""
     fine = 2.0 * np.pi * 2.0**40
-    encoder = Sampled(Encoder(fine, fine, motor_noise=motor_noise, joint_noise=joint_noise, seed=seed))
+    encoder = Sampled(Encoder(Shaft(fine, noise=motor_noise), Shaft(fine, noise=joint_noise), seed=seed))
     return np.array([encoder(np.zeros(6))[:6] for _ in range(samples)]) / 2.0**40
 
 
@@ -71,7 +71,7 @@ def test_the_same_seed_gives_the_same_noise_and_another_seed_another():
 
 
 def test_noise_is_on_the_angle_before_it_is_rounded():
-    encoder = Sampled(Encoder(MOTOR, JOINT, motor_noise=1e-2, joint_noise=1e-2))
+    encoder = Sampled(Encoder(Shaft(MOTOR, noise=1e-2), Shaft(JOINT, noise=1e-2)))
     counts = np.array([encoder(np.zeros(6))[:6] for _ in range(50)])
     np.testing.assert_array_equal(counts, np.round(counts))
     assert np.ptp(counts, axis=0).min() > 3
@@ -79,5 +79,5 @@ def test_noise_is_on_the_angle_before_it_is_rounded():
 
 @given(angles)
 def test_one_encoder_may_be_noisy_without_the_other(theta):
-    clean, noisy = Sampled(Encoder(MOTOR, JOINT))(theta), Sampled(Encoder(MOTOR, JOINT, motor_noise=0.1))(theta)
+    clean, noisy = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta), Sampled(Encoder(Shaft(MOTOR, noise=0.1), Shaft(JOINT)))(theta)
     np.testing.assert_array_equal(noisy[3:6], clean[3:6])

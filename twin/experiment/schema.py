@@ -9,6 +9,7 @@ from pydantic_core import PydanticCustomError
 from twin.experiment.quantity import Section, quantity
 
 Triple = tuple[float, float, float]
+ZEROS = (0.0, 0.0, 0.0)
 
 
 class Model(Section):
@@ -42,6 +43,44 @@ class Robot(Model):
     )
     motor_noise: float = quantity("motor_noise_deg", "standard deviation of the motor encoders' noise", 0.0, ge=0)
     joint_noise: float = quantity("joint_noise_deg", "standard deviation of the joint encoders' noise", 0.0, ge=0)
+    motor_eccentricity: Triple = quantity(
+        "motor_eccentricity_deg", "how much each motor encoder reads too much at most, once a turn", ZEROS
+    )
+    motor_eccentric_at: Triple = quantity(
+        "motor_eccentric_at_deg", "motor angle from which on that error grows, a quarter of a turn before it is most", ZEROS
+    )
+    joint_eccentricity: Triple = quantity(
+        "joint_eccentricity_deg", "how much each joint encoder reads too much at most, once a turn", ZEROS
+    )
+    joint_eccentric_at: Triple = quantity(
+        "joint_eccentric_at_deg", "joint angle from which on that error grows, a quarter of a turn before it is most", ZEROS
+    )
+    encoder_latency: float = quantity("encoder_latency_ms", "how old a count is when it is read", 0.0, ge=0, le=1000)
+    belt_compliance: float = quantity(
+        "belt_compliance_rad_per_Nm", "how far a joint turns by its belt alone, in series with the spring", 0.0, ge=0
+    )
+    joint_friction: float = quantity("joint_friction_Nm", "dry friction of a joint", 0.0, ge=0)
+    joint_presliding: float = quantity(
+        "joint_presliding_deg", "how far a joint yields before its dry friction slides", 0.05, gt=0
+    )
+    spring_hysteresis: float = Field(
+        0.0, ge=0, le=0.5, description="share of a spring's torque that its own dry friction adds and takes"
+    )
+    spring_stop: float | None = quantity(
+        "spring_stop_deg", "deflection at which a spring meets its hard stop, motor side", None, gt=0, examples=[15.0]
+    )
+    joint_lower: float | None = quantity("joint_lower_deg", "hard stop of a joint, upwards", None, examples=[-60.0])
+    joint_upper: float | None = quantity("joint_upper_deg", "hard stop of a joint, downwards", None, examples=[90.0])
+    stop: float = quantity("stop_Nm_per_rad", "stiffness of hard stops", 100.0, gt=0)
+    mounting_tilt: float = quantity("mounting_tilt_deg", "tilt of the base about its y", 0.0, ge=-180, le=180)
+    mounting_tilt_x: float = quantity("mounting_tilt_x_deg", "tilt of the base about its x", 0.0, ge=-180, le=180)
+    head: Triple = quantity("head_mm", "where the head touches, seen from O_P", ZEROS)
+
+    @model_validator(mode="after")
+    def _in_order(self) -> "Robot":
+        if self.joint_lower is not None and self.joint_upper is not None and self.joint_lower >= self.joint_upper:
+            raise ValueError("joint_lower_deg: expected less than joint_upper_deg")
+        return self
 
 
 class Plant(Robot):

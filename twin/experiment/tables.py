@@ -181,6 +181,7 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
         "controller": ("controller", "period", "[controller] period_ms"),
         "scale": ("scale", "period", "[scale] period_ms"),
         "monitor": ("monitor", "period", "[monitor] period_ms"),
+        "latency": ("plant", "encoder_latency", "[plant] encoder_latency_ms"),
     }
     if "cosim" not in tables:
         return {}
@@ -189,6 +190,9 @@ def _ticks(tables: dict[str, Any], mistakes: list[str]) -> dict[str, int]:
     for name, (table, attribute, key) in wanted.items():
         if table in tables:
             length = getattr(tables[table], attribute)
+            if length == 0.0:
+                # no latency; of all others 0 is refused already
+                continue
             ticks[name] = whole_ticks(length, tick) or 0
             if length / tick > MOST_TICKS:
                 mistakes.append(f"{key}: {length:g} s are more than {MOST_TICKS:g} ticks of {tick:g} s; expected fewer")

@@ -56,6 +56,8 @@ def with_cosim(experiment: Experiment, **values: Any) -> Experiment:
         for key, name in (("delay_ticks", "delay"), ("bus_delay_ticks", "delay of the bus"))
         if (ticks := getattr(experiment.controller, key))
     }
+    if experiment.plant.encoder_latency:
+        recounted("latency of the encoders", whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0)
     computer = experiment.controller.model_copy(update=delays)
     return replace(experiment, cosim=cosim, controller=computer, changes=changes, **counts)
 

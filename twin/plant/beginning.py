@@ -9,9 +9,11 @@ from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.plant.component import LEFT_WORKSPACE, MEMORY, OUTPUTS, STILL, inputs, outputs_near, triple
 from twin.plant.contact import contact_force
-from twin.plant.dynamics import joint_torque
+from twin.plant.dynamics import joint_torque, settle_friction
+from twin.plant.friction import ANCHORS, stop_torque, unstopped
+from twin.plant.mounting import arm_torque, upward
 from twin.plant.surface import apex_frame
-from twin.robot.gravity import arm_gravity_torque, platform_weight
+from twin.robot.gravity import platform_weight
 from twin.robot.inverse_kinematics import leg_angle
 from twin.robot.jacobian import jacobian_row
 
@@ -28,8 +30,9 @@ def outputs_at_start(moving, ramp):
     def start(m, t, h, u, y):
         # a pose may have been set that the old anchors know nothing of
         for leg in range(3):
-            for i in range(3):
+            for i in range(ANCHORS):
                 m.anchors[leg, i] = math.nan
+        settle_friction(m.parameters, m.x, triple(u.theta_m), m.anchors)
         inside = outputs_near(
             m.parameters, m.x, triple(u.theta_m), STILL, STILL, apex_frame(m.parameters), m.anchors, y
         )
@@ -57,7 +60,8 @@ def rest(m, t, h, u, y):
     p = m.parameters
     px, py, pz = m.x[0], m.x[1], m.x[2]
     fx, fy, fz = contact_force(p, px, py, pz, 0.0, 0.0, 0.0, 0.0, 0.0)
-    w = fx, fy, fz + platform_weight(p)
+    up, weight = upward(p), platform_weight(p)
+    w = fx + weight * up[0], fy + weight * up[1], fz + weight * up[2]
     theta_1, theta_2, theta_3 = leg_angle(p, 0, px, py, pz), leg_angle(p, 1, px, py, pz), leg_angle(p, 2, px, py, pz)
     row_1 = jacobian_row(p, 0, theta_1, px, py, pz)
     row_2 = jacobian_row(p, 1, theta_2, px, py, pz)
@@ -65,7 +69,8 @@ def rest(m, t, h, u, y):
     tau = _share(w, row_1, row_2, row_3), _share(w, row_2, row_3, row_1), _share(w, row_3, row_1, row_2)
     theta = theta_1, theta_2, theta_3
     for leg in range(3):
-        d = (tau[leg] - arm_gravity_torque(p, p, theta[leg])) / joint_torque(p, leg, 1.0, 0.0)
+        left = tau[leg] - arm_torque(p, up, leg, theta[leg]) - stop_torque(p, theta[leg])
+        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0))
         slack = p.backlash + p.backlash_added[leg]
         gap = 0.0 if d == 0.0 else math.copysign(slack, d)
         y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]

@@ -16,11 +16,12 @@ from twin.cosim.native import step_function
 from twin.cosim.port import Port, port_record
 from twin.cosim.record import memory_of, record
 from twin.plant.contact import normal_force, settled_bristle, touch
-from twin.plant.dynamics import acceleration, joint_torque, spring_deflection, spring_stiffness
+from twin.plant.dynamics import UNTOUCHED, acceleration, joint_torque, settle_friction, spring_stiffness, winding
+from twin.plant.friction import ANCHORS
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.plant.surface import apex_frame
 from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.leg import NO_ANCHOR, angle_near, leg_motion, leg_vectors, move_anchor
+from twin.robot.leg import angle_near, leg_motion, leg_vectors, move_anchor
 from twin.robot.sea import motor_load_torque
 
 LEFT_WORKSPACE = 2
@@ -53,7 +54,7 @@ MEMORY = record(
     parameters=PARAMETERS,
     substeps="i8",
     x=("f8", (STATES,)),
-    anchors=("f8", (3, 3)),
+    anchors=("f8", (3, ANCHORS)),
     last=("f8", (STATES,)),
 )
 
@@ -124,6 +125,8 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
     for i in range(2):
         x[6 + i] += h * weighted(r[i], r_2[i], r_3[i], r_4[i])
     settle(parameters, apex, x, s_end, v_s_B)
+    if parameters.joint_friction > 0.0 or parameters.spring_hysteresis > 0.0:
+        settle_friction(parameters, x, theta_end, anchors)
 
 
 @njit(cache=True, error_model="numpy")
@@ -148,7 +151,7 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
         C, S = LEG_COS[leg], LEG_SIN[leg]
         v_r, v_w = C * vx + S * vy, C * vy - S * vx
         _, _, _, omega_l, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, v_r, v_w, vz)
-        d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
+        d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
         y.theta_l[leg] = theta_l
         y.omega_l[leg] = omega_l
         y.tau_l[leg] = joint_torque(parameters, leg, d, omega_l)
@@ -163,7 +166,7 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
 @njit(cache=True)
 def outputs(parameters, x, theta_m, s_B, v_s_B, y):
     """As `outputs_near`, with nothing known of a pose near this one."""
-    return outputs_near(parameters, x, theta_m, s_B, v_s_B, apex_frame(parameters), np.full((3, 3), np.nan), y)
+    return outputs_near(parameters, x, theta_m, s_B, v_s_B, apex_frame(parameters), np.full((3, ANCHORS), np.nan), y)
 
 
 @njit(cache=True)
@@ -221,12 +224,14 @@ class Plant(NativeComponent):
         moving: bool = False,
         ramp: bool = False,
     ):
-        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=NO_ANCHOR)
+        memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=UNTOUCHED)
         initial = np.empty(1, dtype=port_record(OUTPUTS))
+        theta_m = np.asarray(theta_m, dtype=float)
+        settle_friction(parameters, memory["x"][0], theta_m, memory["anchors"][0])
         outputs_near(
             parameters,
             memory["x"][0],
-            np.asarray(theta_m, dtype=float),
+            theta_m,
             STILL,
             STILL,
             apex_frame(parameters),

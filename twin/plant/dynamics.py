@@ -8,18 +8,26 @@ kappa = (dJ/dt) v, d_i = dA_i/d theta_i and d'_i = d^2 A_i/d theta_i^2 of knee i
     c = I_a J^T kappa + m_b/6 sum_i (d_i kappa_i + d'_i omega_i^2),
     I_a = (m_a + m_b) l_a^2/3 + I_r,  g_a = (m_a/2 + m_b/2) g l_a cos theta_l:
 
-Lagrange's equations of uniform rods (P2 to P6 of docs/physics.md). One compiled function; the co-simulation component
+Lagrange's equations of uniform rods (P2 to P6 of docs/physics.md). Where the base is tilted, e_z is `mounting.upward`;
+dry friction and hard stops add to the joints' torques (`friction.py`). One compiled function; the co-simulation component
 and the python-control system both integrate it.
 """
 
+import numpy as np
 from numba import njit
 
 from twin.plant.contact import touch
+from twin.plant.friction import ANCHORS, drag, friction_torque, gripped, stop_torque, stopped
+from twin.plant.mounting import hanging, upward
 from twin.plant.surface import apex_frame
 from twin.robot.geometry import LEG_COS, LEG_SIN
 from twin.robot.gravity import arm_weight, leg_inertia, moving_mass, platform_weight
-from twin.robot.leg import NO_ANCHOR, angle_near, leg_motion, leg_vectors
+from twin.robot.leg import angle_near, leg_motion, leg_vectors
 from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_torque
+
+
+UNTOUCHED = np.full((3, ANCHORS), np.nan)
+"""Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""
 
 
 @njit(cache=True, forceinline=True)
@@ -31,8 +39,32 @@ def spring_deflection(parameters, leg, theta_m, theta_l):
 
 @njit(cache=True, forceinline=True)
 def spring_stiffness(parameters, leg):
-    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
-    return parameters.k_s * parameters.k_s_share[leg]
+    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it, in series with its belt.
+
+    A belt without mass that yields by c per torque on the joint leaves 1/k = 1/k_s + N^2 c on the motor's side.
+    """
+    k_s = parameters.k_s * parameters.k_s_share[leg]
+    if parameters.belt_compliance > 0.0:
+        return k_s / (1.0 + k_s * parameters.N * parameters.N * parameters.belt_compliance)
+    return k_s
+
+
+@njit(cache=True, forceinline=True)
+def winding(parameters, anchors, leg, theta_m, theta_l):
+    """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
+    stop and have hysteresis."""
+    d = stopped(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
+    return gripped(parameters, anchors, leg, d) if parameters.spring_hysteresis > 0.0 else d
+
+
+@njit(cache=True)
+def settle_friction(parameters, x, theta_m, anchors):
+    """Drag the anchors of dry friction, in place, to the state `x` at the motor angles `theta_m` (3) in rad."""
+    for leg in range(3):
+        k_r, k_z, _, _, _, _ = leg_vectors(parameters, leg, x[0], x[1], x[2])
+        theta_l = angle_near(anchors, leg, k_r, k_z)
+        d = stopped(parameters, spring_deflection(parameters, leg, theta_m[leg], theta_l))
+        drag(parameters, anchors, leg, theta_l, d)
 
 
 @njit(cache=True, forceinline=True)
@@ -72,7 +104,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
         theta_m: motor angles (rad), a triple.
         s_B, v_s_B: displacement (m) and velocity (m/s) of the surface, triples; it does not turn.
         apex: see `touch`.
-        anchors: of the joints' angles, see `robot.leg`.
+        anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `friction.py`.
     """
     x, y, z = p
     vx, vy, vz = v
@@ -84,7 +116,8 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
     rx, ry, rz = x - s_B[0], y - s_B[1], z - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
     contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
-    fx, fy, fz = -contact_x, -contact_y, -contact_z - platform_weight(parameters)
+    up, weight = upward(parameters), platform_weight(parameters)
+    fx, fy, fz = -contact_x - weight * up[0], -contact_y - weight * up[1], -contact_z - weight * up[2]
     for leg in range(3):
         # in the leg's frame: outward, sideways, up
         C, S = LEG_COS[leg], LEG_SIN[leg]
@@ -94,8 +127,12 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
         )
         square = omega_l * omega_l
         theta_l = angle_near(anchors, leg, k_r, k_z)
-        tau_l = joint_torque(parameters, leg, spring_deflection(parameters, leg, theta_m[leg], theta_l), omega_l)
-        tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + hangs * k_r - inertia * kappa
+        tau_l = joint_torque(parameters, leg, winding(parameters, anchors, leg, theta_m[leg], theta_l), omega_l)
+        hung = hangs * hanging(up, leg, k_r, k_z)
+        tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + hung - inertia * kappa
+        if parameters.joint_friction > 0.0:
+            tau -= friction_torque(parameters, anchors, leg, theta_l)
+        tau += stop_torque(parameters, theta_l)
         f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
         f_w = j_w * tau
         fx, fy = fx + (C * f_r - S * f_w), fy + (S * f_r + C * f_w)
@@ -111,9 +148,15 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
 
 @njit(cache=True)
 def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
-    """dx/dt into `dx`, for the state `x` (8,) of `parameters.py`; else as `acceleration`."""
+    """dx/dt into `dx`, for the state `x` (8,) of `parameters.py`, without dry friction; else as `acceleration`."""
+    derivative_near(parameters, x, theta_m, s_B, v_s_B, UNTOUCHED, dx)
+
+
+@njit(cache=True)
+def derivative_near(parameters, x, theta_m, s_B, v_s_B, anchors, dx):
+    """As `derivative`, with dry friction that holds where `anchors` say."""
     p, v, z_b = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
     dx[0], dx[1], dx[2] = v
-    dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), NO_ANCHOR)
+    dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), anchors)
     dx[3], dx[4], dx[5] = dv
     dx[6], dx[7] = dz

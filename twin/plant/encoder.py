@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numba import njit
@@ -18,7 +19,7 @@ OUTPUTS = (
     Port("count_l", 3, "1", "joint encoder counts", "int"),
     Port("sample", 1, "1", "number of the sample, from 1: a reader notices lost and frozen messages by it", "int"),
 )
-READER = record(counts_per_rad="f8", zero="f8", noise="f8")
+READER = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
 MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=("u8", (1,)), sample="i8")
 
 
@@ -26,6 +27,8 @@ MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=("u8", (1,)),
 def count(angle, reader, random):
     """Whole counts that an encoder makes of its shaft's `angle` (rad); `random` is the state of the noise."""
     read = angle + reader.zero
+    if reader.eccentricity != 0.0:
+        read += reader.eccentricity * math.sin(angle - reader.eccentric_at)
     if reader.noise > 0.0:
         read += reader.noise * normal(random)
     return math.floor(read * reader.counts_per_rad + 0.5)
@@ -43,29 +46,38 @@ def step(m, t, h, u, y):
     return 0
 
 
+class Shaft(NamedTuple):
+    """The encoders of three shafts of one kind.
+
+    Attributes:
+        counts: per turn.
+        zero: errors (3,), rad, added to the true angle.
+        noise: standard deviation of white noise on the angle before it is rounded, rad.
+        eccentricity, eccentric_at: of a disc or magnet off its shaft's axis: it reads e sin(angle - at) too much (3,),
+            rad.
+    """
+
+    counts: float
+    zero: Sequence[float] = (0.0, 0.0, 0.0)
+    noise: float = 0.0
+    eccentricity: Sequence[float] = (0.0, 0.0, 0.0)
+    eccentric_at: Sequence[float] = (0.0, 0.0, 0.0)
+
+    def readers(self) -> list[tuple[float, ...]]:
+        """As records of `READER`."""
+        each = zip(self.zero, self.eccentricity, self.eccentric_at, strict=True)
+        return [(self.counts / (2 * np.pi), zero, self.noise, e, at) for zero, e, at in each]
+
+
 class Encoder(NativeComponent):
     """Motor and joint encoders of the three legs; counts are rounded to the nearest.
 
     Args:
-        motor_counts, joint_counts: counts per turn.
-        motor_zero, joint_zero: zero errors (3,), rad, added to the true angle.
+        motor, joint: what they are.
         period: ticks between samples.
-        motor_noise, joint_noise: standard deviation of white noise on the angle before it is rounded, rad.
         seed: of the noise; the same seed gives the same noise.
     """
 
-    def __init__(
-        self,
-        motor_counts: float,
-        joint_counts: float,
-        motor_zero: Sequence[float] = (0.0, 0.0, 0.0),
-        joint_zero: Sequence[float] = (0.0, 0.0, 0.0),
-        period: int = 1,
-        motor_noise: float = 0.0,
-        joint_noise: float = 0.0,
-        seed: int = 0,
-    ):
-        motor = [(motor_counts / (2 * np.pi), zero, motor_noise) for zero in motor_zero]
-        joint = [(joint_counts / (2 * np.pi), zero, joint_noise) for zero in joint_zero]
-        memory = memory_of(MEMORY, motor=motor, joint=joint, random=seed)
+    def __init__(self, motor: Shaft, joint: Shaft, period: int = 1, seed: int = 0):
+        memory = memory_of(MEMORY, motor=motor.readers(), joint=joint.readers(), random=seed)
         super().__init__("encoder", INPUTS, OUTPUTS, True, step, memory, period=period)

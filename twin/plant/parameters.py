@@ -33,8 +33,17 @@ class PlantParameters(NamedTuple):
         k_s_share: what is left of k_s in each joint's spring (1); 0: broken.
         backlash_added, b_j_added: wear of each joint, on top of backlash (rad) and b_j (N m s/rad).
         slip: how far each belt has slipped, as wind-up the spring has lost, motor side (rad).
+        belt_compliance: turn of the joint per torque on it that the belt yields by (rad per N m), see
+            `dynamics.spring_stiffness`.
+        joint_friction, joint_presliding: dry friction of a joint (N m) and how far it yields before it slides (rad, > 0).
+        spring_hysteresis: of a spring, as a share of its torque (1).
+        spring_stop, joint_lower, joint_upper, stop: hard stops of spring (rad, motor side) and joint (rad) and their
+            stiffness (N m/rad), see `friction.py`.
+        mounting_tilt, mounting_tilt_x: of the base about its y and x axes (rad), see `mounting.py`.
+        head: where the head touches, seen from O_P (m).
 
-    The three-component fields are each joint's condition; their defaults are a robot as it was built.
+    k_s_share to slip are each joint's condition; their defaults are a robot as it was built. The defaults below them are a
+    robot without that effect.
     """
 
     a: float
@@ -71,6 +80,17 @@ class PlantParameters(NamedTuple):
     backlash_added: Triple = (0.0, 0.0, 0.0)
     b_j_added: Triple = (0.0, 0.0, 0.0)
     slip: Triple = (0.0, 0.0, 0.0)
+    belt_compliance: float = 0.0
+    joint_friction: float = 0.0
+    joint_presliding: float = 1e-3
+    spring_hysteresis: float = 0.0
+    spring_stop: float = math.inf
+    joint_lower: float = -math.inf
+    joint_upper: float = math.inf
+    stop: float = 100.0
+    mounting_tilt: float = 0.0
+    mounting_tilt_x: float = 0.0
+    head: Triple = (0.0, 0.0, 0.0)
 
 
 PARAMETERS = record_of(PlantParameters)

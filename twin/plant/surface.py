@@ -42,7 +42,8 @@ def apex_frame(parameters):
 # master calls by address is lost
 @njit(cache=True, error_model="numpy")
 def surface_frame(parameters, x, y, z):
-    """Depth (m, positive inside) and local tangents e_1, e_2 and normal n, triples in B, at (x, y, z) of B.
+    """Depth (m, positive inside) and local tangents e_1, e_2 and normal n, triples in B, where the head is when O_P is
+    at (x, y, z) of B.
 
     On a curved surface the tangents are the apex's, carried along the great circle (the smallest turn that takes one
     normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
@@ -54,6 +55,7 @@ def surface_frame(parameters, x, y, z):
 def frame_at(parameters, apex, x, y, z):
     """As `surface_frame`; `apex` is the frame at the apex."""
     a_1, a_2, a_3 = apex
+    x, y, z = x + parameters.head[0], y + parameters.head[1], z + parameters.head[2]
     if parameters.shape == Shape.PLANE:
         return -a_3[0] * x - a_3[1] * y + a_3[2] * (parameters.z_s - z), a_1, a_2, a_3
     R = parameters.radius

@@ -2,10 +2,14 @@
 
 import numpy as np
 
+from twin.cosim.delay import delay
+from twin.experiment import schema
 from twin.experiment.experiment import Experiment
+from twin.experiment.ticks import whole_ticks
 from twin.plant.body import Body, Motion
 from twin.plant.component import Plant
-from twin.plant.encoder import Encoder
+from twin.plant.encoder import INPUTS as ANGLES
+from twin.plant.encoder import Encoder, Shaft
 from twin.plant.equilibrium import resting
 from twin.plant.scale import Scale
 from twin.robot.gravity import G_ACCELERATION
@@ -41,13 +45,24 @@ def body(build: Build) -> Makers:
 
 def encoder(build: Build) -> Makers:
     """Motor and joint encoders."""
-    p, experiment = build.experiment.plant, build.experiment
-    return {
-        "encoder": lambda: Encoder(
-            p.motor_counts_per_turn, p.joint_counts_per_turn, p.motor_zero, p.joint_zero, experiment.controller_ticks,
-            p.motor_noise, p.joint_noise, experiment.seed,
-        )
-    }  # fmt: skip
+    experiment = build.experiment
+    motor, joint = shafts(experiment.plant)
+    return {"encoder": lambda: Encoder(motor, joint, experiment.controller_ticks, experiment.seed)}
+
+
+def shafts(p: schema.Plant) -> tuple[Shaft, Shaft]:
+    """The encoders of the motors and of the joints."""
+    return (
+        Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
+        Shaft(p.joint_counts_per_turn, p.joint_zero, p.joint_noise, p.joint_eccentricity, p.joint_eccentric_at),
+    )
+
+
+def latency(build: Build) -> Makers:
+    """The way of the angles into the encoders, if it takes time."""
+    ticks = whole_ticks(build.experiment.plant.encoder_latency, build.experiment.cosim.tick)
+    initial = np.concatenate([build.theta_m, build.plant.initial("theta_l")])
+    return {"latency": lambda: delay("latency", ANGLES, ticks, initial)} if ticks else {}
 
 
 def scale(build: Build) -> Makers:

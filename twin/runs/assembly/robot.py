@@ -49,7 +49,11 @@ POWER = ("bus.power", "monitor.power")
 
 ROBOT = (
     _row("body", mechanics.body),
-    _row("encoder", mechanics.encoder, theta_m="drive.theta_m", theta_l="plant.theta_l"),
+    _row("latency", mechanics.latency, theta_m="drive.theta_m", theta_l="plant.theta_l"),
+    _row(
+        "encoder", mechanics.encoder,
+        theta_m=("latency.theta_m", "drive.theta_m"), theta_l=("latency.theta_l", "plant.theta_l"),
+    ),
     _row("estimator", computer.estimators, count_m="encoder.count_m", count_l="encoder.count_l"),
     _row("reference", computer.references),
     _row(

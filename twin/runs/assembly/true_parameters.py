@@ -27,6 +27,11 @@ def plant_parameters(plant: Plant, contact: Contact) -> PlantParameters:
         shape=int(Shape[c.shape.upper()]), radius=math.inf if c.radius is None else c.radius,
         law=int(ContactLaw[c.law.upper()]), K=c.stiffness, **{"damping": 0.0, **c.law_constants},
         mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
+        belt_compliance=p.belt_compliance, joint_friction=p.joint_friction, joint_presliding=p.joint_presliding,
+        spring_hysteresis=p.spring_hysteresis, spring_stop=math.inf if p.spring_stop is None else p.spring_stop,
+        joint_lower=-math.inf if p.joint_lower is None else p.joint_lower,
+        joint_upper=math.inf if p.joint_upper is None else p.joint_upper, stop=p.stop,
+        mounting_tilt=p.mounting_tilt, mounting_tilt_x=p.mounting_tilt_x, head=p.head,
     )  # fmt: skip
 
 

@@ -147,8 +147,11 @@ def _plant(part: RobotPart, memory: np.ndarray) -> Found:
     true, contact = memory["parameters"], part.experiment.contact
     for name in (
         "a", "b", "l_a", "l_b", "m_a", "m_b", "m_p", "I_r", "b_j", "k_s", "N", "eta", "backlash", "eta_rate",
+        "belt_compliance", "joint_friction", "joint_presliding", "spring_hysteresis", "spring_stop", "joint_lower",
+        "joint_upper", "stop", "mounting_tilt", "mounting_tilt_x", "head",
     ):  # fmt: skip
-        yield f"plant.{name}", Destination("plant", true[name])
+        if getattr(part.experiment.plant, name) is not None:
+            yield f"plant.{name}", Destination("plant", true[name])
     names = {
         "height": "z_s", "tilt": "tilt", "tilt_x": "tilt_x", "stiffness": "K", "friction": "mu", "bristle": "sigma_0",
         "bristle_damping": "sigma_1", **{name: name for name in contact.law_constants},
@@ -186,7 +189,8 @@ def _encoder(part: RobotPart, memory: np.ndarray) -> Found:
     for side in ("motor", "joint"):
         yield f"plant.{side}_counts_per_turn", Destination("encoder", memory[side]["counts_per_rad"], 2 * math.pi)
         yield f"plant.{side}_zero", Destination("encoder", memory[side]["zero"])
-        yield f"plant.{side}_noise", Destination("encoder", memory[side]["noise"])
+        for name in ("noise", "eccentricity", "eccentric_at"):
+            yield f"plant.{side}_{name}", Destination("encoder", memory[side][name])
 
 
 _COUNTS = {"motor_counts": "motor_counts_per_turn", "joint_counts": "joint_counts_per_turn"}
@@ -250,6 +254,7 @@ _OF = {
 _FIXED = {
     "plant": ("plant.substeps", "contact.law", "contact.shape"),
     "scale": ("scale.period_ms",),
+    "latency": ("plant.encoder_latency_ms",),
     "encoder": ("seed", "controller.period_ms"),
     "estimator": ("controller.gravity_compensation", "controller.period_ms"),
     "controller": (

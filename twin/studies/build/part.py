@@ -25,7 +25,7 @@ COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))
 SHAFTS = (Port("theta_m", JOINTS, "rad"),)
 PARTS = {
     "plant": ("body", "scale", "plant"),
-    "computer": ("encoder", "estimator", "controller", "delay", "monitor"),
+    "computer": ("latency", "encoder", "estimator", "controller", "delay", "monitor"),
     "controls": ("estimator", "controller", "delay", "monitor"),
 }
 """Parts of several components, as far as an experiment has them; any other component is one by its name. The bus is not

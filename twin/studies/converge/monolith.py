@@ -23,6 +23,7 @@ from twin.plant.surface import apex_frame
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
+from twin.runs.assembly.mechanics import shafts
 from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
 from twin.studies.converge.by_hand import Sampled
 from twin.studies.converge.coupled import MOTION, coupled_derivative
@@ -72,7 +73,7 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def applies(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, watches."""
+    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, sticks, watches."""
     return not (
         experiment.tasks
         or experiment.faults
@@ -82,6 +83,9 @@ def applies(experiment: Experiment) -> bool:
         or experiment.stand_ins
         or experiment.controller.delay_ticks
         or experiment.controller.bus_delay_ticks
+        or experiment.plant.encoder_latency
+        or experiment.plant.joint_friction
+        or experiment.plant.spring_hysteresis
         or experiment.plant.motor_noise
         or experiment.plant.joint_noise
     )
@@ -104,7 +108,7 @@ def monolithic_rows(
     parameters, p = plant_parameters(experiment.plant, experiment.contact), experiment.plant
     x_plant, theta_m = resting(parameters, experiment.start)
     x = np.concatenate([theta_m, np.zeros(3), x_plant])
-    encoder = Sampled(Encoder(p.motor_counts_per_turn, p.joint_counts_per_turn, p.motor_zero, p.joint_zero))
+    encoder = Sampled(Encoder(*shafts(p)))
     estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
     law = Sampled(controller(experiment))
     T_s = experiment.controller_ticks * experiment.cosim.tick

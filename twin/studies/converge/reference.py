@@ -39,7 +39,7 @@ def reference_of(experiment: Experiment) -> Reference:
         drives = servos(assembly.drives)
     why = "no equations of this drive are known here"
     if drives is not None and not applies(experiment):
-        why = "the monolithic one knows no moving bodies, delays or changes"
+        why = "the monolithic one knows no moving bodies, delays, changes or dry friction"
     elif drives is not None:
         rows = monolithic_rows(experiment, drives)
         if within_limits(rows, drives):
