@@ -79,5 +79,24 @@ def test_noise_is_on_the_angle_before_it_is_rounded():
 
 @given(angles)
 def test_one_encoder_may_be_noisy_without_the_other(theta):
-    clean, noisy = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta), Sampled(Encoder(Shaft(MOTOR, noise=0.1), Shaft(JOINT)))(theta)
+    clean, noisy = (
+        Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))(theta),
+        Sampled(Encoder(Shaft(MOTOR, noise=0.1), Shaft(JOINT)))(theta),
+    )
     np.testing.assert_array_equal(noisy[3:6], clean[3:6])
+
+
+@given(st.tuples(*[st.floats(-0.05, 0.05)] * 3), st.tuples(*[st.floats(-3.0, 3.0)] * 3))
+def test_an_encoder_off_its_axis_reads_wrong_once_a_turn_by_its_eccentricity(eccentricity, at):
+    fine = Shaft(2.0 * np.pi * 2.0**40, eccentricity=eccentricity, eccentric_at=at)
+    encoder = Sampled(Encoder(fine, Shaft(MOTOR)))
+    turn = 2.0 * np.pi * np.arange(16) / 16
+    error = np.array([encoder(np.full(6, angle))[:3] / 2.0**40 - angle for angle in turn])
+    harmonics = np.fft.rfft(error, axis=0) / 8.0
+    # counts of 1e-12 rad
+    expected = np.array(eccentricity) * np.exp(-1j * (np.array(at) + np.pi / 2.0))
+    np.testing.assert_allclose(harmonics[1], expected, rtol=0, atol=1e-11)
+    np.testing.assert_allclose(np.delete(harmonics, 1, axis=0), 0.0, atol=1e-11)
+    # at the angle it is told of it is right, and grows from there
+    there = encoder(np.array([*at, 0.0, 0.0, 0.0]))[:3] / 2.0**40 - np.array(at)
+    np.testing.assert_allclose(there, 0.0, atol=1e-11)

@@ -47,13 +47,17 @@ class Robot(Model):
         "motor_eccentricity_deg", "how much each motor encoder reads too much at most, once a turn", ZEROS
     )
     motor_eccentric_at: Triple = quantity(
-        "motor_eccentric_at_deg", "motor angle from which on that error grows, a quarter of a turn before it is most", ZEROS
+        "motor_eccentric_at_deg",
+        "motor angle from which on that error grows, a quarter of a turn before it is most",
+        ZEROS,
     )
     joint_eccentricity: Triple = quantity(
         "joint_eccentricity_deg", "how much each joint encoder reads too much at most, once a turn", ZEROS
     )
     joint_eccentric_at: Triple = quantity(
-        "joint_eccentric_at_deg", "joint angle from which on that error grows, a quarter of a turn before it is most", ZEROS
+        "joint_eccentric_at_deg",
+        "joint angle from which on that error grows, a quarter of a turn before it is most",
+        ZEROS,
     )
     encoder_latency: float = quantity("encoder_latency_ms", "how old a count is when it is read", 0.0, ge=0, le=1000)
     belt_compliance: float = quantity(

@@ -9,8 +9,8 @@ kappa = (dJ/dt) v, d_i = dA_i/d theta_i and d'_i = d^2 A_i/d theta_i^2 of knee i
     I_a = (m_a + m_b) l_a^2/3 + I_r,  g_a = (m_a/2 + m_b/2) g l_a cos theta_l:
 
 Lagrange's equations of uniform rods (P2 to P6 of docs/physics.md). Where the base is tilted, e_z is `mounting.upward`;
-dry friction and hard stops add to the joints' torques (`friction.py`). One compiled function; the co-simulation component
-and the python-control system both integrate it.
+dry friction and hard stops add to the joints' torques (`friction.py`). One compiled function; the co-simulation
+component and the python-control system both integrate it.
 """
 
 import numpy as np
@@ -24,7 +24,6 @@ from twin.robot.geometry import LEG_COS, LEG_SIN
 from twin.robot.gravity import arm_weight, leg_inertia, moving_mass, platform_weight
 from twin.robot.leg import angle_near, leg_motion, leg_vectors
 from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_torque
-
 
 UNTOUCHED = np.full((3, ANCHORS), np.nan)
 """Anchors of a robot that was nowhere yet: no angle is known, and no friction holds."""

@@ -18,9 +18,9 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     """State x (8,) and motor angles theta_m (3,) at which the platform rests at `p_B` (3,), in m.
 
     The net force on the platform is zero with velocities and bristle zero; a loaded spring sits at the far side of
-    its backlash, an unloaded one in the middle. Dry friction holds nothing yet: what it could hold keeps the robot there
-    all the more. Springs are as wound up as `joint_torque` asks at speed zero, where
-    losses in the direction of the power flow (P1) vanish. No spring may be broken: nothing else would carry its share.
+    its backlash, an unloaded one in the middle. Springs are as wound up as `joint_torque` asks at speed zero, where
+    losses in the direction of the power flow (P1) vanish. Dry friction carries nothing yet, in the middle of what it
+    can. No spring may be broken: nothing else would carry its share.
 
     Raises:
         Unreachable: `p_B` is outside the workspace.

@@ -35,15 +35,16 @@ class PlantParameters(NamedTuple):
         slip: how far each belt has slipped, as wind-up the spring has lost, motor side (rad).
         belt_compliance: turn of the joint per torque on it that the belt yields by (rad per N m), see
             `dynamics.spring_stiffness`.
-        joint_friction, joint_presliding: dry friction of a joint (N m) and how far it yields before it slides (rad, > 0).
+        joint_friction, joint_presliding: dry friction of a joint (N m), and how far it yields before it slides (rad,
+            > 0).
         spring_hysteresis: of a spring, as a share of its torque (1).
         spring_stop, joint_lower, joint_upper, stop: hard stops of spring (rad, motor side) and joint (rad) and their
             stiffness (N m/rad), see `friction.py`.
         mounting_tilt, mounting_tilt_x: of the base about its y and x axes (rad), see `mounting.py`.
         head: where the head touches, seen from O_P (m).
 
-    k_s_share to slip are each joint's condition; their defaults are a robot as it was built. The defaults below them are a
-    robot without that effect.
+    k_s_share to slip are each joint's condition; their defaults are a robot as it was built. Those of what follows are
+    a robot without that effect.
     """
 
     a: float

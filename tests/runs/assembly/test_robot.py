@@ -19,7 +19,7 @@ TOLD = "reference"
 """Only a controller of another make is told of the way: tests/runs/assembly/test_roles.py."""
 EVERYTHING = (
     "controller.delay_ticks=1", "controller.bus_delay_ticks=1", "monitor.enabled=true", "cosim.inputs='linear'",
-    "contact.shift={by_mm=[0,0,1],start_s=1,rise_s=1}",
+    "contact.shift={by_mm=[0,0,1],start_s=1,rise_s=1}", "plant.encoder_latency_ms=1",
 )  # fmt: skip
 
 

@@ -73,7 +73,8 @@ def servos(plans: tuple[DrivePlan, ...]) -> Servos | None:
 
 
 def applies(experiment: Experiment) -> bool:
-    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, sticks, watches."""
+    """Whether `monolithic_rows` knows all that goes on besides the drives: nothing moves, changes, delays, watches, and
+    no dry friction remembers where it was."""
     return not (
         experiment.tasks
         or experiment.faults
