@@ -83,6 +83,8 @@ def _default(field: FieldInfo) -> str:
             return str(value).lower()
         case str(value):
             return f'"{value}"'
+        case tuple(value):
+            return str([int(part) if part == int(part) else part for part in value])
         case value:
             return f"{value:g}"
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numba import njit
+from numpy.typing import NDArray
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
@@ -62,6 +63,10 @@ class Shaft(NamedTuple):
     noise: float = 0.0
     eccentricity: Sequence[float] = (0.0, 0.0, 0.0)
     eccentric_at: Sequence[float] = (0.0, 0.0, 0.0)
+
+    def error(self, angles: NDArray[np.float64]) -> NDArray[np.float64]:
+        """What the encoders read too much at `angles` (3,), rad, before noise and rounding."""
+        return np.array(self.zero) + np.array(self.eccentricity) * np.sin(angles - np.array(self.eccentric_at))
 
     def readers(self) -> list[tuple[float, ...]]:
         """As records of `READER`."""

@@ -83,7 +83,7 @@ class PlantParameters(NamedTuple):
     slip: Triple = (0.0, 0.0, 0.0)
     belt_compliance: float = 0.0
     joint_friction: float = 0.0
-    joint_presliding: float = 1e-3
+    joint_presliding: float = math.radians(0.05)
     spring_hysteresis: float = 0.0
     spring_stop: float = math.inf
     joint_lower: float = -math.inf

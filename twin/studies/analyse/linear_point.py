@@ -8,10 +8,14 @@ from twin.controller.damping import Damping
 from twin.controller.pid import Gains
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.experiment.ticks import whole_ticks
+from twin.plant.dynamics import spring_stiffness
+from twin.plant.friction import stopped
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.drives import planned
+from twin.runs.assembly.mechanics import shafts
 from twin.studies.analyse.drive_response import identified
 from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.loops import Loops, open_loops
@@ -92,7 +96,8 @@ class Linearised:
         plant, parameters = self.experiment.plant, point.parameters
         geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
-        read = angles + np.concatenate([plant.motor_zero, plant.joint_zero])
+        motor, joint = shafts(plant)
+        read = angles + np.concatenate([motor.error(angles[:3]), joint.error(angles[3:])])
         # the command with which a drive stands still under its load
         gains = np.array([drive.steady_gain for drive in self.drives])
         standing = -gains[:, 1] / gains[:, 0] * _loads(point)
@@ -106,7 +111,7 @@ def _loads(point: OperatingPoint) -> np.ndarray:
     geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
     d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
     wound = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
-    return p.k_s * np.array(p.k_s_share) * wound
+    return np.array([spring_stiffness(p, leg) * stopped(p, wound[leg]) for leg in range(3)])
 
 
 def _stepping(experiment: Experiment) -> Stepping:
@@ -118,6 +123,7 @@ def _stepping(experiment: Experiment) -> Stepping:
             "commands on late; the analysis knows only monitors that divide the controller's period and delay"
         )
     jacobi = experiment.cosim.scheme == "jacobi"
-    # what is behind the monitor nobody samples
-    late = delay + c.bus_delay_ticks
+    # what is behind the monitor, and before the encoders, nobody samples
+    latency = whole_ticks(experiment.plant.encoder_latency, experiment.cosim.tick) or 0
+    late = delay + c.bus_delay_ticks + latency
     return Stepping(experiment.cosim.tick, experiment.plant.substeps, period, late, jacobi)

@@ -17,6 +17,10 @@ TURNING = (
     "so the numbers are those of swings that are larger than these"
 )
 UNTRIED = "the gain limits are the linear model's and were not tried in the co-simulation"
+SLIDING = (
+    "dry friction (joint_friction_Nm, spring_hysteresis) is not in the linear model, whose joints slide and whose "
+    "springs are ideal: small motions are stiffer"
+)
 TIE = "\xa0"
 BOUND = re.compile(r"k[pi] = [\d.e+-]+ [^ ,]+(?: s\))?|\([^()]*\) mm|[\d.]+ N\b")
 
@@ -33,6 +37,9 @@ def analysis_text(done: Stability) -> str:
         ]
     remarks = [f"{name}: {m.remark}" for judged in done.points for name, m in judged.margins.items() if m.remark]
     lines += ["", *_drives(done)]
+    plant = done.experiment.plant
+    if plant.joint_friction or plant.spring_hysteresis:
+        remarks.append(SLIDING)
     if not done.checks:
         remarks.append(UNTRIED)
     for text in dict.fromkeys([*remarks, *(f"left out: {problem}" for problem in done.problems)]):

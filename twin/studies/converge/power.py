@@ -32,8 +32,10 @@ from twin.cosim.component import Component
 from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
+from twin.plant.dynamics import spring_stiffness
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
 from twin.runs.assembly.assemble import Assembly, assemble
+from twin.runs.assembly.true_parameters import plant_parameters
 from twin.runs.loop import simulate
 from twin.runs.observer import Observer, TickEvent
 from twin.runs.trace import Trace
@@ -106,11 +108,12 @@ class _Inputs(Observer):
 
 def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """W_drive and W_spring of each step and joint, (ticks, 3) each (J)."""
-    run, inputs, p = Trace(), _Inputs(), experiment.plant
+    run, inputs, p = Trace(), _Inputs(), plant_parameters(experiment.plant, experiment.contact)
     simulate(assembly, experiment.duration_ticks, [run, inputs], slice_ticks=1).completed()
     tau_load, theta_l = run["plant.tau_load"], run["plant.theta_l"][:-1]
     W_drive = inputs.load * np.diff(run.of_drives("theta_m"), axis=0)
     if inputs.ramp:
         return W_drive, 0.5 * (tau_load[:-1] + tau_load[1:]) * (inputs.end - inputs.start)
-    tau = motor_load_torque(p.k_s, np.vectorize(dead_zone)(deflection(inputs.end, theta_l, p.N), p.backlash))
-    return W_drive, (tau**2 - tau_load[:-1] ** 2) / (2.0 * p.k_s)
+    k_s = spring_stiffness(p, 0)
+    tau = motor_load_torque(k_s, np.vectorize(dead_zone)(deflection(inputs.end, theta_l, p.N), p.backlash))
+    return W_drive, (tau**2 - tau_load[:-1] ** 2) / (2.0 * k_s)

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from twin.experiment.schema import Cosim, Plant
+from twin.plant.dynamics import spring_stiffness
 from twin.studies.replay.model import RobotModel
 
 
@@ -16,14 +17,15 @@ def truth(model: RobotModel) -> Mapping[str, float]:
     k_s eta N^2 H/2 theta_l' along or against the motion (docs/physics.md, "Springs are inside the plant").
     """
     plant = Plant.model_validate(model.values["plant"])
-    k, surface = plant.k_s * plant.eta, model.plant
+    k_s, surface = spring_stiffness(model.plant, 0), model.plant
+    k = k_s * plant.eta
     motor, joint = np.array(plant.motor_zero), np.array(plant.joint_zero)
     scheme = Cosim.model_validate(model.values.get("cosim", {})).scheme
     early = 0.5 * model.tick if scheme == "gauss_seidel" else -0.5 * model.tick
     directed = plant.eta_rate > 0.0
     return {
-        "k_s_eta": plant.k_s if directed else k,
-        "k_s": plant.k_s,
+        "k_s_eta": k_s if directed else k,
+        "k_s": k_s,
         "eta": plant.eta,
         **{f"wind_up_zero_{i + 1}": float(motor[i] - plant.N * joint[i]) for i in range(3)},
         **{f"joint_zero_{i + 1}": float(joint[i]) for i in range(3)},
