@@ -79,6 +79,22 @@ class Robot(Model):
     mounting_tilt: float = quantity("mounting_tilt_deg", "tilt of the base about its y", 0.0, ge=-180, le=180)
     mounting_tilt_x: float = quantity("mounting_tilt_x_deg", "tilt of the base about its x", 0.0, ge=-180, le=180)
     head: Triple = quantity("head_mm", "where the head touches, seen from O_P", ZEROS)
+    ball_joint_limit: float | None = quantity(
+        "ball_joint_limit_deg",
+        "how far a rod may lean in its ball joints; without it, any",
+        None,
+        gt=0,
+        examples=[30.0],
+    )
+    link_diameter: float | None = quantity(
+        "link_diameter_mm", "of the proximal links, which may not meet other legs", None, gt=0, examples=[9.0]
+    )
+    rod_diameter: float | None = quantity(
+        "rod_diameter_mm", "of the distal rods, which may not meet other legs", None, gt=0, examples=[4.0]
+    )
+    rod_spacing: float | None = quantity(
+        "rod_spacing_mm", "between the two rods of a pair", None, gt=0, examples=[24.0]
+    )
 
     @model_validator(mode="after")
     def _in_order(self) -> "Robot":

@@ -13,6 +13,7 @@ from twin.report.page.run import ReportRun
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.studies.accuracy.budget import Budget, Contribution, accuracy_budget
+from twin.studies.accuracy.effects import NOT_MODELLED
 
 BUDGET = Budget(
     name="fig4",
@@ -47,6 +48,7 @@ def test_every_cause_has_its_newtons_and_the_sum_stands_above_the_whole(force_po
         "backlash <b>",
         "as it is",
         "coupling",
+        *(what for what, _, _ in NOT_MODELLED),
         "k_s +2 %",
     ]
     assert found["backlash <b>"] == ["+0.1131", "0.0381", "0.1194", "backlash as it is"]

@@ -2,6 +2,7 @@
 
 from twin.report.page.markup import Markup, element, joined, table
 from twin.studies.accuracy.budget import Budget, Contribution
+from twin.studies.accuracy.effects import NOT_MODELLED
 from twin.studies.accuracy.text import details, headline
 
 NUMBERS = ("bias, N", "std, N", "rms, N")
@@ -28,6 +29,15 @@ def accuracy(budget: Budget, label: str) -> Markup:
             table(("cause", *NUMBERS, MEANING), causes, f"causes of the force error of {label}"),
             element("h3", "The twin itself"),
             table(("cause", *NUMBERS, MEANING), map(_row, budget.of("twin")), f"error of the simulation of {label}"),
+            element("h3", "Left out; if the robot had"),
+            table(
+                ("effect", *NUMBERS, "why so much, assumed"), map(_row, budget.of("effect")), f"effects not in {label}"
+            ),
+            table(
+                ("not modelled", "at most, N", "why"),
+                [(what, f"{most:.3f}", why) for what, most, why in NOT_MODELLED],
+                f"what is not modelled in {label}",
+            ),
             element("h3", "If the controller believed"),
             element("p", others),
             table(("belief", *NUMBERS, "why so much, assumed"), beliefs, f"what beliefs would add in {label}"),

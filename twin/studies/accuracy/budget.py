@@ -23,6 +23,7 @@ from twin.experiment.schema import Model
 from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
+from twin.studies.accuracy.effects import EFFECTS, Effect, without_effects
 from twin.studies.accuracy.uncertainty import UNCERTAINTIES
 
 PRESSING = 0.5
@@ -34,7 +35,7 @@ FINER = 8
 BELIEFS = tuple(name for name in Model.model_fields if not name.endswith("_counts_per_turn"))
 """What a controller believes besides its encoders' resolution."""
 
-Group = Literal["imperfection", "twin", "parameter", "total"]
+Group = Literal["imperfection", "twin", "effect", "parameter", "total"]
 
 
 @dataclass(frozen=True)
@@ -45,7 +46,7 @@ class Contribution:
         label: for people.
         bias, std, rms: over the window; rms^2 = bias^2 + std^2.
         meaning: what was compared with what.
-        group: "total": the experiment as it is.
+        group: "effect": not in the experiment, but plausible in a robot; "total": the experiment as it is.
     """
 
     label: str
@@ -64,7 +65,7 @@ class Budget:
         name: of the experiment.
         start, end: of the window (s).
         force: mean true pressing force in it (N).
-        contributions: imperfections, the twin's own error, parameters.
+        contributions: imperfections, the twin's own error, effects that the experiment leaves out, parameters.
         bias: sum of the biases of the imperfections (N).
         together: root of the sum of their squares.
         parameters: likewise of the parameters, which the run does not contain: its belief is true.
@@ -119,10 +120,15 @@ def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda 
     for name, one in _ablations(experiment, exact):
         say(name)
         traces[name] = _trace(one)
+    others: list[tuple[Effect, _Trace]] = []
+    for effect in EFFECTS:
+        say(effect.label)
+        # the coupling's error is in both that are compared, so that no fine one is needed
+        others.append((effect, _trace(effect.of(exact, experiment))))
     for uncertainty in UNCERTAINTIES:
         say(uncertainty.label)
         believed[uncertainty] = _trace(uncertainty.of(_fine(exact)))
-    window = _window(experiment, [*traces.values(), *believed.values()])
+    window = _window(experiment, [*traces.values(), *(trace for _, trace in others), *believed.values()])
     ideal = traces["ideal"]
 
     def line(label: str, e: NDArray[np.float64], meaning: str, group: Group = "imperfection") -> Contribution:
@@ -139,6 +145,15 @@ def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda 
         imperfections.append(
             line("belief", added["belief"], "the controller's parameters as they are, instead of true")
         )
+    effects = [
+        line(
+            effect.name if own else effect.label, trace.error - traces["coupling"].error,
+            "as it is, instead of none" if own else effect.reason, "imperfection" if own else "effect",
+        )
+        for effect, trace in others
+        for own in (effect.in_force(experiment),)
+    ]  # fmt: skip
+    imperfections += [one for one in effects if one.group == "imperfection"]
     meaning = "true force at the experiment's coupling less that at a fine one: the twin's error, not the robot's"
     coupling = line("coupling", traces["coupling"].true - ideal.true, meaning, "twin")
     parameters = [line(u.label, t.error - ideal.error, u.reason, "parameter") for u, t in believed.items()]
@@ -148,7 +163,7 @@ def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda 
         start=float(t[0]),
         end=float(t[-1]),
         force=float(traces["as it is"].true[window].mean()),
-        contributions=(*imperfections, coupling, *parameters),
+        contributions=(*imperfections, coupling, *(one for one in effects if one.group == "effect"), *parameters),
         bias=sum(one.bias for one in imperfections),
         together=_root_of_squares(imperfections),
         parameters=_root_of_squares(parameters),
@@ -175,8 +190,8 @@ def _ablations(experiment: Experiment, exact: Experiment) -> Iterator[tuple[str,
 
 
 def _perfect(experiment: Experiment) -> Experiment:
-    """Exact encoders, no backlash and no belief in any, and a controller that knows every parameter."""
-    exact = exactly_measured(with_plant(experiment, backlash=0.0))
+    """Exact encoders, no backlash and no belief in any, none of `EFFECTS`, a controller that knows every parameter."""
+    exact = exactly_measured(without_effects(with_plant(experiment, backlash=0.0)))
     return _with_dead_zone(with_model(exact, **{name: getattr(exact.plant, name) for name in BELIEFS}), 0.0)
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
 from twin.studies.accuracy.budget import Budget, accuracy_budget
+from twin.studies.accuracy.effects import NOT_MODELLED
 from twin.studies.accuracy.text import accuracy_text
 from twin.studies.answer import Answer
 from twin.writing import made_folder, write_json
@@ -56,6 +57,7 @@ def accuracy_facts(budget: Budget) -> dict[str, object]:
             }
             for one in (*budget.contributions, budget.as_is)
         ],
+        "not_modelled": [{"label": what, "at_most_N": most, "meaning": why} for what, most, why in NOT_MODELLED],
         "bias_N": budget.bias,
         "together_N": budget.together,
         "parameters_N": budget.parameters,

@@ -1,6 +1,7 @@
 """An accuracy budget as text of at most 80 columns: the error first, then what it consists of."""
 
 from twin.studies.accuracy.budget import Budget, Contribution
+from twin.studies.accuracy.effects import NOT_MODELLED
 from twin.studies.lines import wrapped
 
 NAME = 36
@@ -20,6 +21,10 @@ def accuracy_text(budget: Budget, facts: str) -> str:
         "",
         f"  {'the twin itself, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in twin),
+        "",
+        f"  {'left out; if the robot had, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
+        *(_line(one) for one in budget.of("effect")),
+        *(f"  {what:<{NAME - 3}}{'not modelled, at most':>21}{most:>9.3f}" for what, most, _ in NOT_MODELLED),
         "",
         f"  {'if the controller believed, N':<{NAME}}{'bias':>9}{'std':>9}{'rms':>9}",
         *(_line(one) for one in parameters),

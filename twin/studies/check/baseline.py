@@ -27,6 +27,8 @@ _UNTOLD = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are told of one by one."""
 _LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step")
 """Keys of [drive] that baselines of before do not know: only where one says something is it another experiment."""
+_REFUSING = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod_spacing_mm")
+"""Keys of a robot by which a run is refused, and nothing that is measured changes."""
 _ANEW = "remove it and write it anew with --update"
 
 
@@ -99,6 +101,8 @@ def fingerprint(experiment: Experiment) -> str:
     Files of FMUs are left out: they have hashes of their own.
     """
     values = {key: value for key, value in experiment.values.items() if key not in _UNTOLD}
+    for table in ("robot", "plant"):
+        values[table] = {key: value for key, value in values[table].items() if key not in _REFUSING}
     drives = [_told(drive.model_dump()) for drive in experiment.drives]
     text = json.dumps([values, drives], sort_keys=True)
     return hashlib.sha256(text.encode()).hexdigest()[:16]

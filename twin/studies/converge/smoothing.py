@@ -39,6 +39,13 @@ def comparable(experiment: Experiment) -> Smooth:
             f"{experiment.name}: its tasks change phase at what the robot feels, so two runs do not do the same at "
             "the same time; take an experiment with a [reference]"
         )
+    p = experiment.plant
+    if p.spring_hysteresis or p.spring_stop is not None:
+        key = "spring_hysteresis" if p.spring_hysteresis else "spring_stop_deg"
+        raise InputRefused(
+            f"{experiment.name}: [plant] {key}: the energy that a coupling makes is known of springs without "
+            "hysteresis and stop only; take it out of [plant]"
+        )
     changes = ["encoders exact"]
     smooth = exactly_measured(experiment)
     refuse_other_parts(experiment, "a study of the coupling", ("controller", "estimator"))
@@ -57,6 +64,6 @@ def comparable(experiment: Experiment) -> Smooth:
 
 def smoothed(smooth: Smooth) -> Smooth:
     """Without backlash and friction, too: spring and contact then change direction without an event."""
-    experiment = with_plant(smooth.experiment, backlash=0.0)
+    experiment = with_plant(smooth.experiment, backlash=0.0, joint_friction=0.0)
     contact = experiment.contact.model_copy(update={"friction": 0.0})
     return Smooth(replace(experiment, contact=contact), (*smooth.changes, "no backlash", "no friction under the head"))

@@ -28,7 +28,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
     models += [checked["controller"].model] if "controller" in checked else []
     geometries = tuple(geometry_of(model) for model in models)
     if reference is not None:
-        mistakes += reference_mistakes(reference, geometries)
+        mistakes += reference_mistakes(reference, geometries, checked.get("plant"))
     if "monitor" in checked and "monitor" not in other and {"robot", "controller"} <= checked.keys():
         computer = checked["controller"]
         mistakes += contradictions(
@@ -38,6 +38,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
         monitor = checked.get("monitor")
         situation = Situation(
             plant_parameters(checked["plant"], checked["contact"]),
+            checked["plant"],
             geometries,
             checked["approach"],
             checked["controller"],

@@ -6,9 +6,10 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.reference import WayPoints
-from twin.experiment.schema import Triple
+from twin.experiment.schema import Plant, Triple
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
+from twin.runs.assembly.checks.clearance import obstructed
 
 WAY_POINT_SPACING = 1e-3
 """How densely (m) straight lines are checked for reach."""
@@ -24,8 +25,9 @@ def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
     return None
 
 
-def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry]) -> list[str]:
-    """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`."""
+def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry], plant: Plant | None = None) -> list[str]:
+    """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`, or at
+    which `plant` bends too far or meets itself."""
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
     geometries = tuple(geometries)
@@ -45,6 +47,11 @@ def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry]) -> 
         for number, line in enumerate(lines, start=1):
             if problem := unreachable(geometry, line):
                 return [f"[reference] between way points {number} and {number + 1}: {problem}"]
+    if plant is not None and (found := obstructed(plant, np.concatenate(lines))):
+        number = int(np.searchsorted(np.cumsum([len(line) for line in lines]), found[0], side="right")) + 1
+        if reference.shape:
+            return [f"[reference.{reference.shape}] from {reference.t[number - 1]:g} s on: {found[1]}"]
+        return [f"[reference] from way point {number} on: {found[1]}"]
     return []
 
 

@@ -9,13 +9,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.experiment.monitor import Monitor
-from twin.experiment.schema import Controller
+from twin.experiment.schema import Controller, Plant
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import Shape, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
+from twin.runs.assembly.checks.clearance import obstructed
 from twin.runs.assembly.checks.reach import unreachable
 
 SPACING = 1e-3
@@ -32,12 +33,14 @@ class Situation:
 
     Attributes:
         plant: the robot and what it presses on, as they are.
+        robot: the table [plant].
         geometries: as it is, and as the controller believes it.
         approach, controller: their tables.
         monitor: its table, if it watches.
     """
 
     plant: PlantParameters
+    robot: Plant
     geometries: tuple[Geometry, ...]
     approach: Approach
     controller: Controller
@@ -170,7 +173,10 @@ def _out_of_reach(s: Situation, path: NDArray[np.float64]) -> str | None:
     heights = np.arange(floor, height + SPACING, SPACING) if height - floor < LONGEST else np.array([floor, height])
     columns = np.array([[x, y, z] for x, y in path for z in heights])
     problems = (unreachable(geometry, columns) for geometry in s.geometries)
-    return next((str(problem) for problem in problems if problem), None)
+    if told := next((str(problem) for problem in problems if problem), None):
+        return told
+    found = obstructed(s.robot, columns)
+    return found[1] if found else None
 
 
 def _too_fast(s: Situation, task: Task, path: NDArray[np.float64], surface: NDArray[np.float64]) -> Iterator[str]:

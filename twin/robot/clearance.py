@@ -1,0 +1,94 @@
+"""What limits a delta besides its reach: how far its ball joints bend, and its rods and links that meet.
+
+The two rods of a pair turn freely about the axis that their ball joints share; what a ball joint's socket limits is how
+far the rod leans out of the plane across that axis, asin(w/l_b) with w the sideways part of A_iP_i. Rods and links are
+round bars between the joints; the rods of a pair stand half their spacing to either side of A_iP_i.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numba import njit
+from numpy.typing import NDArray
+
+from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
+from twin.robot.skeleton import AXIS, skeleton
+
+BARS = 3
+"""Of a leg: its link and the two rods of its pair."""
+
+
+class Bars(NamedTuple):
+    """Sizes of the bars of a leg (m): diameters, and from the middle of one rod of a pair to that of the other."""
+
+    link_diameter: float
+    rod_diameter: float
+    rod_spacing: float
+
+
+def ball_joint_angles(geometry: Geometry, p_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far the ball joints of each leg bend (rad, >= 0), the same at both ends of its rods, shape (..., 3).
+
+    Args:
+        geometry: lengths of Fig. 2.
+        p_B: platform positions in the base frame in m, shape (..., 3), within reach.
+    """
+    return np.arcsin(np.minimum(np.abs(p_B @ AXIS.T) / geometry.l_b, 1.0))
+
+
+def clearances(
+    geometry: Geometry, bars: Bars, p_B: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """How far bars of different legs stay apart (m, negative where they meet), (n,), and the two that are nearest.
+
+    A bar is told as 3 leg + kind, with the legs from 0, kind 0 the link and 1 and 2 its rods, (n, 2).
+
+    Args:
+        geometry: lengths of Fig. 2.
+        bars: their sizes.
+        p_B: platform positions in the base frame in m, (n, 3), within reach.
+
+    Raises:
+        Unreachable: one of `p_B` is out of reach.
+    """
+    joints = skeleton(geometry, joint_angles(geometry, p_B), p_B)
+    aside = 0.5 * bars.rod_spacing * AXIS
+    ends = np.empty((len(p_B), 3, BARS, 2, 3))
+    ends[:, :, 0, 0], ends[:, :, 0, 1] = joints.B, joints.A
+    for kind, way in ((1, -aside), (2, aside)):
+        ends[:, :, kind, 0], ends[:, :, kind, 1] = joints.A + way, joints.P + way
+    radii = 0.5 * np.array([bars.link_diameter, bars.rod_diameter, bars.rod_diameter])
+    return _nearest(ends.reshape(len(p_B), 3 * BARS, 2, 3), radii)
+
+
+@njit(cache=True)
+def _nearest(ends, radii):
+    gaps, pairs = np.full(ends.shape[0], np.inf), np.zeros((ends.shape[0], 2), dtype=np.int64)
+    for pose in range(ends.shape[0]):
+        for one in range(2 * BARS):
+            for other in range(BARS * (one // BARS + 1), 3 * BARS):
+                apart = _distance(ends[pose, one, 0], ends[pose, one, 1], ends[pose, other, 0], ends[pose, other, 1])
+                gap = apart - radii[one % BARS] - radii[other % BARS]
+                if gap < gaps[pose]:
+                    gaps[pose] = gap
+                    pairs[pose, 0], pairs[pose, 1] = one, other
+    return gaps, pairs
+
+
+@njit(cache=True)
+def _distance(a, b, c, d):
+    """Between the segments a-b and c-d, neither of which is a point: Ericson (2005), Real-Time Collision Detection 5.1.9"""
+    ab, cd, ca = b - a, d - c, a - c
+    aa, dd, ad = np.dot(ab, ab), np.dot(cd, cd), np.dot(ab, cd)
+    f, e = np.dot(cd, ca), np.dot(ab, ca)
+    across = aa * dd - ad * ad
+    # parallel ones are as near at any point of them
+    s = min(max((ad * f - e * dd) / across, 0.0), 1.0) if across > 1e-12 * aa * dd else 0.0
+    t = (ad * s + f) / dd
+    if t < 0.0:
+        t, s = 0.0, min(max(-e / aa, 0.0), 1.0)
+    elif t > 1.0:
+        t, s = 1.0, min(max((ad - e) / aa, 0.0), 1.0)
+    apart = ca + s * ab - t * cd
+    return np.sqrt(np.dot(apart, apart))
