@@ -22,6 +22,18 @@ def step(m, t, h, u, y):
     return 0
 
 
+@step_function(MEMORY)
+def filled(m, t, h, u, y):
+    """What a delay that is taken elsewhere does before its first step: its inputs have been as they are."""
+    ring = carray(doubles_at(m.ring), m.size * m.ticks)
+    u_, y_ = carray(u, m.size), carray(y, m.size)
+    for j in range(m.size):
+        y_[j] = u_[j]
+        for tick in range(m.ticks):
+            ring[tick * m.size + j] = u_[j]
+    return 0
+
+
 def delay(name: str, ports: tuple[Port, ...], ticks: int, initial: np.ndarray) -> Component:
     """Sampled component: its outputs `ports` are its inputs of `ticks` (>= 1) ticks ago, before that `initial`."""
     ring = np.tile(np.asarray(initial, dtype=float), (ticks, 1))

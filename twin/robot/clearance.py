@@ -78,7 +78,7 @@ def _nearest(ends, radii):
 
 @njit(cache=True)
 def _distance(a, b, c, d):
-    """Between the segments a-b and c-d, neither of which is a point: Ericson (2005), Real-Time Collision Detection 5.1.9"""
+    """Between the segments a-b and c-d, neither of which is a point: Ericson (2005), Real-Time Collision Detection."""
     ab, cd, ca = b - a, d - c, a - c
     aa, dd, ad = np.dot(ab, ab), np.dot(cd, cd), np.dot(ab, cd)
     f, e = np.dot(cd, ca), np.dot(ab, ca)

@@ -14,8 +14,8 @@ from twin.studies.build.study import build_fmu
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"
 MASSAGE = ROOT / "experiments" / "massage.toml"
-DELAYED = ("controller.delay_ticks=3",)
-"""A computer with a ring of memory."""
+DELAYED = ("controller.delay_ticks=3", "plant.encoder_latency_ms=2")
+"""A computer with two rings of memory."""
 MODULES: dict[tuple[str, str], str] = {}
 """LLVM's assembly of all steps that were built, by their symbols and platforms."""
 

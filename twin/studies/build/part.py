@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from twin.cosim.component import Component, NativeComponent
+from twin.cosim.delay import filled
 from twin.cosim.port import Port, width
 from twin.cosim.wiring import End, Feeds
 from twin.errors import InputRefused, nearest
@@ -108,6 +109,8 @@ def part_of(experiment: Experiment, name: str) -> RobotPart:
     if "plant" in wanted:
         moving = len(plant.inputs) > len(plant_inputs(False, False))
         beginnings["plant"] = Beginning(outputs_at_start(moving, False)), Beginning(rest, REST_OUTPUTS)
+    if "latency" in wanted:
+        beginnings["latency"] = (Beginning(filled),)
     starts = {
         port.name: (port, _at_start(component, port, components, feeds))
         for component in chosen
