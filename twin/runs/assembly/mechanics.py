@@ -3,18 +3,17 @@
 import numpy as np
 
 from twin.cosim.delay import delay
-from twin.experiment import schema
 from twin.experiment.experiment import Experiment
 from twin.experiment.ticks import whole_ticks
 from twin.plant.body import Body, Motion
 from twin.plant.component import Plant
 from twin.plant.encoder import INPUTS as ANGLES
-from twin.plant.encoder import Encoder, Shaft
+from twin.plant.encoder import Encoder
 from twin.plant.equilibrium import resting
 from twin.plant.scale import Scale
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.build import Build, Makers
-from twin.runs.assembly.true_parameters import fault_motions, plant_parameters, surface_motions
+from twin.runs.assembly.true_parameters import fault_motions, plant_parameters, shafts, surface_motions
 
 
 def at_rest(experiment: Experiment, moved: bool = False) -> tuple[Plant, np.ndarray]:
@@ -48,14 +47,6 @@ def encoder(build: Build) -> Makers:
     experiment = build.experiment
     motor, joint = shafts(experiment.plant)
     return {"encoder": lambda: Encoder(motor, joint, experiment.controller_ticks, experiment.seed)}
-
-
-def shafts(p: schema.Plant) -> tuple[Shaft, Shaft]:
-    """The encoders of the motors and of the joints."""
-    return (
-        Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
-        Shaft(p.joint_counts_per_turn, p.joint_zero, p.joint_noise, p.joint_eccentricity, p.joint_eccentric_at),
-    )
 
 
 def latency(build: Build) -> Makers:

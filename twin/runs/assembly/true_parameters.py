@@ -1,4 +1,4 @@
-"""[plant] and [contact] as the constants of the plant; [contact] and [[fault]] as how the surface moves."""
+"""[plant] and [contact] as the constants of plant and encoders; [contact] and [[fault]] as how the surface moves."""
 
 import math
 from collections.abc import Sequence
@@ -8,6 +8,7 @@ from twin.experiment.fault import NEVER, Fault
 from twin.experiment.schema import Plant
 from twin.plant.body import Motion, MotionKind
 from twin.plant.contact_law import ContactLaw
+from twin.plant.encoder import Shaft
 from twin.plant.parameters import PlantParameters
 from twin.plant.surface import Shape
 
@@ -33,6 +34,15 @@ def plant_parameters(plant: Plant, contact: Contact) -> PlantParameters:
         joint_upper=math.inf if p.joint_upper is None else p.joint_upper, stop=p.stop,
         mounting_tilt=p.mounting_tilt, mounting_tilt_x=p.mounting_tilt_x, head=p.head,
     )  # fmt: skip
+
+
+def shafts(plant: Plant) -> tuple[Shaft, Shaft]:
+    """The encoders of the motors and of the joints."""
+    p = plant
+    return (
+        Shaft(p.motor_counts_per_turn, p.motor_zero, p.motor_noise, p.motor_eccentricity, p.motor_eccentric_at),
+        Shaft(p.joint_counts_per_turn, p.joint_zero, p.joint_noise, p.joint_eccentricity, p.joint_eccentric_at),
+    )
 
 
 def surface_motions(contact: Contact) -> tuple[Motion, ...]:

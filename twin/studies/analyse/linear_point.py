@@ -15,7 +15,7 @@ from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.drives import planned
-from twin.runs.assembly.mechanics import shafts
+from twin.runs.assembly.true_parameters import shafts
 from twin.studies.analyse.drive_response import identified
 from twin.studies.analyse.linear.drive_model import DriveModel
 from twin.studies.analyse.linear.loops import Loops, open_loops

@@ -23,8 +23,7 @@ from twin.plant.surface import apex_frame
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
-from twin.runs.assembly.mechanics import shafts
-from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
+from twin.runs.assembly.true_parameters import plant_parameters, shafts, surface_motions
 from twin.studies.converge.by_hand import Sampled
 from twin.studies.converge.coupled import MOTION, coupled_derivative
 
