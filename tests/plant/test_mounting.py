@@ -9,10 +9,10 @@ from tests.laws.runs import PARAMETERS
 from tests.plant.states import moving, positions
 from twin.plant.component import STILL
 from twin.plant.contact import contact_force
-from twin.plant.dynamics import UNTOUCHED, acceleration, derivative
+from twin.plant.dynamics import derivative
 from twin.plant.equilibrium import resting
 from twin.plant.mounting import upward
-from twin.plant.surface import Shape, apex_frame, surface_frame
+from twin.plant.surface import Shape, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.gravity import G_ACCELERATION
 from twin.robot.inverse_kinematics import joint_angles
@@ -90,8 +90,9 @@ def test_a_head_elsewhere_is_the_same_as_a_surface_as_far_the_other_way(state, h
     with_head = there._replace(head=head)
 
     def rates(parameters, s_B):
-        x_ = tuple(x[:3]), tuple(x[3:6]), tuple(x[6:8]), tuple(theta_m)
-        return np.concatenate(acceleration(parameters, *x_, s_B, STILL, apex_frame(parameters), UNTOUCHED))
+        dx = np.empty(8)
+        derivative(parameters, x, theta_m, s_B, STILL, dx)
+        return dx
 
     away = tuple(-value for value in head)
     # rounding, which 1250 N/m on 0.2 kg make larger

@@ -9,7 +9,7 @@ from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.plant.component import LEFT_WORKSPACE, MEMORY, OUTPUTS, STILL, inputs, outputs_near, triple
 from twin.plant.contact import contact_force
-from twin.plant.dynamics import joint_torque, settle_friction
+from twin.plant.dynamics import joint_torque, series_share, settle_friction
 from twin.plant.friction import ANCHORS, stop_torque, unstopped
 from twin.plant.mounting import arm_torque, upward
 from twin.plant.surface import apex_frame
@@ -70,7 +70,7 @@ def rest(m, t, h, u, y):
     theta = theta_1, theta_2, theta_3
     for leg in range(3):
         left = tau[leg] - arm_torque(p, up, leg, theta[leg]) - stop_torque(p, theta[leg])
-        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0))
+        d = unstopped(p, left / joint_torque(p, leg, 1.0, 0.0) / series_share(p, leg))
         slack = p.backlash + p.backlash_added[leg]
         gap = 0.0 if d == 0.0 else math.copysign(slack, d)
         y.theta_m_rest[leg] = p.N * theta[leg] + d + gap + p.slip[leg]

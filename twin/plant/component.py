@@ -16,7 +16,17 @@ from twin.cosim.native import step_function
 from twin.cosim.port import Port, port_record
 from twin.cosim.record import memory_of, record
 from twin.plant.contact import normal_force, settled_bristle, touch
-from twin.plant.dynamics import UNTOUCHED, acceleration, joint_torque, settle_friction, spring_stiffness, winding
+from twin.plant.dynamics import (
+    UNTOUCHED,
+    acceleration,
+    has_effects,
+    head_sees,
+    joint_torque,
+    settle_friction,
+    spring_deflection,
+    spring_stiffness,
+    winding,
+)
 from twin.plant.friction import ANCHORS
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.plant.surface import apex_frame
@@ -72,6 +82,11 @@ def moved(s, v, t):
 @njit(cache=True)
 def settle(parameters, apex, x, s_B, v_s_B):
     """Return mapping of the bristle in the state `x`, in place: what ends every integration step."""
+    _settle(parameters, apex, x, head_sees(parameters, s_B), v_s_B)
+
+
+@njit(cache=True, forceinline=True)
+def _settle(parameters, apex, x, s_B, v_s_B):
     F_n, _ = normal_force(
         parameters,
         apex,
@@ -105,27 +120,30 @@ def integrate(parameters, x, theta_m, omega_m, s_B, v_s_B, h, apex, anchors):
     moves at `v_s_B` (m/s); `apex` and `anchors` as in `acceleration`.
     """
     half = 0.5 * h
+    special, s_B = has_effects(parameters), head_sees(parameters, s_B)
     theta_half, theta_end = moved(theta_m, omega_m, half), moved(theta_m, omega_m, h)
     s_half, s_end = moved(s_B, v_s_B, half), moved(s_B, v_s_B, h)
     p, v, z = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
-    a, r = acceleration(parameters, p, v, z, theta_m, s_B, v_s_B, apex, anchors)
+    a, r = acceleration(parameters, p, v, z, theta_m, s_B, v_s_B, apex, anchors, special)
     v_2 = moved(v, a, half)
     a_2, r_2 = acceleration(
-        parameters, moved(p, v, half), v_2, ahead(z, r, half), theta_half, s_half, v_s_B, apex, anchors
+        parameters, moved(p, v, half), v_2, ahead(z, r, half), theta_half, s_half, v_s_B, apex, anchors, special
     )
     v_3 = moved(v, a_2, half)
     a_3, r_3 = acceleration(
-        parameters, moved(p, v_2, half), v_3, ahead(z, r_2, half), theta_half, s_half, v_s_B, apex, anchors
+        parameters, moved(p, v_2, half), v_3, ahead(z, r_2, half), theta_half, s_half, v_s_B, apex, anchors, special
     )
     v_4 = moved(v, a_3, h)
-    a_4, r_4 = acceleration(parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors)
+    a_4, r_4 = acceleration(
+        parameters, moved(p, v_3, h), v_4, ahead(z, r_3, h), theta_end, s_end, v_s_B, apex, anchors, special
+    )
     for i in range(3):
         x[i] += h * weighted(v[i], v_2[i], v_3[i], v_4[i])
         x[3 + i] += h * weighted(a[i], a_2[i], a_3[i], a_4[i])
     for i in range(2):
         x[6 + i] += h * weighted(r[i], r_2[i], r_3[i], r_4[i])
-    settle(parameters, apex, x, s_end, v_s_B)
-    if parameters.joint_friction > 0.0 or parameters.spring_hysteresis > 0.0:
+    _settle(parameters, apex, x, s_end, v_s_B)
+    if special:
         settle_friction(parameters, x, theta_end, anchors)
 
 
@@ -143,6 +161,7 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
     y.z_b[0], y.z_b[1] = x[6], x[7]
     # no number if a leg could not reach the platform half-way through a step
     inside = not math.isnan(vx + vy + vz)
+    special, s_B = has_effects(parameters), head_sees(parameters, s_B)
     for leg in range(3):
         k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, px, py, pz)
         move_anchor(parameters, anchors, leg, k_r, k_z)
@@ -151,7 +170,10 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
         C, S = LEG_COS[leg], LEG_SIN[leg]
         v_r, v_w = C * vx + S * vy, C * vy - S * vx
         _, _, _, omega_l, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, v_r, v_w, vz)
-        d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
+        if special:
+            d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
+        else:
+            d = spring_deflection(parameters, leg, theta_m[leg], theta_l)
         y.theta_l[leg] = theta_l
         y.omega_l[leg] = omega_l
         y.tau_l[leg] = joint_torque(parameters, leg, d, omega_l)

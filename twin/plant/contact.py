@@ -1,6 +1,6 @@
 """Contact of the platform with a surface: normal force by a contact law, bristle friction in the tangent plane.
 
-Positions and velocities are those of the platform as seen from the surface: a surface that moves is subtracted before.
+Positions and velocities are those of the head as seen from the surface: a surface that moves is subtracted before.
 The bristle obeys dz_b/dt = v_t, and is kept on the friction cone by return mapping after each step
 (`settled_bristle`). That is stable at any normal force, also at mu = 0, where the usual rate form
 v_t - sigma_0 |v_t| z_b / (mu F_n) divides by zero and is stiff at a light touch.
@@ -95,6 +95,7 @@ def touch(parameters, apex, x, y, z, vx, vy, vz, z_1, z_2):
 
 @njit(cache=True)
 def contact_force(parameters, x, y, z, vx, vy, vz, z_1, z_2):
-    """Force BY the robot ON the surface in B (N): (fx, fy, fz), pressing gives fz < 0."""
+    """Force BY the robot ON the surface in B (N) with O_P at (x, y, z): (fx, fy, fz), pressing gives fz < 0."""
+    x, y, z = x + parameters.head[0], y + parameters.head[1], z + parameters.head[2]
     fx, fy, fz, _, _, _ = touch(parameters, apex_frame(parameters), x, y, z, vx, vy, vz, z_1, z_2)
     return fx, fy, fz

@@ -13,6 +13,8 @@ dry friction and hard stops add to the joints' torques (`friction.py`). One comp
 component and the python-control system both integrate it.
 """
 
+import math
+
 import numpy as np
 from numba import njit
 
@@ -38,22 +40,49 @@ def spring_deflection(parameters, leg, theta_m, theta_l):
 
 @njit(cache=True, forceinline=True)
 def spring_stiffness(parameters, leg):
-    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it, in series with its belt.
-
-    A belt without mass that yields by c per torque on the joint leaves 1/k = 1/k_s + N^2 c on the motor's side.
-    """
-    k_s = parameters.k_s * parameters.k_s_share[leg]
-    if parameters.belt_compliance > 0.0:
-        return k_s / (1.0 + k_s * parameters.N * parameters.N * parameters.belt_compliance)
-    return k_s
+    """Stiffness (N m/rad) of the spring of `leg`: k_s as built, times what is left of it."""
+    return parameters.k_s * parameters.k_s_share[leg]
 
 
 @njit(cache=True, forceinline=True)
+def series_share(parameters, leg):
+    """What a belt in series leaves of the stiffness of the spring of `leg` (1).
+
+    A belt without mass that yields by c per torque on the joint leaves 1/k = 1/k_s + N^2 c on the motor's side.
+    """
+    return 1.0 / (1.0 + spring_stiffness(parameters, leg) * parameters.N * parameters.N * parameters.belt_compliance)
+
+
+@njit(cache=True, forceinline=True)
+def has_effects(parameters):
+    """Whether the robot has any of the small effects that turn its joints; if not, nothing need be looked at again."""
+    p = parameters
+    springs = (p.belt_compliance > 0.0) | (p.spring_hysteresis > 0.0) | (p.spring_stop < math.inf)
+    joints = (p.joint_friction > 0.0) | (p.joint_lower > -math.inf) | (p.joint_upper < math.inf)
+    return springs | joints | (p.mounting_tilt != 0.0) | (p.mounting_tilt_x != 0.0)
+
+
+@njit(cache=True)
 def winding(parameters, anchors, leg, theta_m, theta_l):
     """Deflection (rad, motor side) of an ideal spring that carries what the spring of `leg` does, which may be at its
-    stop and have hysteresis."""
+    stop, have hysteresis and be in series with a belt that yields."""
     d = stopped(parameters, spring_deflection(parameters, leg, theta_m, theta_l))
-    return gripped(parameters, anchors, leg, d) if parameters.spring_hysteresis > 0.0 else d
+    if parameters.spring_hysteresis > 0.0:
+        d = gripped(parameters, anchors, leg, d)
+    return series_share(parameters, leg) * d
+
+
+@njit(cache=True)
+def _push(parameters, anchors, leg, theta_l):
+    """Torque (N m) of dry friction and hard stops on the joint of `leg`."""
+    return stop_torque(parameters, theta_l) - friction_torque(parameters, anchors, leg, theta_l)
+
+
+@njit(cache=True, forceinline=True)
+def head_sees(parameters, s_B):
+    """Where a surface that is displaced by the triple `s_B` (m) is for a platform that would touch in O_P."""
+    head = parameters.head
+    return s_B[0] - head[0], s_B[1] - head[1], s_B[2] - head[2]
 
 
 @njit(cache=True)
@@ -91,7 +120,7 @@ def _solve_symmetric(a, b, c, d, e, f, x, y, z):
 
 
 @njit(cache=True, error_model="numpy")
-def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
+def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, special=True):
     """What the platform and the bristles do next: dv/dt (m/s^2) and dz_b/dt (m/s), two tuples.
 
     Outside the workspace, where there are no joint angles, both are NaN.
@@ -101,9 +130,11 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
         p, v: position (m) and velocity (m/s) of the platform, triples.
         z_b: bristle deflection (m), a pair.
         theta_m: motor angles (rad), a triple.
-        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface, triples; it does not turn.
+        s_B, v_s_B: displacement (m) and velocity (m/s) of the surface as the head sees it (`head_sees`), triples; it
+            does not turn.
         apex: see `touch`.
         anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `friction.py`.
+        special: False: `has_effects` is; it is asked once and not in each evaluation.
     """
     x, y, z = p
     vx, vy, vz = v
@@ -115,8 +146,11 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
     rx, ry, rz = x - s_B[0], y - s_B[1], z - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
     contact_x, contact_y, contact_z, _, dz_1, dz_2 = touch(parameters, apex, rx, ry, rz, ux, uy, uz, z_b[0], z_b[1])
-    up, weight = upward(parameters), platform_weight(parameters)
-    fx, fy, fz = -contact_x - weight * up[0], -contact_y - weight * up[1], -contact_z - weight * up[2]
+    up, weight = (0.0, 0.0, 1.0), platform_weight(parameters)
+    fx, fy, fz = -contact_x, -contact_y, -contact_z - weight
+    if special:
+        up = upward(parameters)
+        fx, fy, fz = fx - weight * up[0], fy - weight * up[1], -contact_z - weight * up[2]
     for leg in range(3):
         # in the leg's frame: outward, sideways, up
         C, S = LEG_COS[leg], LEG_SIN[leg]
@@ -126,12 +160,13 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors):
         )
         square = omega_l * omega_l
         theta_l = angle_near(anchors, leg, k_r, k_z)
-        tau_l = joint_torque(parameters, leg, winding(parameters, anchors, leg, theta_m[leg], theta_l), omega_l)
-        hung = hangs * hanging(up, leg, k_r, k_z)
-        tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + hung - inertia * kappa
-        if parameters.joint_friction > 0.0:
-            tau -= friction_torque(parameters, anchors, leg, theta_l)
-        tau += stop_torque(parameters, theta_l)
+        if special:
+            d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
+            push = hangs * hanging(up, leg, k_r, k_z) + _push(parameters, anchors, leg, theta_l)
+        else:
+            d, push = spring_deflection(parameters, leg, theta_m[leg], theta_l), hangs * k_r
+        tau_l = joint_torque(parameters, leg, d, omega_l)
+        tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + push - inertia * kappa
         f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
         f_w = j_w * tau
         fx, fy = fx + (C * f_r - S * f_w), fy + (S * f_r + C * f_w)
@@ -154,7 +189,7 @@ def derivative(parameters, x, theta_m, s_B, v_s_B, dx):
 @njit(cache=True)
 def derivative_near(parameters, x, theta_m, s_B, v_s_B, anchors, dx):
     """As `derivative`, with dry friction that holds where `anchors` say."""
-    p, v, z_b = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7])
+    p, v, z_b, s_B = (x[0], x[1], x[2]), (x[3], x[4], x[5]), (x[6], x[7]), head_sees(parameters, s_B)
     dx[0], dx[1], dx[2] = v
     dv, dz = acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex_frame(parameters), anchors)
     dx[3], dx[4], dx[5] = dv

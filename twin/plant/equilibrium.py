@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from twin.plant.contact import contact_force
-from twin.plant.dynamics import joint_torque
+from twin.plant.dynamics import joint_torque, series_share
 from twin.plant.friction import stop_torque, unstopped
 from twin.plant.mounting import arm_torque, upward
 from twin.plant.parameters import STATES, PlantParameters
@@ -35,7 +35,7 @@ def resting(parameters: PlantParameters, p_B: ArrayLike) -> tuple[np.ndarray, np
     stops = np.array([stop_torque(parameters, theta) for theta in theta_l])
     tau_l = np.linalg.solve(jacobian(geometry, p).T, wrench) - arms - stops
     d = tau_l / np.array([joint_torque(parameters, leg, 1.0, 0.0) for leg in range(3)])
-    d = np.array([unstopped(parameters, w) for w in d])
+    d = np.array([unstopped(parameters, w / series_share(parameters, leg)) for leg, w in enumerate(d)])
     backlash = parameters.backlash + np.array(parameters.backlash_added)
     theta_m = parameters.N * theta_l + d + np.sign(d) * backlash + np.array(parameters.slip)
     x = np.zeros(STATES)

@@ -34,7 +34,7 @@ class PlantParameters(NamedTuple):
         backlash_added, b_j_added: wear of each joint, on top of backlash (rad) and b_j (N m s/rad).
         slip: how far each belt has slipped, as wind-up the spring has lost, motor side (rad).
         belt_compliance: turn of the joint per torque on it that the belt yields by (rad per N m), see
-            `dynamics.spring_stiffness`.
+            `dynamics.series_share`.
         joint_friction, joint_presliding: dry friction of a joint (N m), and how far it yields before it slides (rad,
             > 0).
         spring_hysteresis: of a spring, as a share of its torque (1).

@@ -48,14 +48,14 @@ def surface_frame(parameters, x, y, z):
     On a curved surface the tangents are the apex's, carried along the great circle (the smallest turn that takes one
     normal to the other): they depend smoothly on the position, and along a cylinder's axis not at all.
     """
-    return frame_at(parameters, apex_frame(parameters), x, y, z)
+    head = parameters.head
+    return frame_at(parameters, apex_frame(parameters), x + head[0], y + head[1], z + head[2])
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
 def frame_at(parameters, apex, x, y, z):
-    """As `surface_frame`; `apex` is the frame at the apex."""
+    """As `surface_frame`, at (x, y, z) itself; `apex` is the frame at the apex."""
     a_1, a_2, a_3 = apex
-    x, y, z = x + parameters.head[0], y + parameters.head[1], z + parameters.head[2]
     if parameters.shape == Shape.PLANE:
         return -a_3[0] * x - a_3[1] * y + a_3[2] * (parameters.z_s - z), a_1, a_2, a_3
     R = parameters.radius

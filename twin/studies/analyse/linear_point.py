@@ -9,7 +9,7 @@ from twin.controller.pid import Gains
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.ticks import whole_ticks
-from twin.plant.dynamics import spring_stiffness
+from twin.plant.dynamics import series_share, spring_stiffness
 from twin.plant.friction import stopped
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
@@ -111,7 +111,7 @@ def _loads(point: OperatingPoint) -> np.ndarray:
     geometry = Geometry(p.a, p.b, p.l_a, p.l_b)
     d = point.theta_m - p.N * joint_angles(geometry, point.p_B) - np.array(p.slip)
     wound = np.sign(d) * np.maximum(np.abs(d) - p.backlash - np.array(p.backlash_added), 0.0)
-    return np.array([spring_stiffness(p, leg) * stopped(p, wound[leg]) for leg in range(3)])
+    return np.array([spring_stiffness(p, leg) * series_share(p, leg) * stopped(p, wound[leg]) for leg in range(3)])
 
 
 def _stepping(experiment: Experiment) -> Stepping:

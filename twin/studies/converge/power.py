@@ -32,7 +32,7 @@ from twin.cosim.component import Component
 from twin.cosim.port import by_port
 from twin.cosim.simulation import Simulation
 from twin.experiment.experiment import Experiment
-from twin.plant.dynamics import spring_stiffness
+from twin.plant.dynamics import series_share, spring_stiffness
 from twin.robot.sea import dead_zone, deflection, motor_load_torque
 from twin.runs.assembly.assemble import Assembly, assemble
 from twin.runs.assembly.true_parameters import plant_parameters
@@ -114,6 +114,6 @@ def _work(experiment: Experiment, assembly: Assembly) -> tuple[NDArray[np.float6
     W_drive = inputs.load * np.diff(run.of_drives("theta_m"), axis=0)
     if inputs.ramp:
         return W_drive, 0.5 * (tau_load[:-1] + tau_load[1:]) * (inputs.end - inputs.start)
-    k_s = spring_stiffness(p, 0)
+    k_s = spring_stiffness(p, 0) * series_share(p, 0)
     tau = motor_load_torque(k_s, np.vectorize(dead_zone)(deflection(inputs.end, theta_l, p.N), p.backlash))
     return W_drive, (tau**2 - tau_load[:-1] ** 2) / (2.0 * k_s)

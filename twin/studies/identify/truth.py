@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from twin.experiment.schema import Cosim, Plant
-from twin.plant.dynamics import spring_stiffness
+from twin.plant.dynamics import series_share, spring_stiffness
 from twin.studies.replay.model import RobotModel
 
 
@@ -17,7 +17,8 @@ def truth(model: RobotModel) -> Mapping[str, float]:
     k_s eta N^2 H/2 theta_l' along or against the motion (docs/physics.md, "Springs are inside the plant").
     """
     plant = Plant.model_validate(model.values["plant"])
-    k_s, surface = spring_stiffness(model.plant, 0), model.plant
+    surface = model.plant
+    k_s = spring_stiffness(surface, 0) * series_share(surface, 0)
     k = k_s * plant.eta
     motor, joint = np.array(plant.motor_zero), np.array(plant.joint_zero)
     scheme = Cosim.model_validate(model.values.get("cosim", {})).scheme
