@@ -4,7 +4,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.cosim.models import sampled
-from twin.cosim.delay import delay
+from twin.cosim.component import NativeComponent
+from twin.cosim.delay import MEMORY, delay, filled
 from twin.cosim.port import Port
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -33,3 +34,12 @@ def test_two_delays_keep_memories_of_their_own(ticks):
     system = System(parts, [("source.x", "a.x"), ("a.x", "b.x")], 1.0)
     rows = Simulation(system, 20).run()[:, system.columns("b.x")][:, 0].tolist()
     assert rows == [max(0, k - 2 * ticks) for k in range(21)]
+
+
+def test_what_is_taken_elsewhere_begins_with_what_it_is_given():
+    late = delay("late", (X,), 2, INITIAL)
+    assert isinstance(late, NativeComponent) and late.memory.dtype == MEMORY
+    begun = NativeComponent("late", (X,), (X,), True, filled, late.memory, np.zeros(2), pointers=late.pointers)
+    told = sampled("told", lambda t, h, u: (5.0, 6.0), outputs=(X,))
+    assert Simulation(System([told, begun], [("told.x", "late.x")], 1.0), 0).run()[0, 2:].tolist() == [5.0, 6.0]
+    assert late.pointers["ring"].tolist() == [[5.0, 6.0], [5.0, 6.0]]

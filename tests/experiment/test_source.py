@@ -1,3 +1,4 @@
+from math import radians
 from pathlib import Path
 
 import pytest
@@ -181,6 +182,13 @@ def test_single_numbers_of_three_are_set_by_their_number(root: Path):
     # the belief is the robot's and does not follow the plant
     assert drawn.values["controller"]["model"]["joint_zero_deg"] == (0.0, 0.0, 0.0)
     assert drawn.values["plant"]["motor_zero_deg"] == (0.25, 0.0, 0.0)
+
+
+def test_a_single_number_of_three_that_no_file_states_stands_beside_zeros(root: Path):
+    told = ["plant.joint_eccentricity_deg.2=0.3", "plant.head_mm.3=-20"]
+    plant = load_experiment(root / "experiments/fig4_position.toml", told).plant
+    assert plant.joint_eccentricity == (0.0, pytest.approx(radians(0.3)), 0.0)
+    assert plant.head == (0.0, 0.0, pytest.approx(-0.02))
 
 
 @pytest.mark.parametrize("key", ["plant.joint_zero_deg.4", "robot.joint_zero_deg.0", "plant.joint_zero_deg.first"])

@@ -22,6 +22,10 @@ from twin.experiment.stand_in import StandIn, checked_apart, role_named
 from twin.experiment.task import Task, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks
 
+_TRIPLES = {
+    field.alias: field.default for field in schema.Robot.model_fields.values() if isinstance(field.default, tuple)
+}
+"""What three numbers of a robot are where its file does not say."""
 OTHERS = ("drive", *ARRAYS)
 """What is checked elsewhere than `TABLES`."""
 
@@ -131,10 +135,11 @@ def _fill_from_robot(values: dict[str, Any]) -> None:
 
 def _over_robot(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
     """The robot's values under those of a table, which may name single numbers of three: `joint_zero_deg.2`."""
+    known = {**_TRIPLES, **robot}
     numbered = {
-        key: with_numbers(value, robot[key], f"{table}.{key}")
+        key: with_numbers(value, known[key], f"{table}.{key}")
         for key, value in own.items()
-        if isinstance(value, dict) and isinstance(robot.get(key), tuple)
+        if isinstance(value, dict) and isinstance(known.get(key), tuple)
     }
     return {**robot, **own, **numbered}
 

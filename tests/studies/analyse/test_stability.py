@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -47,6 +48,16 @@ def test_waiting_for_the_computer_costs_gain(fig4):
     points, _ = operating_points(experiment)
     late = judged_point(Linearised(experiment, points).at(points[2]))
     assert late.limits["force"] < 0.6 * fig4.points[2].limits["force"]
+    # in a loop it is the same where it waits
+    encoders = shipped("fig4_force_position", "plant.encoder_latency_ms=20")
+    assert judged_point(Linearised(encoders, points).at(points[2])).limits == late.limits
+
+
+def test_dry_friction_is_told_to_be_left_out(fig4):
+    rubbing = replace(fig4, experiment=shipped("fig4_force_position", "plant.joint_friction_Nm=0.002"))
+    said = "dry friction (joint_friction_Nm, spring_hysteresis) is not in the linear model"
+    assert said in " ".join(analysis_text(rubbing).split())
+    assert "dry friction" not in analysis_text(fig4)
 
 
 def test_the_map_meets_the_limit_at_the_experiment_s_own_stiffness(fig4):

@@ -54,10 +54,32 @@ def test_a_servo_at_a_limit_is_not_the_equation_that_is_integrated():
     assert reference_of(shortened(experiment, 0.2)).meaning.endswith("a drive reaches a limit")
 
 
-@pytest.mark.parametrize("key", ["delay_ticks", "bus_delay_ticks"])
-def test_the_monolithic_run_knows_no_delays(key: str):
+@pytest.mark.parametrize(
+    "key",
+    [
+        "controller.delay_ticks", "controller.bus_delay_ticks", "plant.encoder_latency_ms", "plant.joint_friction_Nm",
+    ],
+)  # fmt: skip
+def test_the_monolithic_run_knows_no_delays_and_no_dry_friction(key: str):
     assert applies(short())
-    assert not applies(short(f"controller.{key}=1"))
+    assert not applies(short(f"{key}=1"))
+
+
+def test_the_monolithic_run_has_belt_base_head_and_eccentric_encoders_of_the_plant():
+    told = (
+        "plant.belt_compliance_rad_per_Nm=0.05", "plant.mounting_tilt_deg=10", "plant.head_mm=[1,2,-17]",
+        "plant.joint_eccentricity_deg=[0.5,0,0]",
+    )  # fmt: skip
+    experiment = shortened(short(*told), 0.4)
+    with assemble(experiment) as assembly:
+        drives = servos(assembly.drives)
+    assert drives is not None and applies(experiment)
+    rows = monolithic_rows(experiment, drives)
+    finest, _ = sampled_run(FINEST.of(experiment, experiment.cosim.tick / 8))
+    errors = largest_errors(finest, chosen(rows, rows["theta_m"]))
+    assert errors["F_z"] < 1e-6 and errors["theta_m"] < 1e-8
+    # the head is 1 mm in the scale
+    assert -rows["plant.F_ee_B"][0, 2] == pytest.approx(1.25, rel=1e-9)
 
 
 def test_a_drive_behind_a_gear_is_not_taken_for_ours():
@@ -79,3 +101,9 @@ def test_what_no_two_runs_do_alike_is_refused(name: str, says: str):
     broken = 'fault=[{kind="drive_runaway", onset_s=6.0, magnitude_rad_per_s=2.0}]'
     with pytest.raises(InputRefused, match=says):
         comparable(shipped(name, *([broken] if name == FORCE else [])))
+
+
+@pytest.mark.parametrize("setting", ["plant.spring_hysteresis=0.02", "plant.spring_stop_deg=15"])
+def test_springs_whose_energy_is_not_known_are_refused(setting: str):
+    with pytest.raises(InputRefused, match=rf"\[plant\] {setting.partition('=')[0][6:]}: the energy that a coupling"):
+        comparable(shipped(FORCE, setting))
