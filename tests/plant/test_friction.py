@@ -18,7 +18,7 @@ from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
-TAU_C, A = 0.01, 2e-3
+TAU_C, A = 0.01, 2e-4
 RUBBED = PARAMETERS._replace(joint_friction=TAU_C, joint_presliding=A)
 GRIPPING = PARAMETERS._replace(spring_hysteresis=0.1, backlash=0.0)
 STOPS = PARAMETERS._replace(spring_stop=0.05, joint_lower=-0.1, joint_upper=0.5)
@@ -52,16 +52,16 @@ def test_a_joint_that_goes_to_and_fro_loses_four_times_its_friction_times_the_am
     assert lost == pytest.approx(4.0 * TAU_C * (amplitude - A), rel=1e-3)
 
 
-@given(st.floats(-0.9, 0.9))
+@given(st.floats(-0.45, 0.45))
 def test_a_joint_that_is_pulled_by_less_than_its_friction_stays_where_it_is(share: float):
-    """In air, motors turned so far that the springs pull by a share of the friction more."""
+    """In air, motors turned at once, so far that the springs pull by a share of the friction more: it swings to twice."""
     x, theta_m = resting(RUBBED, AIR)
     more = share * TAU_C / (PARAMETERS.k_s * PARAMETERS.N * PARAMETERS.eta)
     step = Sampled(Plant(RUBBED, x, theta_m))
     for _ in range(400):
         y = step.named(theta_m + more, 0.0, 1e-3)
     away = y["theta_l"] - joint_angles(GEOMETRY, x[:3])
-    # it swings about where it is held within the angle that it yields by
+    # within the angle that it yields by; without friction it would go ten times as far
     assert np.abs(away).max() < 2.0 * abs(share) * A + 1e-9
 
 
@@ -70,7 +70,7 @@ def test_a_joint_that_is_pulled_by_more_slides():
     step = Sampled(Plant(RUBBED, x, theta_m))
     for _ in range(400):
         y = step.named(theta_m + 3.0 * TAU_C / PARAMETERS.N, 0.0, 1e-3)
-    assert np.abs(y["theta_l"] - joint_angles(GEOMETRY, x[:3])).min() > 2.0 * A
+    assert np.abs(y["theta_l"] - joint_angles(GEOMETRY, x[:3])).min() > 5.0 * A
 
 
 def kept(parameters, x, theta_m, anchors) -> float:

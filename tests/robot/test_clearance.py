@@ -3,12 +3,13 @@
 from itertools import product
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.conftest import examples
 from tests.laws.runs import PARAMETERS
-from twin.robot.clearance import BARS, Bars, ball_joint_angles, clearances
+from twin.robot.clearance import BARS, Bars, ball_joint_angles, clearances, segment_distance
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.skeleton import AXIS, skeleton
@@ -34,6 +35,18 @@ def test_at_home_no_ball_joint_is_bent_and_the_legs_are_as_far_apart_as_their_pl
     apart = (corners[0] + BAR.rod_spacing / 2.0 * AXIS[0]) - (corners[1] - BAR.rod_spacing / 2.0 * AXIS[1])
     assert abs(gaps[0] - (np.linalg.norm(apart) - BAR.rod_diameter)) < 1e-12
     assert all(bar % BARS for bar in pairs[0])
+
+
+@given(st.lists(st.tuples(*[st.integers(-9, 9).map(float)] * 3), min_size=4, max_size=4, unique=True))
+def test_two_segments_are_as_far_apart_as_their_nearest_points(ends):
+    a, b, c, d = (np.array(end) for end in ends)
+    apart = segment_distance(a, b, c, d)
+    assert apart == pytest.approx(segment_distance(d, c, b, a), abs=1e-9)
+    share = np.linspace(0.0, 1.0, 101)[:, None]
+    one, other = a + share * (b - a), c + share * (d - c)
+    seen = np.linalg.norm(one[:, None] - other[None], axis=-1).min()
+    # points 0.01 of a length of at most 32 apart, half of that off on either
+    assert apart - 1e-9 <= seen <= apart + 0.32
 
 
 @examples(15)

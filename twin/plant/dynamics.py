@@ -75,7 +75,8 @@ def winding(parameters, anchors, leg, theta_m, theta_l):
 @njit(cache=True)
 def _push(parameters, anchors, leg, theta_l):
     """Torque (N m) of dry friction and hard stops on the joint of `leg`."""
-    return stop_torque(parameters, theta_l) - friction_torque(parameters, anchors, leg, theta_l)
+    push = stop_torque(parameters, theta_l)
+    return push - friction_torque(parameters, anchors, leg, theta_l) if parameters.joint_friction > 0.0 else push
 
 
 @njit(cache=True, forceinline=True)
@@ -134,7 +135,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
             does not turn.
         apex: see `touch`.
         anchors: of the joints' angles, see `robot.leg`, and of dry friction, see `friction.py`.
-        special: False: `has_effects` is; it is asked once and not in each evaluation.
+        special: False where `has_effects` is, which is asked once and not in each evaluation.
     """
     x, y, z = p
     vx, vy, vz = v

@@ -68,7 +68,9 @@ def _nearest(ends, radii):
     for pose in range(ends.shape[0]):
         for one in range(2 * BARS):
             for other in range(BARS * (one // BARS + 1), 3 * BARS):
-                apart = _distance(ends[pose, one, 0], ends[pose, one, 1], ends[pose, other, 0], ends[pose, other, 1])
+                apart = segment_distance(
+                    ends[pose, one, 0], ends[pose, one, 1], ends[pose, other, 0], ends[pose, other, 1]
+                )
                 gap = apart - radii[one % BARS] - radii[other % BARS]
                 if gap < gaps[pose]:
                     gaps[pose] = gap
@@ -77,8 +79,8 @@ def _nearest(ends, radii):
 
 
 @njit(cache=True)
-def _distance(a, b, c, d):
-    """Between the segments a-b and c-d, neither of which is a point: Ericson (2005), Real-Time Collision Detection."""
+def segment_distance(a, b, c, d):
+    """Between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection, 5.1.9."""
     ab, cd, ca = b - a, d - c, a - c
     aa, dd, ad = np.dot(ab, ab), np.dot(cd, cd), np.dot(ab, cd)
     f, e = np.dot(cd, ca), np.dot(ab, ca)
