@@ -54,7 +54,7 @@ def test_a_joint_that_goes_to_and_fro_loses_four_times_its_friction_times_the_am
 
 @given(st.floats(-0.45, 0.45))
 def test_a_joint_that_is_pulled_by_less_than_its_friction_stays_where_it_is(share: float):
-    """In air, motors turned at once, so far that the springs pull by a share of the friction more: it swings to twice."""
+    """In air, motors turned at once so far that springs pull by a share of the friction more: it swings to twice."""
     x, theta_m = resting(RUBBED, AIR)
     more = share * TAU_C / (PARAMETERS.k_s * PARAMETERS.N * PARAMETERS.eta)
     step = Sampled(Plant(RUBBED, x, theta_m))

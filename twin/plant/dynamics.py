@@ -44,7 +44,7 @@ def spring_stiffness(parameters, leg):
     return parameters.k_s * parameters.k_s_share[leg]
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def series_share(parameters, leg):
     """What a belt in series leaves of the stiffness of the spring of `leg` (1).
 

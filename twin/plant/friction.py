@@ -34,7 +34,8 @@ def _within(value, limit):
     return value if value == value else 0.0
 
 
-@njit(cache=True, forceinline=True)
+# numpy's division here and below: an exception of compiled code that the master calls by address is lost
+@njit(cache=True, error_model="numpy", forceinline=True)
 def friction_torque(parameters, anchors, leg, theta_l):
     """Torque (N m) with which the dry friction of a joint holds it, (P14)."""
     away = theta_l - anchors[leg, HELD]
@@ -54,14 +55,14 @@ def drag(parameters, anchors, leg, theta_l, d):
     anchors[leg, GRIPPED] = d - _within(d - anchors[leg, GRIPPED], parameters.spring_hysteresis * abs(d))
 
 
-@njit(cache=True, forceinline=True)
+@njit(cache=True, error_model="numpy", forceinline=True)
 def stopped(parameters, d):
     """The deflection (rad) of a spring without a stop that carries what this one does at `d`."""
     over = abs(d) - parameters.spring_stop
     return d + math.copysign(parameters.stop / parameters.k_s * over, d) if over > 0.0 else d
 
 
-@njit(cache=True)
+@njit(cache=True, error_model="numpy")
 def unstopped(parameters, d):
     """The deflection (rad) at which a spring with a stop carries what one without does at `d`: `stopped` inverted."""
     over = abs(d) - parameters.spring_stop
