@@ -23,7 +23,7 @@ from twin.experiment.task import Task, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks
 
 _TRIPLES = {
-    field.alias: field.default for field in schema.Robot.model_fields.values() if isinstance(field.default, tuple)
+    str(field.alias): field.default for field in schema.Robot.model_fields.values() if isinstance(field.default, tuple)
 }
 """What three numbers of a robot are where its file does not say."""
 OTHERS = ("drive", *ARRAYS)
