@@ -31,7 +31,7 @@ def test_an_unstable_point_has_no_margins_and_a_limit_below_one(too_much):
     unstable = [point for point in too_much.points if not point.stable]
     assert unstable and not too_much.stable
     for point in unstable:
-        assert point.margins == {} and point.sensitivity is None
+        assert point.margins == {} and point.disks == {} and point.sensitivity is None
         assert 0.0 < point.limits["position"] < 1.0
         assert point.poles[0].zeta < 0.0
 
