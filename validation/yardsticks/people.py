@@ -11,8 +11,8 @@ from validation.yardstick import NotHere, Yardstick
 
 RADII = {"calf": (52.2, 70.5), "thigh": (83.9, 115.1), "forearm": (37.4, 55.4), "upper_arm": (41.2, 66.5)}
 """mm. ANSUR II, files of 1,986 women and 4,082 men, columns calfcircumference, thighcircumference,
-forearmcircumferenceflexed and bicepscircumferenceflexed (mm) over 2 pi: from the 5th percentile of the women to the 95th
-of the men. Forearm and upper arm are flexed there, which makes them thicker than at rest."""
+forearmcircumferenceflexed and bicepscircumferenceflexed (mm) over 2 pi: from the 5th percentile of the women to the
+95th of the men. Forearm and upper arm are flexed there, which makes them thicker than at rest."""
 BELLY = (169.7, 266.6)
 """mm. The same files, waistbreadth b and waistdepth d: b^2/(2 d), the radius at the front of an ellipse of that size,
 which is our reading; from the 5th percentile of the women to the 95th of the men."""
@@ -21,17 +21,18 @@ RATE = (12.0, 18.0)
 LIFT = (6.9, 19.0)
 """mm. Krilavicius et al. 2013, recordings of normal breathing ("-N-"), people "lying face up": how far the height of a
 marker at the centre of the upper and of the lower abdomen (UAC, LAC) goes from breath to breath. Medians of the breaths
-of each recording, of which the smallest is 6.9 (UAC) and the largest 19.0 (LAC), after a band-pass from 0.05 to 1 Hz."""
+of each recording, of which the smallest is 6.9 (UAC) and the largest 19.0 (LAC), behind a band-pass from 0.05 to 1 Hz;
+the height is the coordinate z, in which these markers move most."""
 ISO = {"back": 35.0, "shoulder": 35.0, "belly": 10.0, "upper_arm": 30.0, "forearm": 40.0, "thigh": 50.0, "calf": 60.0}
-"""N/mm. "Based on ISO/TS 15066 for 75 kg": eff_spring_const_human in src/collision.py of epfl-lasa/human-robot-collider:
+"""N/mm. "Based on ISO/TS 15066 for 75 kg", eff_spring_const_human in src/collision.py of LASA's human-robot-collider:
 chest (back) 35, belly 10, upper arms 30, forearms 40, upper legs 50, shins 60. A page of another maker has 35 for back
 and shoulders and 10 for the belly, too. The specification itself was not read."""
 SPINE = 4.8
 """N/mm, mean of 80 patients, standard deviation 1.8. doi 10.1186/s12906-017-1821-1 (2017), Table 2, baseline: "Lumbar
 spine stiffness, Palpatory GS (N/mm) at L3 80 4.8 1.8"; by two other devices 7.7 (2.1) and 5.2 (1.5)."""
 ARM = (76.0, 130.0)
-"""kPa, one standard deviation below the mean of the women, and that. A table of BMJ Military Health (Table 1,
-demographic data and pain pressure thresholds): "PPT arm (kPa) 171 (+-67) 204 (+-65) 130 (+-54)", of all, men and women."""
+"""kPa, one standard deviation below the mean of the women, and that mean. A table of BMJ Military Health (Table 1,
+demographic data and pain pressure thresholds): "PPT arm (kPa) 171 (+-67) 204 (+-65) 130 (+-54)": all, men, women."""
 
 
 def outside(value: float, low: float, high: float) -> float:
@@ -98,7 +99,7 @@ def unread(claim: str, source: str, unit: str) -> Yardstick:
 INSIDE = "it is inside of the range or is not"
 YARDSTICKS = (
     Yardstick(
-        "radii of calf, thigh, forearm and upper arm: circumferences from the 5th percentile of women to the 95th of men",
+        "radii of calf, thigh, forearm, upper arm: circumferences from the 5th percentile of women to the 95th of men",
         "ANSUR II, 2012, 6,068 people, United States Army",
         "mm",
         0.0,
@@ -126,8 +127,8 @@ YARDSTICKS = (
         "recordings of Krilavicius et al., Baltic Institute of Advanced Technologies, 2013, published by Pohl",
         "mm",
         2.95,
-        "known and not mended: what is told of the belly elsewhere was run with 4 mm, see docs/bodies.md; the bound says "
-        "that it is no farther out",
+        "known and not mended: what is told of the belly elsewhere was run with 4 mm, see docs/bodies.md; the bound "
+        "says that it is no farther out",
         lift,
     ),
     Yardstick(

@@ -29,7 +29,9 @@ def values() -> tuple[Numbers, Numbers, Numbers]:
 
 
 def named(first: Numbers, total: Numbers) -> Mapping[str, float]:
-    return {f"{name} of x{i + 1}": float(off[i]) for name, off in (("first", first), ("total", total)) for i in range(3)}
+    return {
+        f"{name} of x{i + 1}": float(off[i]) for name, off in (("first", first), ("total", total)) for i in range(3)
+    }
 
 
 def beside_published() -> Mapping[str, float]:
@@ -66,8 +68,8 @@ YARDSTICKS = (
         "Ishigami and Homma, 1990; closed form in Saltelli et al., Global Sensitivity Analysis, 2008",
         "of the variance",
         0.01,
-        "an estimate's error goes with the root of the blocks: 0.03 is allowed to 2048 of them, and eight times as many "
-        "leave a third",
+        "an estimate's error goes with the root of the blocks: 0.03 is allowed to 2048 of them, and eight times as "
+        "many leave a third",
         beside_published,
     ),
     Yardstick(
