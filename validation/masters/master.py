@@ -17,12 +17,6 @@ WHY_ROUNDING = (
     "a last bit in the step of a drive or in an angle grows to some 1e-12 of the range of a speed; springs that are a "
     "billionth stiffer already come to 1e-9"
 )
-PARTED = 0.1
-WHY_PARTED = (
-    "a bristle that slides lies on the cone of friction, and whether it is taken for one inside is up to its last bit; "
-    "where it falls the other way that comes to some 1e-6 N, soon to a count of an encoder, and from then on runs are "
-    "apart by up to 0.01 N and 0.02 mm, less than a count; most in the monitor's estimate of the speed"
-)
 
 
 @dataclass(frozen=True)

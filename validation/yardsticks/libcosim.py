@@ -8,10 +8,8 @@ from validation.masters.master import (
     BIT_FOR_BIT,
     FIG4,
     MASSAGE,
-    PARTED,
     ROUNDING,
     SAME_BITS,
-    WHY_PARTED,
     WHY_ROUNDING,
     Master,
     beside_a_loop,
@@ -104,7 +102,7 @@ POWER_OF_TWO = Case(
 YARDSTICKS = (
     beside_the_twin(LIBCOSIM, FIG4, ROUNDING, f"{NANOSECONDS}; {WHY_ROUNDING}"),
     beside_a_loop(LIBCOSIM, FIG4, time_of, "counts nanoseconds"),
-    beside_the_twin(LIBCOSIM, MASSAGE, PARTED, f"{NANOSECONDS}; {WHY_PARTED}"),
+    beside_the_twin(LIBCOSIM, MASSAGE, ROUNDING, f"{NANOSECONDS}; {WHY_ROUNDING}"),
     beside_a_loop(LIBCOSIM, MASSAGE, time_of, "counts nanoseconds"),
     beside_the_twin(LIBCOSIM, POWER_OF_TWO, BIT_FOR_BIT, SAME_BITS),
 )

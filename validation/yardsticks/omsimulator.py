@@ -11,8 +11,6 @@ from itertools import accumulate, repeat
 from validation.masters.master import (
     FIG4,
     MASSAGE,
-    PARTED,
-    WHY_PARTED,
     Master,
     beside_a_loop,
     beside_the_twin,
@@ -104,10 +102,10 @@ SUMS = (
     "wires add nothing, so that the drives count from the angles where they begin"
 )
 SUMMED = 1e-10
-"""Ten times what is allowed to rounding: steps are off by as much, and for long in the same direction."""
+WHY_SUMMED = "for long in the same direction, so that it comes to more"
 YARDSTICKS = (
-    beside_the_twin(OMSIMULATOR, FIG4, SUMMED, f"{SUMS}; for long in the same direction, so that it comes to more"),
+    beside_the_twin(OMSIMULATOR, FIG4, SUMMED, f"{SUMS}; {WHY_SUMMED}"),
     beside_a_loop(OMSIMULATOR, FIG4, TIMES.__getitem__, "adds up time"),
-    beside_the_twin(OMSIMULATOR, MASSAGE, PARTED, f"{SUMS}; {WHY_PARTED}"),
+    beside_the_twin(OMSIMULATOR, MASSAGE, SUMMED, f"{SUMS}; {WHY_SUMMED}"),
     beside_a_loop(OMSIMULATOR, MASSAGE, TIMES.__getitem__, "adds up time"),
 )

@@ -34,7 +34,8 @@ def last_digits() -> Mapping[str, float]:
 
     omega = np.logspace(-1.0, 2.0, 1001)
     L = 25.0 / np.polyval((1.0, 10.0, 10.0, 10.0), 1j * omega)
-    disk = DiskMargin(smallest_disk((1.0 / (1.0 + L))[:, None, None])[1], 0.0)
+    S: Complex = 1.0 / (1.0 + L)
+    disk = DiskMargin(smallest_disk(S[:, None, None])[1], 0.0)
     found = (disk.alpha, 20.0 * np.log10(disk.gain or np.inf), np.degrees(disk.phase))
     return {
         name: abs(ours - printed) / digit
@@ -112,7 +113,7 @@ def beside_step_info(names: Sequence[str], unit: float) -> Mapping[str, float]:
 
     from twin.studies.metrics.step import step_info
 
-    found = {}
+    found: dict[str, float] = {}
     for label, (numerator, denominator) in SYSTEMS.items():
         y = np.asarray(control.step_response(control.tf(numerator, denominator), TIMES).outputs)
         theirs = control.step_info(y, TIMES)

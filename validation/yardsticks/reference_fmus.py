@@ -35,7 +35,7 @@ def beside_its_results(model: str) -> Mapping[str, float]:
     from twin.studies.reference.bare_run import BareRun, bare_run
     from twin.studies.reference.carried import carried, prepared
 
-    off = {}
+    off: dict[str, float] = {}
     for file in found(model):
         description = described(file)
         if description.version not in (2, 3) or description.kind != "co_simulation":
