@@ -34,7 +34,7 @@ def last_digits() -> Mapping[str, float]:
 
     omega = np.logspace(-1.0, 2.0, 1001)
     L = 25.0 / np.polyval((1.0, 10.0, 10.0, 10.0), 1j * omega)
-    S: Complex = 1.0 / (1.0 + L)
+    S = (1.0 / (1.0 + L)).astype(complex)
     disk = DiskMargin(smallest_disk(S[:, None, None])[1], 0.0)
     found = (disk.alpha, 20.0 * np.log10(disk.gain or np.inf), np.degrees(disk.phase))
     return {
