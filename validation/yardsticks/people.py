@@ -4,7 +4,7 @@ What stands here was read: a table, a page or a file of data as a whole. Of some
 be read; they are named, and nothing in them is a yardstick.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 
 from validation.yardstick import NotHere, Yardstick
@@ -85,15 +85,18 @@ def pressure_on_the_arm() -> Mapping[str, float]:
     return {"at the monitor's limit": outside(1e-3 * pressure(Monitor().force_limit), 0.0, ARM[0])}
 
 
-def only_its_abstract(what: str) -> Mapping[str, float]:
-    raise NotHere(f"{what} could be read as an abstract only, and no number is taken from it")
+def not_here(why: str) -> Mapping[str, float]:
+    raise NotHere(why)
 
 
-def unread(claim: str, source: str, unit: str) -> Yardstick:
+ABSTRACT = "it could be read as an abstract only, and no number is taken from it"
+CLOSED = "it is sold, public reproductions of its forces contradict one another, and no number is taken from them"
+UNREAD = "nothing was compared"
+
+
+def unread(claim: str, source: str, unit: str, why: str = ABSTRACT) -> Yardstick:
     """A row for what nobody here could read."""
-    why = "nothing was compared"
-    differences: Callable[[], Mapping[str, float]] = partial(only_its_abstract, "it")
-    return Yardstick(claim, source, unit, 0.0, why, differences)
+    return Yardstick(claim, source, unit, 0.0, UNREAD, partial(not_here, why))
 
 
 INSIDE = "it is inside of the range or is not"
@@ -161,6 +164,7 @@ YARDSTICKS = (
     unread("friction of dry skin", "Zhang and Mak, Prosthet Orthot Int 23:135, 1999", "of 1"),
     unread("friction of skin with wax and oil", "Yap et al., Sci Rep, 2021", "of 1"),
     unread("how far the back moves in breathing", "De Groote et al., J Appl Physiol 83:1531, 1997", "mm"),
+    unread("limits of force and pressure by region", "ISO/TS 15066:2016, Annex A, Table A.2", "N", CLOSED),
     unread("pain thresholds of 29 places, force and pressure", "Han et al., Sensors 22:2996, 2022", "N"),
     unread("pain thresholds of 28 places, force and pressure", "Behrens et al., Front Robot AI 8:667818, 2022", "N"),
 )
