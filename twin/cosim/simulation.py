@@ -7,7 +7,7 @@ import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
-from twin.cosim.master import advance
+from twin.cosim.master import ADVANCE, LOOP, advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 
@@ -73,10 +73,14 @@ class Simulation:
         self._rows = np.empty((slice_ticks, system.outputs_width))
         self._table = system.table(self._u, self._y)
         self._timed = timed
+        self._loop = system.loop(self._table, self._y, self._mark, last_tick)
+        self._loop["timed"], self._loop["rows"] = timed, self._rows.ctypes.data
+        self._loop["row_width"] = system.outputs_width
         self.failure: ComponentFailed | None = None
         self.culprit = ""
-        # no ticks: compiles, or loads from the cache, before anyone's clock runs
-        self._advance(0, 0)
+        # compiles, or loads from the cache, before anyone's clock runs
+        self._culprit = self._loop["culprit"]
+        self._ticks, self._address = ADVANCE(advance.address), self._loop.ctypes.data
 
     @property
     def finished(self) -> bool:
@@ -94,16 +98,17 @@ class Simulation:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
             component failed, the rows before it, and `failure` says what happened.
         """
-        done = 0
-        while done < len(self._rows) and not self.finished:
-            before_next_change = self._change_memory()
-            count = min(len(self._rows) - done, before_next_change)
-            made, culprit, status = self._advance(self.next_tick, count, done)
+        done, most = 0, len(self._rows)
+        while done < most and not self.finished:
+            count = min(most - done, self._change_memory()) if self.system.changes else most - done
+            made = self._ticks(self._address, self.next_tick, count, done)
+            self._mark[1] = NOBODY
             done += made
             self.next_tick += made
+            culprit = int(self._culprit[0])
             if culprit >= 0:
                 sampled = culprit < self.system.sampled
-                self.failure = self._failed(culprit, status, self.next_tick if sampled else self.next_tick - 1)
+                self.failure = self._failed(culprit, self.next_tick if sampled else self.next_tick - 1)
         return self._rows[:done]
 
     def run(self) -> np.ndarray:
@@ -139,15 +144,7 @@ class Simulation:
             default=len(self._rows),
         )
 
-    def _advance(self, first: int, count: int, row: int = 0) -> tuple[int, int, int]:
-        done = advance(
-            self._table, self.system.sampled, self._timed, self.system.tick, self._y,
-            self.system.outputs_width, self.system.iterations,
-            self._rows[row:], first, count, self.last_tick, self._mark,
-        )  # fmt: skip
-        self._mark[1] = NOBODY
-        return done
-
-    def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
+    def _failed(self, culprit: int, tick: int) -> ComponentFailed:
+        status = int(self._loop["status"][0])
         self.culprit = self.system.components[culprit].name
         return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")
