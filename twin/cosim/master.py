@@ -16,7 +16,7 @@ import numpy as np
 from numba import carray, from_dtype, njit, types
 
 from twin.cosim.component import NOT_FINITE
-from twin.cosim.native import Step, call_step, clock_cycles, doubles_at, integers_at, pointer_to
+from twin.cosim.native import Step, call_step, clock_cycles, copy_doubles, doubles_at, integers_at, pointer_to
 
 TABLE = np.dtype(
     [
@@ -50,6 +50,8 @@ Addresses, because asking an array for its own costs an atomic reference count, 
 """
 
 
+NOBODY = -1
+"""What the mark says between slices, when no component is being stepped."""
 LOOP = np.dtype(
     [
         ("table", "i8"),
@@ -57,6 +59,7 @@ LOOP = np.dtype(
         ("sampled", "i8"),
         ("timed", "i8"),
         ("iterations", "i8"),
+        ("steady", "i8"),
         ("dt", "f8"),
         ("y", "i8"),
         ("width", "i8"),
@@ -150,12 +153,16 @@ def ticks(m, first, count, row):
     """
     table, mark = carray(_parts_at(m.table), m.components), carray(integers_at(m.mark), 2)
     y = carray(doubles_at(m.y), 3 * m.width)
-    sampled, components, width, dt, timed = m.sampled, m.components, m.width, m.dt, m.timed != 0
+    # unsigned: an index that is never negative saves a check
+    sampled, components = np.uint64(m.sampled), np.uint64(m.components)
+    width, dt, timed = m.width, m.dt, m.timed != 0
     m.culprit = -1
+    ahead = table[sampled].newest
+    continuous = (m.y + 8*2*width - ahead)//8
     for k in range(first, min(first + count, m.last + 1)):
         t = k * dt
         mark[0] = k
-        for c in range(sampled):
+        for c in range(np.uint64(0), sampled):
             part = table[c]
             if _due(part, k):
                 mark[1] = c
@@ -163,9 +170,7 @@ def ticks(m, first, count, row):
                 if status != 0:
                     m.culprit, m.status = c, status
                     return k - first
-        values = carray(doubles_at(m.rows + 8 * m.row_width * (row + k - first)), m.row_width)
-        for j in range(m.row_width):
-            values[j] = y[j]
+        copy_doubles(m.rows + 8 * m.row_width * (row + k - first), m.y, m.row_width)
         if k == m.last:
             return k - first + 1
         if m.iterations > 1 and not _call_all(m, table, mark, False):
@@ -181,18 +186,25 @@ def ticks(m, first, count, row):
                     if status != 0:
                         m.culprit, m.status = c, status
                         return k - first + 1
-        for c in range(sampled, components):
-            part = table[c]
-            if _due(part, k + 1):
-                _publish(part)
+        if m.steady:
+            # all of them at once: they stand side by side
+            copy_doubles(ahead - 8*width, ahead, continuous)
+        else:
+            for c in range(sampled, components):
+                part = table[c]
+                if _due(part, k + 1):
+                    _publish(part)
     return min(count, m.last + 1 - first)
 
 
 def _advance(m, first, count, row):
-    return ticks(m, first, count, row)
+    done = ticks(m, first, count, row)
+    carray(integers_at(m.mark), 2)[1] = NOBODY
+    # read from its memory it would cost Python more than the call
+    return done if m.culprit < 0 else -1 - done
 
 
 ADVANCE = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_int64)
 """What `advance` is for Python, which lets others have the interpreter meanwhile."""
 advance = Step(types.int64(from_dtype(LOOP), types.int64, types.int64, types.int64), _advance)
-"""`int64 advance(void *loop, int64 first, int64 count, int64 row)`: `ticks`."""
+"""`int64 advance(void *loop, int64 first, int64 count, int64 row)`: `ticks`; -1 - rows written if a component failed."""

@@ -7,13 +7,9 @@ import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
-from twin.cosim.master import ADVANCE, LOOP, advance
+from twin.cosim.master import ADVANCE, NOBODY, advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
-
-NOBODY = -1
-"""What the mark says between slices, when no component is being stepped."""
-
 
 @dataclass(frozen=True)
 class SimulationMemory:
@@ -79,7 +75,6 @@ class Simulation:
         self.failure: ComponentFailed | None = None
         self.culprit = ""
         # compiles, or loads from the cache, before anyone's clock runs
-        self._culprit = self._loop["culprit"]
         self._ticks, self._address = ADVANCE(advance.address), self._loop.ctypes.data
 
     @property
@@ -102,14 +97,14 @@ class Simulation:
         while done < most and not self.finished:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
             made = self._ticks(self._address, self.next_tick, count, done)
-            self._mark[1] = NOBODY
+            failed = made < 0
+            if failed:
+                made = -1 - made
             done += made
             self.next_tick += made
-            culprit = int(self._culprit[0])
-            if culprit >= 0:
-                sampled = culprit < self.system.sampled
-                self.failure = self._failed(culprit, self.next_tick if sampled else self.next_tick - 1)
-        return self._rows[:done]
+            if failed:
+                self.failure = self._failed()
+        return self._rows if done == most else self._rows[:done]
 
     def run(self) -> np.ndarray:
         """Run to the end and return every row: (last_tick + 1, outputs).
@@ -144,7 +139,9 @@ class Simulation:
             default=len(self._rows),
         )
 
-    def _failed(self, culprit: int, tick: int) -> ComponentFailed:
-        status = int(self._loop["status"][0])
+    def _failed(self) -> ComponentFailed:
+        culprit, status = self._loop[["culprit", "status"]][0].tolist()
+        # a continuous component fails in a tick whose row is already written
+        tick = self.next_tick - (culprit >= self.system.sampled)
         self.culprit = self.system.components[culprit].name
         return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")
