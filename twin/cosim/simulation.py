@@ -7,7 +7,7 @@ import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
-from twin.cosim.master import ADVANCE, NOBODY, advance
+from twin.cosim.master import NOBODY, advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 
@@ -74,8 +74,9 @@ class Simulation:
         self._loop["row_width"] = system.outputs_width
         self.failure: ComponentFailed | None = None
         self.culprit = ""
-        # compiles, or loads from the cache, before anyone's clock runs
-        self._ticks, self._address = ADVANCE(advance.address), self._loop.ctypes.data
+        # no ticks: compiles, or loads from the cache, before anyone's clock runs
+        self._address = self._loop.ctypes.data
+        advance(self._address, 0, 0, 0)
 
     @property
     def finished(self) -> bool:
@@ -96,7 +97,7 @@ class Simulation:
         done, most = 0, len(self._rows)
         while done < most and not self.finished:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
-            made = self._ticks(self._address, self.next_tick, count, done)
+            made = advance(self._address, self.next_tick, count, done)
             failed = made < 0
             if failed:
                 made = -1 - made
