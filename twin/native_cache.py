@@ -38,7 +38,7 @@ def source_digest(package: Path) -> str:
 
 
 def _sources(package: str) -> Iterator[tuple[str, bytes]]:
-    """Name below `package` and content of its Python files; of every start of a program, so without pathlib's comfort."""
+    """Name below `package` and content of its Python files, read at every start: pathlib would take twice as long."""
     for folder, folders, files in os.walk(package):
         folders[:] = [name for name in folders if name != "__pycache__"]
         for name in files:

@@ -71,10 +71,11 @@ LOOP = np.dtype(
     align=True,
 )
 """What the loop works on: address of a `TABLE` of components, how many there are, and how many of them, the first, are
-sampled; whether to count cycles; how often the continuous components make each step, 1 or more; duration of a tick (s);
-address of all outputs, two or three times, and how many they are; address of the memory of rows, and how many outputs are
-written to each; the tick that gets a row but no step; address of the mark, two integers set to tick and component before
-each step, for whoever watches from outside: a step that crashes or never returns can tell nobody.
+sampled; whether to count cycles; how often the continuous components make each step, 1 or more; how many outputs these
+have if all of them publish after every tick and nobody asks what was before, else 0; duration of a tick (s); address of
+all outputs, two or three times, and how many they are; address of the memory of rows, and how many outputs are written
+to each; the tick that gets a row but no step; address of the mark, two integers set to tick and component before each
+step, for whoever watches from outside: a step that crashes or never returns can tell nobody.
 
 What it tells: component -1 if all went well, else the one whose step failed, and its status.
 """
@@ -155,8 +156,6 @@ def ticks(m, first, count, row):
     sampled, components = np.uint64(m.sampled), np.uint64(m.components)
     width, dt, timed = m.width, m.dt, m.timed != 0
     m.culprit = -1
-    ahead = table[sampled].newest
-    continuous = (m.y + 8*2*width - ahead)//8
     for k in range(first, min(first + count, m.last + 1)):
         t = k * dt
         mark[0] = k
@@ -185,8 +184,8 @@ def ticks(m, first, count, row):
                         m.culprit, m.status = c, status
                         return k - first + 1
         if m.steady:
-            # all of them at once: they stand side by side
-            copy_doubles(ahead - 8*width, ahead, continuous)
+            # they stand side by side, at the end
+            copy_doubles(m.y + 8 * (width - m.steady), m.y + 8 * (2 * width - m.steady), m.steady)
         else:
             for c in range(sampled, components):
                 part = table[c]

@@ -11,6 +11,7 @@ from twin.cosim.master import NOBODY, advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
 
+
 @dataclass(frozen=True)
 class SimulationMemory:
     """What can be seen from outside while a step runs.

@@ -158,7 +158,8 @@ class System:
         m = loop[0]
         m["table"], m["components"], m["sampled"] = table.ctypes.data, len(table), self.sampled
         m["iterations"], m["dt"], m["last"], m["mark"] = self.iterations, self.tick, last, mark.ctypes.data
-        m["steady"] = all(c.period == 1 for c in self.components[self.sampled:]) and not self.interpolates and self.sampled<len(self.components)
+        if not self.interpolates and all(c.period == 1 for c in self.components[self.sampled :]):
+            m["steady"] = self.outputs_width - self.y_start[self.sampled]
         m["y"], m["width"] = y.ctypes.data, self.outputs_width
         return loop
 

@@ -126,9 +126,7 @@ def _kept(kinds: tuple[Kind, ...], times: bytes) -> tuple[int, tuple[np.ndarray,
     targets = np.arange(1, parts) * int(offsets[-1]) // parts
     inside = np.searchsorted(offsets, targets, side="right") - 1
     bounds = np.unique([0, *np.searchsorted(since, since[inside]), len(since)])
-    pieces = tuple(
-        _piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist())
-    )
+    pieces = tuple(_piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist()))
     return int(offsets[-1]), tuple(np.split(places, np.cumsum(counts)[:-1])), pieces
 
 

@@ -31,7 +31,10 @@ class Watch(Observer):
         self._system = assembly.system
         self._experiment = experiment
         self._tasks = [type(task).__name__.lower() for task in experiment.tasks]
-        told = (*(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)), "controller.F_z")
+        told = (
+            *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
+            "controller.F_z",
+        )
         # one of another make need not tell
         known = all(assembly.system.has(name) for name in told)
         self._watched = [assembly.system.columns(name).start for name in told] if known else []
