@@ -1,5 +1,6 @@
 """What programs of others build on."""
 
+import ast
 import inspect
 import re
 import subprocess
@@ -24,6 +25,15 @@ def test_every_public_name_is_there_and_on_its_page(root: Path, name: str):
     assert getattr(twin, name) is not None
     assert name in dir(twin)
     assert f"`twin.{name}" in (root / "docs/python.md").read_text()
+
+
+@pytest.mark.parametrize("name", twin.__all__)
+def test_every_public_name_is_known_to_type_checkers(root: Path, name: str):
+    stub = ast.parse((root / "twin/__init__.pyi").read_text())
+    # of imports only `x as x` is handed on
+    imported = {a.name for s in stub.body if isinstance(s, ast.ImportFrom) for a in s.names if a.name == a.asname}
+    assigned = {ast.unparse(target) for s in stub.body if isinstance(s, ast.Assign) for target in s.targets}
+    assert name in imported | assigned
 
 
 def test_what_is_not_public_is_not_there():

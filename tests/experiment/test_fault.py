@@ -59,15 +59,16 @@ def test_every_magnitude_of_the_catalogue_is_within_its_bounds(kind):
         assert not mistakes
 
 
-BESIDE = {"ge": (0.0, -1e-6), "gt": (1.0, 0.0), "le": (1.0, 1.001)}
-"""By kind of bound: a magnitude that is allowed, and one just beyond: a limit of speed may be 0, a factor may not."""
+BESIDE = {"ge": (0.0, -1e-6), "gt": (1.0, 0.0), "le": (0.0, 0.001)}
+"""By kind of bound: how far from it a magnitude is allowed, and one beyond: a limit of speed may be 0, a factor not."""
 
 
 @pytest.mark.parametrize("kind", [kind for kind, known in CATALOGUE.items() if known.bounds])
 def test_a_magnitude_just_beyond_its_bound_is_refused(kind):
     known = CATALOGUE[kind]
-    for bound in known.bounds:
-        said = [faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {value}')[1] for value in BESIDE[bound]]
+    for bound, limit in known.bounds.items():
+        magnitudes = [limit + off for off in BESIDE[bound]]
+        said = [faults(f'kind = "{kind}"\nonset_s = 2\n{known.magnitude_key} = {value}')[1] for value in magnitudes]
         assert not said[0] and said[1][0].startswith(f"[[fault]] 1 {known.magnitude_key} = ")
 
 

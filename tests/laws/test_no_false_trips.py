@@ -11,7 +11,7 @@ from twin.runs.trace import Trace
 
 TASKS = ("pressing", "tapping", "rolling", "pushing", "massage")
 TOO_WEAK = {"xl330"}
-"""Its gears stick under the load of a roll although it is commanded to move: a trip that is right."""
+"""Its gears stick under the load of a roll although it is commanded to move: up to a trip that is right."""
 DRIVES = sorted({path.parent.name for path in EXPERIMENTS.parent.glob("fmus/*/*.fmu")} - TOO_WEAK)
 SHORT = ("velocity_servo", "smart_servo", "modelica_dc")
 """The default drive, the one that follows worst, and one of another tool: the others take a minute, in endurance."""

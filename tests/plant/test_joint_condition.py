@@ -7,13 +7,16 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from tests.laws.runs import PARAMETERS, Sampled
+from tests.plant.kinetic import mass_matrix
 from tests.plant.states import moving, positions, share
 from tests.plant.test_energy import energies
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.plant.component import STILL, Plant
 from twin.plant.dynamics import derivative, joint_torque, spring_deflection
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import Triple
 from twin.robot.geometry import Geometry
+from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 
 GEOMETRY = Geometry(*PARAMETERS[:4])
@@ -103,6 +106,21 @@ def test_added_friction_brakes_its_joint(state, added):
     brake = M @ (acceleration(worn, x, theta_m) - acceleration(whole, x, theta_m))
     # N; differences of forces of 1e3 N
     np.testing.assert_allclose(brake, -J.T @ (np.array(added) * (J @ x[3:6])), rtol=1e-6, atol=1e-6)
+
+
+def test_the_most_friction_that_a_fault_may_add_is_stable_in_steps_of_1_ms():
+    b = np.diag([PARAMETERS.b_j + CATALOGUE["joint_friction"].bounds["le"], PARAMETERS.b_j, PARAMETERS.b_j])
+    fastest = 0.0
+    # the monitor's cylinder at its upper edge, where joints turn most per mm, and at its lower one
+    for z in (-0.075, -0.135):
+        for r in np.linspace(0.0, 0.04, 9):
+            for phi in np.radians(np.arange(0.0, 360.0, 15.0)):
+                p_B = np.array([r * np.cos(phi), r * np.sin(phi), z])
+                J = jacobian(GEOMETRY, p_B)
+                M = mass_matrix(PARAMETERS, joint_angles(GEOMETRY, p_B), J)
+                fastest = max(fastest, np.linalg.eigvals(np.linalg.solve(M, J.T @ b @ J)).real.max())
+    # classical Runge-Kutta is stable down to -2.785 on the real axis; 0.05 N m s/rad more would not be
+    assert 2700.0 < fastest < 2785.0
 
 
 def mobility(parameters, x, theta_m, force):

@@ -9,7 +9,7 @@ import pytest
 
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace, run_in_memory
-from validation.masters.master import BIT_FOR_BIT, PARTED, ROUNDING
+from validation.masters.master import BIT_FOR_BIT, ROUNDING
 from validation.masters.robot import JACOBI, differences
 from validation.yardsticks.omsimulator import SUMMED
 
@@ -67,8 +67,9 @@ def test_a_trace_that_is_late_or_off_or_not_there_exceeds_the_bound(spoil: Calla
     ("setting", "bound"),
     [
         ("plant.k_s_Nm_per_rad=1.000000001", SUMMED),
-        ("controller.bus_delay_ticks=2", PARTED),
-        ("cosim.scheme=gauss_seidel", PARTED),
+        # far beyond rounding: a share of the range that is seen in a picture
+        ("controller.bus_delay_ticks=2", 0.1),
+        ("cosim.scheme=gauss_seidel", 0.1),
     ],
 )
 def test_a_master_that_runs_another_robot_or_in_another_order_exceeds_the_bound(setting: str, bound: float):

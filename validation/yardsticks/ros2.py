@@ -76,16 +76,16 @@ def strayed(read: Callable[[Path], Iterator[tuple[str, int, Any]]]) -> Mapping[s
         rows.append(numbers(message))
     differences = {}
     for source, stream in recording.streams.items():
-        for topic in ros_topics(source, stream.fields):
-            times, rows = found.get(topic.name, ([], []))
+        for sent in ros_topics(source, stream.fields):
+            times, rows = found.get(sent.name, ([], []))
             columns = [
-                stream.values[name].astype(float).reshape(len(stream.records), -1)[:, k] for _, name, k in topic.places
+                stream.values[name].astype(float).reshape(len(stream.records), -1)[:, k] for _, name, k in sent.places
             ]
             expected = np.stack(columns, axis=1)
             if np.shape(rows) != expected.shape or times != stream.head["log_time"].tolist():
-                differences[topic.name[1:]] = float(expected.size)
+                differences[sent.name[1:]] = float(expected.size)
             else:
-                differences[topic.name[1:]] = float(np.sum(np.array(rows).view(np.uint64) != expected.view(np.uint64)))
+                differences[sent.name[1:]] = float(np.sum(np.array(rows).view(np.uint64) != expected.view(np.uint64)))
     return differences
 
 

@@ -40,6 +40,11 @@ def test_a_sum_of_sines_has_its_lines_and_nothing_else():
     assert np.max(np.abs(wave)) == pytest.approx(1.0)
 
 
-def test_a_drive_whose_registers_swallow_small_signals_is_measured_while_it_turns(root):
-    assert identified(planned(lone_drive("smart_servo", root)), TICK, 0.05).turning
+@pytest.mark.parametrize("name", ["smart_servo", "xl330"])
+def test_a_drive_that_swallows_small_signals_is_measured_while_it_turns(root, name):
+    """Registers do so, and friction that sticks."""
+    assert identified(planned(lone_drive(name, root)), TICK, -0.002).turning
+
+
+def test_a_drive_that_answers_small_signals_is_measured_at_rest(root):
     assert not identified(planned(lone_drive("velocity_servo", root)), TICK, 0.05).turning

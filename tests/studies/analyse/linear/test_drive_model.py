@@ -53,6 +53,17 @@ def test_a_drive_that_no_load_moves_has_a_model_without_states():
     np.testing.assert_allclose(fitted.steady_gain, [TICK, 0.0], atol=1e-15)
 
 
+@given(st.floats(0.1, 1.0))
+def test_a_steady_command_that_alone_is_answered_is_no_proportion(gain):
+    frequencies = np.unique(np.round(FREQUENCIES))
+    response = np.zeros((len(frequencies), 2), dtype=complex)
+    response[0, 0] = gain * TICK
+    certain = np.zeros((len(frequencies), 2))
+    # a sticking drive: the best model is that of a shaft that stands, which misses one line of n: 1/sqrt(n) = 0.19
+    model = fitted_drive(frequencies, response, certain, TICK, "acme")
+    assert model.residual > 0.15
+
+
 def test_noise_is_no_drive():
     random = np.random.default_rng(0)
     noise = random.normal(size=(len(Z), 2)) + 1j * random.normal(size=(len(Z), 2))

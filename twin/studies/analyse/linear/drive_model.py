@@ -33,6 +33,8 @@ NOTHING = 1e-9
 WORST = 0.3
 """Residual beyond which there is no linear model to speak of."""
 ITERATIONS = 12
+VANISHED = 1e-9
+"""Of the largest: rounding is all that is left of a denominator there."""
 
 
 @dataclass(frozen=True)
@@ -120,7 +122,8 @@ def _rational_fit(
     powers = (1.0 / variable)[:, None] ** np.arange(states + 1)
     denominator = np.ones(len(variable), dtype=complex)
     for _ in range(ITERATIONS if states else 1):
-        scale = weight / np.abs(denominator)[:, None]
+        # a denominator may vanish at a line: where only the steady gain is answered, a pole lies on it
+        scale = weight / np.maximum(np.abs(denominator), VANISHED * np.abs(denominator).max())[:, None]
         blocks, right = [], []
         for channel in range(2):
             numerator = np.zeros((len(variable), 2 * (states + 1)), dtype=complex)
