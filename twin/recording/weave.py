@@ -35,12 +35,12 @@ class RecordBlock:
     records: np.ndarray
 
 
-class Kind(NamedTuple):
-    """What a weave asks of a block: its channel, the length of its records, how many they are."""
+class Shape(NamedTuple):
+    """What a weave asks of a block: its channel, how many its records are, and their length in bytes."""
 
     channel: int
+    messages: int
     stride: int
-    count: int
 
 
 @dataclass(frozen=True)
@@ -103,23 +103,23 @@ class Weave:
 
 def weave_of(blocks: Sequence[RecordBlock]) -> Weave:
     """How `blocks`, of at least one message, are woven."""
-    kinds = tuple(Kind(block.channel, block.records.shape[1], len(block.times)) for block in blocks)
+    shapes = tuple(Shape(block.channel, *block.records.shape) for block in blocks)
     times = np.concatenate([block.times for block in blocks])
     begin = times.min()
     made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
-    size, places, pieces = made(kinds, (times - begin).tobytes())
+    size, places, pieces = made(shapes, (times - begin).tobytes())
     return Weave(int(begin), size, places, pieces)
 
 
 @lru_cache(KEPT)
-def _kept(kinds: tuple[Kind, ...], times: bytes) -> tuple[int, tuple[np.ndarray, ...], tuple[Piece, ...]]:
+def _kept(shapes: tuple[Shape, ...], times: bytes) -> tuple[int, tuple[np.ndarray, ...], tuple[Piece, ...]]:
     """Size, places and pieces of a weave; `times` (n,) int64 since its first message, of one block after another."""
-    counts = [kind.count for kind in kinds]
+    counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
     order = np.argsort(since, kind="stable")
     since = since[order]
-    channels = np.repeat([kind.channel for kind in kinds], counts)[order]
-    offsets = np.concatenate([[0], np.cumsum(np.repeat([kind.stride for kind in kinds], counts)[order])])
+    channels = np.repeat([shape.channel for shape in shapes], counts)[order]
+    offsets = np.concatenate([[0], np.cumsum(np.repeat([shape.stride for shape in shapes], counts)[order])])
     places = np.empty(len(since), dtype=np.int64)
     places[order] = offsets[:-1]
     parts = -(-int(offsets[-1]) // LARGEST_CHUNK)

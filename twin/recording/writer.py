@@ -228,7 +228,7 @@ def append_chunks(
     if not blocks:
         return
     weave = weave_of(blocks)
-    content = memoryview(weave.woven(blocks))
+    content = weave.woven(blocks).data
     for piece in weave.pieces:
         # in the first chunk rather than before it, schemas and channels are under its CRC
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
