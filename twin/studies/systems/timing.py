@@ -47,7 +47,8 @@ def timing(
         raise InputRefused(f"{package.file}: says nothing of how long to run (DefaultExperiment); say --stop-s")
     if not 0.0 < end / length < MOST_TICKS:
         raise InputRefused(
-            f"{package.file}: {end:g} s in steps of {length:g} s; expected at least one step, and fewer than {MOST_TICKS:g}"
+            f"{package.file}: {end:g} s in steps of {length:g} s; expected at least one step, and fewer than "
+            f"{MOST_TICKS:g}"
         )
     ticks = round(end / length)
     if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
