@@ -60,6 +60,9 @@ docs: $(VENV)/.test-$(EXTRAS)  ## the site: site/index.html
 picture: run tasks  ## redraw the README's pictures
 	cp results/fig4/fig4.png docs/fig4.png
 	cp results/fig5/fig5.png docs/fig5.png
+	$(TWIN) analyse fig4_force_position --no-try
+	cp results/analysis/fig4_force_position/disks.png docs/disks.png
+	$(VENV)/bin/python -m validation.people docs/bodies.png
 
 fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources
 	$(VENV)/bin/python fmus/build.py

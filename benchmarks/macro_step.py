@@ -112,7 +112,7 @@ def measurements(folder: Path) -> list[Measurement]:
             loop = CLoop(Path(scratch))
         except NoCompiler as problem:
             rounds = Rounds(subjects, ROUNDS)
-            against_c = [Measurement(f"{name}: master / C loop", None, "x", at_most=1.5, remark=str(problem))]
+            against_c = [Measurement(f"{name}: master / C loop", None, "x", at_most=1.3, remark=str(problem))]
         else:
             refuse_different_results(plan, loop)
 
@@ -140,8 +140,10 @@ def _against_c(name: str, rounds: Rounds) -> list[Measurement]:
     return [
         Measurement(f"{name}: C loop, macro step", 1e9 * rounds.typical("c") / TICKS, "ns"),
         Measurement(f"{name}: of it the FMU calls alone", 1e9 * rounds.typical("fmu") / TICKS, "ns"),
-        Measurement(f"{name}: master / C loop", rounds.ratio("master", "c"), "x", at_most=1.5),
-        Measurement(f"{name}: the same in slices of {SLICE_TICKS} ticks", rounds.ratio("sliced", "c"), "x"),
+        Measurement(f"{name}: master / C loop", rounds.ratio("master", "c"), "x", at_most=1.3),
+        Measurement(
+            f"{name}: the same in slices of {SLICE_TICKS} ticks", rounds.ratio("sliced", "c"), "x", at_most=1.45
+        ),
         Measurement(f"{name}: master beyond the FMU calls", net("master"), "ns"),
         Measurement(f"{name}: C loop beyond the FMU calls", net("c"), "ns"),
     ]

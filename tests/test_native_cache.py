@@ -17,7 +17,7 @@ from twin.native_seal import damaged_files
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
 SOURCE = Path(__file__).parents[1] / "twin"
-WHERE = "import os, twin; print(os.environ['NUMBA_CACHE_DIR'])"
+WHERE = "import os, twin.native_cache; twin.native_cache.use_cache(); print(os.environ['NUMBA_CACHE_DIR'])"
 KERNEL = """from numba import njit
 
 @njit(cache=True)

@@ -11,6 +11,8 @@ import hashlib
 import os
 import re
 import sys
+from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 from twin.cache_folder import PRIVATE, REMEDY, cache_base, cache_folder, evict, hold, private_folder, remove
@@ -26,17 +28,34 @@ _refusal: list[str] = []
 
 def source_digest(package: Path) -> str:
     """Hash over the names and the content of the Python files of `package` that compiled code is made of."""
-    sources = {file.relative_to(package): file.read_bytes() for file in sorted(package.rglob("*.py"))}
-    compiled = {name.parts[0] for name, source in sources.items() if COMPILES.search(source)}
+    sources = dict(sorted(_sources(str(package))))
+    compiled = {_room(name) for name, source in sources.items() if b"numba" in source and COMPILES.search(source)}
     digest = hashlib.sha256()
     for name, source in sources.items():
-        if len(name.parts) == 1 or name.parts[0] in compiled:
-            digest.update(str(name).encode() + b"\0" + source + b"\0")
+        if not _room(name) or _room(name) in compiled:
+            digest.update(name.encode() + b"\0" + source + b"\0")
     return digest.hexdigest()[:16]
 
 
+def _sources(package: str) -> Iterator[tuple[str, bytes]]:
+    """Name below `package` and content of its Python files, read at every start: pathlib would take twice as long."""
+    for folder, folders, files in os.walk(package):
+        folders[:] = [name for name in folders if name != "__pycache__"]
+        for name in files:
+            if name.endswith(".py"):
+                path = os.path.join(folder, name)
+                with open(path, "rb", buffering=0) as file:
+                    yield path[len(package) + 1 :], file.read()
+
+
+def _room(name: str) -> str:
+    """The sub-package of a file, "" of one above them."""
+    return name.partition(os.sep)[0] if os.sep in name else ""
+
+
+@cache
 def use_cache() -> None:
-    """Point numba at this source's own folder; keep the newest few, drop older ones.
+    """Point numba at this source's own folder; keep the newest few, drop older ones. Once is enough.
 
     Where the package's own folder is not the user's alone, they are in the user's cache folder; where there is none,
     nothing is kept beyond this process and those that it starts.

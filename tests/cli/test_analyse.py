@@ -14,12 +14,12 @@ def test_analyse_prints_the_verdict_first_and_draws_loops_and_maps(root: Path, t
     lines = done.stdout.splitlines()
     assert lines[0] == "fig4_force_position  STABLE at all 5 operating points"
     assert max(map(len, lines)) <= 80
-    files = [tmp_path / line.strip() for line in lines[-3:]]
-    assert [file.name for file in files] == ["analysis.png", "map.png", "analysis.json"]
-    for file in files[:2]:
+    files = [tmp_path / line.strip() for line in lines[-4:]]
+    assert [file.name for file in files] == ["analysis.png", "disks.png", "map.png", "analysis.json"]
+    for file in files[:3]:
         with Image.open(file) as image:
             assert image.width >= 1200
-    facts = json.loads(files[2].read_text())
+    facts = json.loads(files[3].read_text())
     assert facts["stable"] is True and [limit["holds"] for limit in facts["gain_limits"]] == [True, True, True]
 
 

@@ -10,9 +10,10 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.adapter import ITEM_SIZES, KINDS, MEMORY, _load, _store, step
+from twin.drive.adapter import MEMORY, _load, _store, step
 from twin.drive.component import FmuComponent, FmuPort
 from twin.drive.description import described
+from twin.drive.kinds import ITEM_SIZES, KINDS
 from twin.drive.status import DO_STEP, TERMINATE
 from twin.drive.unpacked import unpacked
 

@@ -8,8 +8,8 @@ import pytest
 
 from tests.drive.archives import DESCRIPTION, altered, redescribed
 from twin.drive import description
-from twin.drive.adapter import KINDS
 from twin.drive.description import described
+from twin.drive.kinds import KINDS
 from twin.errors import InputRefused
 
 DRIVES = ("ideal_velocity", "velocity_servo", "pmsm_foc")

@@ -77,11 +77,10 @@ def list_(as_json: AsJson = False) -> None:
     """
     from dataclasses import asdict
 
-    from twin.studies.qualify.shelf import shelved_drives
-    from twin.studies.qualify.text import list_text
+    from twin.studies.qualify.shelf import shelf_text, shelved_drives
 
     drives = shelved_drives(Path.cwd())
-    print(json_text([asdict(shelved) for shelved in drives]) if as_json else list_text(drives))
+    print(json_text([asdict(shelved) for shelved in drives]) if as_json else shelf_text(drives))
 
 
 @app.command()

@@ -12,6 +12,7 @@ import numba.extending
 import numpy as np
 from llvmlite import ir
 from numba import cfunc, from_dtype, types
+from numba.core import cgutils
 
 from twin.cosim.port import Port, port_record
 
@@ -105,6 +106,24 @@ doubles_at = pointer_to(types.float64)
 bytes_at = pointer_to(types.uint8)
 integers_at = pointer_to(types.uint64)
 """Unsigned: an index read from it is never negative, which saves a check."""
+
+
+@intrinsic
+def copy_doubles(typingctx, to, source, count):
+    """Copy `count` doubles from address `source` to address `to`, which do not overlap.
+
+    As a loop it would be unrolled for arrays far longer than what components exchange.
+    """
+
+    def codegen(context, builder, signature, arguments):
+        to_, source_, count_ = arguments
+        kind = ir.FunctionType(_VOID, [_VOID, _VOID, _I64])
+        memcpy = cgutils.get_or_insert_function(builder.module, kind, "memcpy")
+        size = builder.shl(count_, ir.Constant(_I64, 3))
+        builder.call(memcpy, [builder.inttoptr(to_, _VOID), builder.inttoptr(source_, _VOID), size])
+        return context.get_dummy_value()
+
+    return types.void(types.int64, types.int64, types.int64), codegen
 
 
 @intrinsic

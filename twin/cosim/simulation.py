@@ -7,12 +7,9 @@ import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
-from twin.cosim.master import advance
+from twin.cosim.master import NOBODY, advance
 from twin.cosim.system import System
 from twin.errors import ComponentFailed
-
-NOBODY = -1
-"""What the mark says between slices, when no component is being stepped."""
 
 
 @dataclass(frozen=True)
@@ -73,10 +70,14 @@ class Simulation:
         self._rows = np.empty((slice_ticks, system.outputs_width))
         self._table = system.table(self._u, self._y)
         self._timed = timed
+        self._loop = system.loop(self._table, self._y, self._mark, last_tick)
+        self._loop["timed"], self._loop["rows"] = timed, self._rows.ctypes.data
+        self._loop["row_width"] = system.outputs_width
         self.failure: ComponentFailed | None = None
         self.culprit = ""
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
-        self._advance(0, 0)
+        self._address = self._loop.ctypes.data
+        advance(self._address, 0, 0, 0)
 
     @property
     def finished(self) -> bool:
@@ -94,17 +95,18 @@ class Simulation:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
             component failed, the rows before it, and `failure` says what happened.
         """
-        done = 0
-        while done < len(self._rows) and not self.finished:
-            before_next_change = self._change_memory()
-            count = min(len(self._rows) - done, before_next_change)
-            made, culprit, status = self._advance(self.next_tick, count, done)
+        done, most = 0, len(self._rows)
+        while done < most and not self.finished:
+            count = min(most - done, self._change_memory()) if self.system.changes else most - done
+            made = advance(self._address, self.next_tick, count, done)
+            failed = made < 0
+            if failed:
+                made = -1 - made
             done += made
             self.next_tick += made
-            if culprit >= 0:
-                sampled = culprit < self.system.sampled
-                self.failure = self._failed(culprit, status, self.next_tick if sampled else self.next_tick - 1)
-        return self._rows[:done]
+            if failed:
+                self.failure = self._failed()
+        return self._rows if done == most else self._rows[:done]
 
     def run(self) -> np.ndarray:
         """Run to the end and return every row: (last_tick + 1, outputs).
@@ -139,15 +141,9 @@ class Simulation:
             default=len(self._rows),
         )
 
-    def _advance(self, first: int, count: int, row: int = 0) -> tuple[int, int, int]:
-        done = advance(
-            self._table, self.system.sampled, self._timed, self.system.tick, self._y,
-            self.system.outputs_width, self.system.iterations,
-            self._rows[row:], first, count, self.last_tick, self._mark,
-        )  # fmt: skip
-        self._mark[1] = NOBODY
-        return done
-
-    def _failed(self, culprit: int, status: int, tick: int) -> ComponentFailed:
+    def _failed(self) -> ComponentFailed:
+        culprit, status = self._loop[["culprit", "status"]][0].tolist()
+        # a continuous component fails in a tick whose row is already written
+        tick = self.next_tick - (culprit >= self.system.sampled)
         self.culprit = self.system.components[culprit].name
         return ComponentFailed(failed_phrase(self.system, self._u, self._y, culprit, status, tick) + ".")

@@ -7,12 +7,12 @@ number of times per outer step. The inner loop is the same compiled master.
 from collections.abc import Sequence
 
 import numpy as np
-from numba import carray, from_dtype, types
+from numba import carray, from_dtype
 
 from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
 from twin.cosim.interpolation import Scheme
-from twin.cosim.master import TABLE, advance
+from twin.cosim.master import LOOP, ticks
 from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to, step_function
 from twin.cosim.port import Port, width
 from twin.cosim.system import System
@@ -26,25 +26,18 @@ NEVER = 1 << 62
 _INLET_MEMORY = np.dtype([("u", "i8"), ("size", "i8")], align=True)
 _MEMORY = np.dtype(
     [
-        ("table", "i8"),
-        ("components", "i8"),
-        ("sampled", "i8"),
+        ("loop", "i8"),
         ("y", "i8"),
-        ("y_size", "i8"),
-        ("tick", "f8"),
         ("substeps", "i8"),
         ("next", "i8"),
         ("outlet", "i8"),
         ("outlet_size", "i8"),
         ("inlet", "i8"),
-        ("culprit", "i8"),
-        ("status", "i8"),
-        ("mark", "i8"),
     ],
     align=True,
 )
 INNER_FAILED = 2
-_table_at, _marks_at = pointer_to(from_dtype(TABLE)), pointer_to(types.int64)
+_loop_at = pointer_to(from_dtype(LOOP))
 
 
 @step_function(_INLET_MEMORY)
@@ -59,19 +52,15 @@ def _inlet_step(m, t, h, u, y):
 def _step(m, t, h, u, y):
     # the inlet's memory starts with the address it reads from
     carray(integers_at(m.inlet), 1)[0] = address_of(u)
-    inner = carray(doubles_at(m.y), m.y_size)
-    no_rows = carray(doubles_at(m.y), (m.substeps, 0))
-    table = carray(_table_at(m.table), m.components)
-    mark = carray(_marks_at(m.mark), 2)
-    done, culprit, status = advance(
-        table, m.sampled, False, m.tick, inner, m.y_size // 2, 1, no_rows, m.next, m.substeps, NEVER, mark
-    )
-    if culprit >= 0:
-        # a continuous component fails in the tick whose row was already done
-        m.culprit, m.status, m.next = culprit, status, m.next + done - (1 if culprit >= m.sampled else 0)
+    loop = carray(_loop_at(m.loop), 1)[0]
+    done = ticks(loop, m.next, m.substeps, 0)
+    if loop.culprit >= 0:
+        # a continuous component fails in the tick that was already counted
+        m.next += done - (1 if loop.culprit >= loop.sampled else 0)
         return INNER_FAILED
     m.next += m.substeps
-    outlet, outer = carray(integers_at(m.outlet), m.outlet_size), carray(y, m.outlet_size)
+    inner, outer = carray(doubles_at(m.y), loop.width), carray(y, m.outlet_size)
+    outlet = carray(integers_at(m.outlet), m.outlet_size)
     for j in range(m.outlet_size):
         outer[j] = inner[outlet[j]]
     return 0
@@ -125,13 +114,12 @@ class Subsystem(Component):
         self._outlet = np.concatenate([np.arange(c.start, c.stop) for c in columns]).astype(np.uint64)
         # nobody watches inside: whoever watches the outer system is told of this component
         self._mark = np.zeros(2, dtype=np.int64)
+        self._loop = self.system.loop(self._table, self._y, self._mark, NEVER)
         self._memory = np.zeros(1, dtype=_MEMORY)
         m = self._memory[0]
-        m["table"], m["components"] = self._table.ctypes.data, len(self._table)
-        m["sampled"], m["tick"], m["substeps"] = self.system.sampled, tick, substeps
-        m["y"], m["y_size"] = self._y.ctypes.data, len(self._y)
+        m["loop"], m["y"], m["substeps"] = self._loop.ctypes.data, self._y.ctypes.data, substeps
         m["outlet"], m["outlet_size"] = self._outlet.ctypes.data, len(self._outlet)
-        m["inlet"], m["mark"] = inlet_memory.ctypes.data, self._mark.ctypes.data
+        m["inlet"] = inlet_memory.ctypes.data
         super().__init__(
             name=name,
             inputs=inputs,
@@ -145,9 +133,8 @@ class Subsystem(Component):
         )
 
     def explain(self, status: int) -> str:
-        m = self._memory[0]
-        culprit, tick = int(m["culprit"]), int(m["next"])
-        inside = failed_phrase(self.system, self._u, self._y, culprit, int(m["status"]), tick)
+        culprit, status, tick = (int(n) for n in (*self._loop[["culprit", "status"]][0], self._memory["next"][0]))
+        inside = failed_phrase(self.system, self._u, self._y, culprit, status, tick)
         return f"failed inside: {inside};"
 
     def keep_time(self, clock: np.ndarray) -> None:

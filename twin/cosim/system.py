@@ -9,7 +9,7 @@ import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.interpolation import VALID, Inputs, Scheme, input_weights
-from twin.cosim.master import TABLE
+from twin.cosim.master import LOOP, TABLE
 from twin.cosim.port import Port, width
 from twin.cosim.rewind import Rewind
 from twin.errors import InputRefused, nearest
@@ -144,6 +144,24 @@ class System:
             table["restore"][self.sampled :] = [rewind.restore_address for rewind in self._rewinds]
             table["rewind"][self.sampled :] = [rewind.self_address for rewind in self._rewinds]
         return table
+
+    def loop(self, table: np.ndarray, y: np.ndarray, mark: np.ndarray, last: int) -> np.ndarray:
+        """What the compiled loop works on, (1,) of `LOOP`, without rows; it holds addresses, and keeps nothing alive.
+
+        Args:
+            table: of this system, as `table` makes it.
+            y: of all outputs, as `outputs` makes it.
+            mark: (2,) int64, see there.
+            last: tick.
+        """
+        loop = np.zeros(1, dtype=LOOP)
+        m = loop[0]
+        m["table"], m["components"], m["sampled"] = table.ctypes.data, len(table), self.sampled
+        m["iterations"], m["dt"], m["last"], m["mark"] = self.iterations, self.tick, last, mark.ctypes.data
+        if not self.interpolates and all(c.period == 1 for c in self.components[self.sampled :]):
+            m["steady"] = self.outputs_width - self.y_start[self.sampled]
+        m["y"], m["width"] = y.ctypes.data, self.outputs_width
+        return loop
 
     def columns(self, end: str) -> slice:
         """Which columns of a row hold the output `"component.port"`."""

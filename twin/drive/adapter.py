@@ -13,12 +13,6 @@ from twin.drive.ramp import begin_ramp, set_ramp
 from twin.drive.shorter import go_on
 from twin.drive.status import DISCARD, DO_STEP, EARLY, GET, SET, TERMINATE
 
-KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
-"""FMI 3.0 types, a group's `kind` is the index; `variable` says which of them the types of other versions are."""
-
-ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
-"""Bytes of one value of each of `KINDS`."""
-
 _f64, _f32 = pointer_to(types.float64), pointer_to(types.float32)
 _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (types.int8, types.uint8, types.int16, types.uint16))
 _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (types.int32, types.uint32, types.int64, types.uint64))

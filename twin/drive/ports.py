@@ -6,8 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from twin.cosim.port import Port
-from twin.drive.adapter import GROUP, ITEM_SIZES
+from twin.drive.adapter import GROUP
 from twin.drive.instance import Instance
+from twin.drive.kinds import ITEM_SIZES
 from twin.drive.ramp import AT_END
 from twin.drive.variable import Variable
 

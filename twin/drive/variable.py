@@ -6,8 +6,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from twin.drive.adapter import KINDS
 from twin.drive.enumeration import named_values
+from twin.drive.kinds import KINDS
 from twin.drive.units import Conversion, conversion
 from twin.errors import InputRefused
 
@@ -30,7 +30,7 @@ class Variable:
     Attributes:
         name, causality, description: as the FMU has them.
         type: as the FMU has it, "Real" or "Float64".
-        kind: index into `adapter.KINDS`; -1: text or binary.
+        kind: index into `kinds.KINDS`; -1: text or binary.
         reference: FMI value reference.
         size: number of values, > 1 for an array.
         unit: as the FMU has it, "" where it states none.

@@ -89,7 +89,8 @@ def record_template(channel: int, body: bytes) -> np.ndarray:
 
 def numbered_records(template: np.ndarray, head: np.dtype, times: np.ndarray, first_sequence: int) -> np.ndarray:
     """A record for each of `times` (ns, (n,) integer), numbered from `first_sequence`, (n, stride) uint8."""
-    records = np.tile(template, (len(times), 1))
+    records = np.empty((len(times), len(template)), dtype=np.uint8)
+    records[:] = template
     fronts = records.view(head)[:, 0]
     fronts["sequence"] = np.arange(first_sequence, first_sequence + len(times))
     fronts["log_time"] = fronts["publish_time"] = times

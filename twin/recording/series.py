@@ -11,11 +11,11 @@ from mcap.data_stream import ReadDataStream
 from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
-from twin.recording.chunks import record_windows
 from twin.recording.layout import Field, check_stream
 from twin.recording.messages import HEAD_SIZE, RECORD_PREFIX, MessageLayout, message_layout
 from twin.recording.scan import Damage
 from twin.recording.schema import described_fields
+from twin.recording.weave import record_windows
 
 NANOSECONDS = 1e9
 # message types for viewers, which hold no numbers that are not in the series too

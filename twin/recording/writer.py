@@ -14,7 +14,7 @@ from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Sche
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
-from twin.recording.chunks import COMPRESSION_LEVEL, RecordBlock, chunk, encoded, merged, message_indexes, pieces
+from twin.recording.chunks import COMPRESSION_LEVEL, chunk, encoded
 from twin.recording.errors import RecordingFailed
 from twin.recording.form import Form, form_layout, form_records
 from twin.recording.layout import Topic
@@ -22,6 +22,7 @@ from twin.recording.messages import message_layout, message_records
 from twin.recording.output import Output
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.summary import Summary
+from twin.recording.weave import RecordBlock, weave_of
 
 EVENTS = "events"
 NANOSECONDS = 1e9
@@ -226,13 +227,17 @@ def append_chunks(
     """
     if not blocks:
         return
-    for messages in pieces(merged(blocks)):
+    weave = weave_of(blocks)
+    content = weave.woven(blocks).data
+    for piece in weave.pieces:
         # in the first chunk rather than before it, schemas and channels are under its CRC
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
         preamble = b"".join(map(encoded, declared))
-        record = chunk(messages, preamble, compressor)
+        messages = content[piece.content]
+        inside = b"".join((preamble, messages)) if preamble else messages
+        record = chunk(inside, weave.begin + piece.start, weave.begin + piece.end, compressor)
         data = encoded(record)
-        indexes = message_indexes(messages, len(preamble))
+        indexes = piece.indexes(weave.begin, len(preamble))
         start = output.append(data + b"".join(indexes.values()))
         summary.note_chunk(record, start, len(data), indexes)
 

@@ -31,7 +31,14 @@ class Watch(Observer):
         self._system = assembly.system
         self._experiment = experiment
         self._tasks = [type(task).__name__.lower() for task in experiment.tasks]
-        self._before = np.zeros(2)
+        told = (
+            *(("controller.task", "controller.phase") if self._tasks else ("controller.triggered",)),
+            "controller.F_z",
+        )
+        # one of another make need not tell
+        known = all(assembly.system.has(name) for name in told)
+        self._watched = [assembly.system.columns(name).start for name in told] if known else []
+        self._before = np.zeros(len(told) - 1)
         self._monitor = next((c for c in assembly.system.components if isinstance(c, SafetyMonitor)), None)
         self._tripped, self._power = False, True
 
@@ -46,16 +53,14 @@ class Watch(Observer):
             events.sort(key=lambda event: event.tick)
 
     def _progress(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
-        columns = ("controller.task", "controller.phase") if self._tasks else ("controller.triggered",) * 2
-        # one of another make need not tell
-        if not all(self._system.has(name) for name in (*columns, "controller.F_z")):
+        if not self._watched:
             return
-        watched = np.stack([rows[:, self._system.columns(name).start] for name in columns], axis=1)
-        watched = np.concatenate([self._before[None, :], watched])
+        *columns, pressing = self._watched
+        watched = np.concatenate([self._before[None, :], rows[:, columns]])
         self._before = watched[-1]
-        for k in np.flatnonzero(np.any(np.diff(watched, axis=0) != 0, axis=1)):
+        for k in np.flatnonzero((watched[1:] != watched[:-1]).any(axis=1)):
             before, after, tick = watched[k], watched[k + 1], first + int(k)
-            F_z = rows[k, self._system.columns("controller.F_z").start]
+            F_z = rows[k, pressing]
             if self._tasks:
                 yield from self._phase(tick, before, after, F_z)
             elif after[0] > before[0]:

@@ -32,9 +32,22 @@ def test_an_unstable_point_has_no_margins_and_a_limit_below_one(too_much):
     unstable = [point for point in too_much.points if not point.stable]
     assert unstable and not too_much.stable
     for point in unstable:
-        assert point.margins == {} and point.sensitivity is None
+        assert point.margins == {} and point.disks == {} and point.sensitivity is None
         assert 0.0 < point.limits["position"] < 1.0
         assert point.poles[0].zeta < 0.0
+
+
+def test_a_stable_point_has_disks_at_its_laws_at_its_motors_and_smaller_ones_at_both(fig4):
+    for point in fig4.points:
+        laws, motors, both = (point.disks[where].alpha for where in ("laws", "motors", "both"))
+        # laws and motors follow one another in a loop, so that both at once have less room
+        assert 0.0 < both < 0.9 * min(laws, motors)
+        assert max(laws, motors) <= 2.0
+    # as docs/analysis.md has them: to the digits told
+    pressing = fig4.points[2]
+    told = {where: f"{disk.alpha:.2f}" for where, disk in pressing.disks.items()}
+    assert told == {"laws": "0.89", "motors": "1.71", "both": "0.56"}
+    assert f"{pressing.disks['laws'].gain:.3g}" in analysis_text(fig4)
 
 
 def test_the_limit_is_a_gain_not_a_factor(fig4, too_much):

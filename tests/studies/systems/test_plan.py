@@ -76,7 +76,8 @@ BAD: dict[str, tuple[str, Change | None, str]] = {
     "no step": (ssd(A), STEPLESS, "neither the structure nor an FMU says how long a step is; say --tick-ms"),
     "no stop": (ssd(stop=None), None, "says nothing of how long to run (DefaultExperiment); say --stop-s"),
     "no whole step": (ssd(stop=0.0105), None, "0.0105 s are no whole number of steps of 1 ms"),
-    "steps without end": (ssd(stop=1e300), None, "1e+300 s in steps of 0.001 s are more than 1e+12 steps"),
+    "steps without end": (ssd(stop=1e300), None, "1e+300 s in steps of 0.001 s; expected at least one step, and"),
+    "an end long before": (ssd(stop=-1e308), None, "-1e+308 s in steps of 0.001 s; expected at least one step, and"),
     "another start": (
         ssd().replace('startTime="0.0"', 'startTime="5"'), None, "its experiment starts at 5 s; here runs begin at 0 s",
     ),

@@ -3,9 +3,12 @@
 import os
 from pathlib import Path
 
+from twin.native_cache import use_cache
+
 
 def compiled_folder() -> Path:
     """Where numba keeps what it has compiled of this source."""
+    use_cache()
     return Path(os.environ["NUMBA_CACHE_DIR"])
 
 

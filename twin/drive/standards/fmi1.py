@@ -26,7 +26,8 @@ _SPEAKERS: weakref.WeakValueDictionary[int, "Instance"] = weakref.WeakValueDicti
 @fmi1.fmi1CallbackLoggerTYPE
 def _logged(component: int | None, instance: bytes, status: int, category: bytes, message: bytes) -> None:
     """What an FMI 1.0 FMU says goes to its own instance; see `fmi2`."""
-    speaker = _SPEAKERS.get(component or 0) or _SPEAKERS.get(0)
+    # the one being made first: it may have got the address of one that is gone
+    speaker = _SPEAKERS.get(0) or _SPEAKERS.get(component or 0)
     if speaker is not None:
         speaker.hear(status, message)
 

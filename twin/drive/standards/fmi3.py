@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from fmpy import fmi3
 
-from twin.drive.adapter import KINDS
 from twin.drive.clocks import clock_table
 from twin.drive.description import STRUCTURAL
 from twin.drive.events import EVENTS, settle
+from twin.drive.kinds import KINDS
 from twin.drive.ramp import intermediate_update
 from twin.drive.setting import Setting
 from twin.drive.slave import FMU3Drive

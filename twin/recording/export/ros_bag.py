@@ -15,13 +15,14 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
 from twin.errors import InputRefused, disk_refusals
-from twin.recording.chunks import COMPRESSION_LEVEL, RecordBlock, encoded
+from twin.recording.chunks import COMPRESSION_LEVEL, encoded
 from twin.recording.export.ros_layout import RosTopic, definition, ros_topics
 from twin.recording.export.table import NANOSECONDS, message_times, numbers_of, row_times, topics_of
 from twin.recording.messages import HEAD_SIZE, head_dtype, numbered_records, record_template
 from twin.recording.output import Output
 from twin.recording.recording import Recording
 from twin.recording.summary import Summary
+from twin.recording.weave import RecordBlock
 from twin.recording.writer import append_chunks
 from twin.writing import made_folder, write_text
 

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import AXIS, OUTWARD, skeleton
-from twin.runs.scene.rotation import IDENTITY, Y, Z, product, turn
+from twin.runs.scene.rotation import IDENTITY, Z, leaning, product, turn
 
 BASE = "base"
 LEGS = (1, 2, 3)
@@ -47,24 +47,21 @@ def poses(
         InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
     """
     joints = skeleton(geometry, theta_l, p_B)
-    leg_turn = turn(Z, PHI)
     found = np.empty((len(p_B), len(FRAMES), 7))
     # views of it, in the order of FRAMES: an axis is split without a copy
     links, rods = found[:, :3], found[:, 3:9].reshape(-1, 3, 2, 7)
     links[..., :3] = joints.B
-    links[..., 3:] = product(leg_turn, turn(Y, theta_l))
+    links[..., 3:] = leaning(PHI, theta_l)
     rods[..., :3] = joints.A[:, :, None] + SIDES[:, None] * AXIS[:, None, :]
-    rods[..., 3:] = _rod_turns(joints.P - joints.A, leg_turn)[:, :, None]
+    rods[..., 3:] = _rod_turns(joints.P - joints.A)[:, :, None]
     found[:, 9, :3], found[:, 9, 3:] = p_B, IDENTITY
     found[:, 10] = surface_B
     return found
 
 
-def _rod_turns(rod: NDArray[np.float64], leg_turn: NDArray[np.float64]) -> NDArray[np.float64]:
+def _rod_turns(rod: NDArray[np.float64]) -> NDArray[np.float64]:
     """Quaternions (n, 3, 4) that take e_x to the vectors A_iP_i, (n, 3, 3), and leave e_z in the plane of the link."""
     outward = np.sum(rod * OUTWARD, axis=-1)
     sideways = np.sum(rod * AXIS, axis=-1)
-    length = np.hypot(outward, rod[..., 2])
-    about_axis = turn(Y, np.arctan2(-rod[..., 2], outward))
-    swing = turn(Z, np.arctan2(sideways, length))
-    return product(product(leg_turn, about_axis), swing)
+    swing = turn(Z, np.arctan2(sideways, np.hypot(outward, rod[..., 2])))
+    return product(leaning(PHI, np.arctan2(-rod[..., 2], outward)), swing)

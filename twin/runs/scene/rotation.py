@@ -29,9 +29,22 @@ def product(p: NDArray[np.float64], q: NDArray[np.float64]) -> NDArray[np.float6
     return r
 
 
+def leaning(azimuth: ArrayLike, lowered: ArrayLike) -> NDArray[np.float64]:
+    """The right-handed turn about y by `lowered`, then about z by `azimuth` (rad, shapes that broadcast), (..., 4).
+
+    It is `product(turn(Z, azimuth), turn(Y, lowered))`, most of whose terms are 0; so that 0 has no sign here either.
+    """
+    half, other = 0.5 * np.asarray(azimuth, dtype=np.float64), 0.5 * np.asarray(lowered, dtype=np.float64)
+    sin, cos, other_sin, other_cos = np.sin(half), np.cos(half), np.sin(other), np.cos(other)
+    q = np.empty((*np.broadcast_shapes(half.shape, other.shape), 4))
+    q[..., 0] = 0.0 - sin * other_sin
+    q[..., 1] = 0.0 + cos * other_sin
+    q[..., 2] = 0.0 + sin * other_cos
+    q[..., 3] = cos * other_cos
+    return q
+
+
 def pointing(v: NDArray[np.float64]) -> NDArray[np.float64]:
     """A turn that takes e_x to the direction of `v`, (..., 3): about y, then about z; none where v is 0."""
-    azimuth = np.arctan2(v[..., Y], v[..., X])
     # a right-handed turn about y lowers e_x
-    lowered = np.arctan2(-v[..., Z], np.hypot(v[..., X], v[..., Y]))
-    return product(turn(Z, azimuth), turn(Y, lowered))
+    return leaning(np.arctan2(v[..., Y], v[..., X]), np.arctan2(-v[..., Z], np.hypot(v[..., X], v[..., Y])))

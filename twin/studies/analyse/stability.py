@@ -9,9 +9,11 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.studies.analyse.limit_check import LimitCheck, checked_limit
+from twin.studies.analyse.linear.disk import DiskMargin, disk_margin
 from twin.studies.analyse.linear.loops import closed_poles, spectral_radius
 from twin.studies.analyse.linear.margins import Margins, Pole, gain_limit, margins, poles, worst_sensitivity
 from twin.studies.analyse.linear.sampled_law import LOOPS
+from twin.studies.analyse.linear.sampled_robot import COMMANDS
 from twin.studies.analyse.linear_point import Linearised, LinearPoint
 from twin.studies.analyse.operating_point import on_stiffness, operating_points
 
@@ -34,6 +36,7 @@ class PointStability:
         stable: whether every pole is inside the unit circle.
         poles: slowest decay first.
         margins: by loop.
+        disks: of all loops at once, opened at the "laws", at the "motors", or at "both".
         sensitivity: of all loops at once, largest singular value; None if unstable.
         limits: "position", "force" -> factor on all gains of that law up to which the point is stable, see
             `twin.studies.analyse.linear.margins.gain_limit`.
@@ -43,6 +46,7 @@ class PointStability:
     stable: bool
     poles: list[Pole]
     margins: dict[str, Margins]
+    disks: dict[str, DiskMargin]
     sensitivity: float | None
     limits: dict[str, float | None]
 
@@ -61,6 +65,7 @@ class PointStability:
             "force_loop": point.force_on,
             "stable": self.stable,
             "loops": {name: found._asdict() for name, found in self.margins.items()},
+            "disk_margins": {name: found.facts() for name, found in self.disks.items()},
             "sensitivity": self.sensitivity,
             "gain_limits": self.limits,
             "poles": [pole._asdict() for pole in self.poles[:POLES_TOLD]],
@@ -204,9 +209,11 @@ def judged_point(linear: LinearPoint) -> PointStability:
     found = poles(closed_poles(loops, gains), loops.dt)
     limits = {law: gain_limit(loops, gains, names) for law, names in LAWS.items() if names[0] in gains}
     if not stable:
-        return PointStability(linear, False, found, {}, None, limits)
+        return PointStability(linear, False, found, {}, {}, None, limits)
     each = {name: margins(loops, gains, name) for name in gains}
-    return PointStability(linear, True, found, each, worst_sensitivity(loops, gains), limits)
+    breaks = {"laws": tuple(gains), "motors": COMMANDS, "both": (*gains, *COMMANDS)}
+    disks = {where: disk_margin(loops, gains, names) for where, names in breaks.items()}
+    return PointStability(linear, True, found, each, disks, worst_sensitivity(loops, gains), limits)
 
 
 def stability_map(shared: Linearised, at: LinearPoint, law: str, names: tuple[str, ...]) -> StabilityMap:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
+from twin.studies.analyse.disk_picture import draw_disks
 from twin.studies.analyse.map import draw_stability_maps
 from twin.studies.analyse.picture import draw_analysis
 from twin.studies.analyse.stability import stability
@@ -12,7 +13,7 @@ from twin.studies.answer import Answer
 from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "analysis"
-FACTS, PICTURE, MAP = "analysis.json", "analysis.png", "map.png"
+FACTS, PICTURE, DISKS, MAP = "analysis.json", "analysis.png", "disks.png", "map.png"
 
 
 def analyse(
@@ -43,9 +44,14 @@ def analyse(
     folder = made_folder(out or HOME / experiment.stem)
     done = stability(load_experiment(experiment, settings, drive, body), tried)
     draw_analysis(done, folder / PICTURE)
+    pictures = [PICTURE]
+    if any(point.disks for point in done.points):
+        draw_disks(done, folder / DISKS)
+        pictures.append(DISKS)
     if done.maps:
         draw_stability_maps(done, folder / MAP)
-    files = [str(folder / name) for name in (PICTURE, *([MAP] if done.maps else []), FACTS)]
+        pictures.append(MAP)
+    files = [str(folder / name) for name in (*pictures, FACTS)]
     facts = done.facts() | {"files": files}
     write_json(folder / FACTS, facts)
     text = "\n".join([analysis_text(done), "", *(f"  {file}" for file in files)])

@@ -5,6 +5,7 @@ import re
 from collections.abc import Iterator
 
 from twin.studies.analyse.limit_check import FARTHEST, HOLDS, LimitCheck
+from twin.studies.analyse.linear.disk import DiskMargin
 from twin.studies.analyse.linear.margins import LARGEST_GAIN, Margins, Pole
 from twin.studies.analyse.operating_point import OperatingPoint
 from twin.studies.analyse.stability import PointStability, Stability
@@ -145,6 +146,9 @@ def _table(judged: PointStability) -> Iterator[str]:
     yield f"  {'loop':11} {'gain margin':>18} {'phase margin':>19} {'M_s':>6} {'M_t':>6} {'-3 dB':>10}"
     for name, m in judged.margins.items():
         yield f"  {loop_name(name):11} {_row(m)}"
+    yield f"  {'all at once':11} {'gain, each':>18} {'phase, each':>19} {'disk':>6}"
+    for where, disk in judged.disks.items():
+        yield f"  {where:11} {_disk_row(disk)}"
 
 
 def _row(m: Margins) -> str:
@@ -154,6 +158,11 @@ def _row(m: Margins) -> str:
     phase = "-" if m.phase is None else f"{math.degrees(m.phase):.0f} deg at {_hertz(m.crossover)} Hz"
     bandwidth = "-" if m.bandwidth is None else f"{_hertz(m.bandwidth)} Hz"
     return f"{gain:>18} {phase:>19} {m.sensitivity:6.2f} {m.complementary:6.2f} {bandwidth:>10}"
+
+
+def _disk_row(disk: DiskMargin) -> str:
+    gain = "any" if disk.gain is None else f"{disk.gain:.3g} at {_hertz(disk.frequency)} Hz"
+    return f"{gain:>18} {f'{math.degrees(disk.phase):.0f} deg':>19} {disk.alpha:6.2f}"
 
 
 def _drives(done: Stability) -> Iterator[str]:

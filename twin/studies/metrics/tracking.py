@@ -1,7 +1,6 @@
 """How far a quantity is from where it should be."""
 
 import numpy as np
-from scipy.spatial import KDTree
 
 from twin.studies.metrics.response import Curve
 
@@ -59,6 +58,8 @@ def path_error(p: Curve, path: Curve) -> Curve:
         p: points (n, d).
         path: corners of the path (m, d), close together where it bends.
     """
+    from scipy.spatial import KDTree
+
     # where the path rests, a corner would have no way to its neighbour
     path = path[np.append(True, np.any(np.diff(path, axis=0) != 0.0, axis=1))]
     _, nearest = KDTree(path).query(p)

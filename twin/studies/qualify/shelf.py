@@ -1,5 +1,6 @@
 """The drives of fmus/: what each is, and whether it fits this robot's drive contract."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -7,6 +8,7 @@ from twin.errors import InputRefused
 from twin.experiment.drive_files import MAPPING, lone_drive
 from twin.experiment.source import located
 from twin.runs.assembly.drives import planned
+from twin.studies.lines import wrapped
 
 SHELF = "fmus"
 
@@ -44,6 +46,17 @@ def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
     folders = sorted(f for f in shelf.iterdir() if f.is_dir() and ((f / MAPPING).is_file() or any(f.glob("*.fmu"))))
     return tuple(_looked_at(folder) for folder in folders)
+
+
+def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
+    """One line per drive, a second one where the description or the problem is long."""
+    longest = max((len(drive.name) for drive in drives), default=0)
+    lines = [f"{'drive':{longest}}  fits  kind   command   FMI  what it is"]
+    for drive in drives:
+        fits = "no" if drive.problem else "yes"
+        head = f"{drive.name:{longest}}  {fits:4}  {drive.kind:5}  {drive.command:8}  {drive.fmi:3}  "
+        lines += wrapped(drive.problem or drive.description, head) or [head]
+    return "\n".join(line.rstrip() for line in lines)
 
 
 def _looked_at(folder: Path) -> ShelvedDrive:

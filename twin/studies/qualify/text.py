@@ -1,11 +1,10 @@
-"""Checked, compared and shelved drives as text of at most 80 columns."""
+"""Checked and compared drives as text of at most 80 columns."""
 
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.studies.lines import WIDTH, markdown, wrapped
 from twin.studies.qualify.comparison import DriveTrial
-from twin.studies.qualify.shelf import ShelvedDrive
 from twin.studies.qualify.true_run import COMPARED
 
 SHOWN_IN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
@@ -69,17 +68,6 @@ def compare_text(trials: Sequence[DriveTrial]) -> str:
     lines += _wrapped("- ", [f"{note} ({', '.join(names)})" for note, names in notes.items()])
     lines += _wrapped("FAILED ", [f"{trial.name}: {trial.failure}" for trial in trials if trial.failure])
     return "\n".join(lines)
-
-
-def list_text(drives: Sequence[ShelvedDrive]) -> str:
-    """One line per drive, a second one where the description or the problem is long."""
-    longest = max((len(drive.name) for drive in drives), default=0)
-    lines = [f"{'drive':{longest}}  fits  kind   command   FMI  what it is"]
-    for drive in drives:
-        fits = "no" if drive.problem else "yes"
-        head = f"{drive.name:{longest}}  {fits:4}  {drive.kind:5}  {drive.command:8}  {drive.fmi:3}  "
-        lines += _hanging(head, drive.problem or drive.description)
-    return "\n".join(line.rstrip() for line in lines)
 
 
 def _quantity(value: float | None, unit: str) -> str:

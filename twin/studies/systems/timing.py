@@ -45,8 +45,11 @@ def timing(
         raise InputRefused(f"{package.file}: its experiment starts at {experiment.start:g} s; here runs begin at 0 s")
     if end is None:
         raise InputRefused(f"{package.file}: says nothing of how long to run (DefaultExperiment); say --stop-s")
-    if not end / length < MOST_TICKS:
-        raise InputRefused(f"{package.file}: {end:g} s in steps of {length:g} s are more than {MOST_TICKS:g} steps")
+    if not 0.0 < end / length < MOST_TICKS:
+        raise InputRefused(
+            f"{package.file}: {end:g} s in steps of {length:g} s; expected at least one step, and fewer than "
+            f"{MOST_TICKS:g}"
+        )
     ticks = round(end / length)
     if ticks < 1 or abs(ticks * length - end) > 1e-6 * length:
         raise InputRefused(

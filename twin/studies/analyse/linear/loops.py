@@ -16,7 +16,9 @@ Loops: TypeAlias = control.StateSpace
 
 
 def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
-    """All loops open: inputs `LOOPS` and `REFERENCES`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS` and the truth.
+    """All loops open: inputs `LOOPS`, `REFERENCES`, `COMMANDS`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS` and the truth.
+
+    What comes in at one of `COMMANDS` is added to what the law commands, behind the output of that name.
 
     Args:
         robot: `period_map`, of which no output depends directly on an input.
@@ -31,7 +33,9 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
             [law.B[:, :angles] @ C_m, law.A],
         ]
     )
-    B = np.vstack([robot.B @ law.D[omega, angles:], law.B[:, angles:]])
+    at_the_law = np.vstack([robot.B @ law.D[omega, angles:], law.B[:, angles:]])
+    at_the_drives = np.vstack([robot.B, np.zeros((len(law.A), len(COMMANDS)))])
+    B = np.hstack([at_the_law, at_the_drives])
     C = np.vstack(
         [
             np.hstack([law.D[rest, :angles] @ C_m, law.C[rest]]),
@@ -39,11 +43,12 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
             np.hstack([C_true, np.zeros((len(C_true), len(law.A)))]),
         ]
     )
-    D = np.vstack([law.D[rest, angles:], law.D[omega, angles:], np.zeros((len(C_true), B.shape[1]))])
+    D = np.zeros((len(C), B.shape[1]))
+    D[: len(law.D), : at_the_law.shape[1]] = np.vstack([law.D[rest, angles:], law.D[omega, angles:]])
     outputs = [*LOOPS, *ESTIMATED, *COMMANDS, *robot.output_labels[angles:]]
     kept = _connected(A, B, C)
     A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
-    return control.ss(A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCES], outputs=outputs, name="loops")
+    return control.ss(A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCES, *COMMANDS], outputs=outputs, name="loops")
 
 
 def _connected(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:

@@ -5,6 +5,7 @@ loop go through a transfer function's coefficients, which rounding ruins with a 
 loop of this robot the gain margin came out as 0.9 where it is 90.
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import control
@@ -114,9 +115,21 @@ def _confirmed(loops: Loops, gains: dict[str, float], name: str, found: Margins)
 
 def worst_sensitivity(loops: Loops, gains: dict[str, float]) -> float:
     """Largest singular value, over all frequencies, of the sensitivity (1 + L)^-1 of all closed loops at once."""
-    closed = [i for i, name in enumerate(LOOPS) if gains.get(name)]
-    whole = response(closed_loops(loops, gains), frequencies(loops.dt))[:, closed][:, :, closed]
-    return float(np.linalg.svd(np.eye(len(closed)) + whole, compute_uv=False).max())
+    whole = sensitivity(loops, gains, [name for name in LOOPS if gains.get(name)], frequencies(loops.dt))
+    return float(np.linalg.svd(whole, compute_uv=False).max())
+
+
+def sensitivity(loops: Loops, gains: dict[str, float], breaks: Sequence[str], omega: Matrix) -> Complex:
+    """(1 + L)^-1 (n, k, k) of the loops opened at all `breaks` at once, some of `LOOPS` and `COMMANDS`.
+
+    It is what becomes of something added there: with it, and with what comes back.
+    """
+    closed = closed_loops(loops, gains)
+    labels = closed.input_labels, closed.output_labels
+    inputs, outputs = ([there.index(name) for name in breaks] for there in labels)
+    back = np.array([gains.get(name, 1.0) for name in breaks])
+    only = control.ss(closed.A, closed.B[:, inputs], closed.C[outputs], closed.D[np.ix_(outputs, inputs)], closed.dt)
+    return np.eye(len(breaks)) + back[:, None] * response(only, omega)
 
 
 def gain_limit(loops: Loops, gains: dict[str, float], names: tuple[str, ...]) -> float | None:

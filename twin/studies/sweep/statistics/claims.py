@@ -49,13 +49,13 @@ def likelihoods(rows: Sequence[Row]) -> list[Likelihood]:
         numbers = [np.inf if answer["value"] is None else answer["value"] for answer in answers]
         # between two runs there may be infinity: a quantile is the number of a run
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
-        interval = _wilson_interval(holds, holds + fails)
+        interval = wilson_interval(holds, holds + fails)
         trivial = len(verdicts) - holds - fails
         found.append(Likelihood(claim, holds, holds + fails, trivial, interval, tuple(map(float, quantiles))))
     return found
 
 
-def _wilson_interval(successes: int, runs: int) -> tuple[float, float]:
+def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
     """95 % interval of a probability, inside 0 .. 1 also where all runs or none succeed; (0, 1) of no runs.
 
     Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).

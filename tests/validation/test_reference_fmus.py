@@ -1,0 +1,65 @@
+"""Reference FMUs are held to their own results, at each of their times."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from validation.yardstick import NotHere
+from validation.yardsticks import reference_fmus
+from validation.yardsticks.reference_fmus import FOLDER, MODELS, YARDSTICKS
+
+
+@pytest.fixture
+def folder(tmp_path: Path, root: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A drive at rest that stands for a model."""
+    (tmp_path / "2.0").mkdir()
+    shutil.copy(root / "fmus" / "ideal_velocity" / "ideal_velocity.fmu", tmp_path / "2.0" / f"{MODELS[0]}.fmu")
+    monkeypatch.setenv(FOLDER, str(tmp_path))
+    return tmp_path
+
+
+def results(folder: Path, *rows: str) -> None:
+    text = "\n".join(["time,theta_m", *rows, ""])
+    (folder / "2.0" / f"{MODELS[0]}_ref.csv").write_text(text)
+
+
+def test_without_a_folder_nothing_is_run(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.delenv(FOLDER, raising=False)
+    for one in YARDSTICKS:
+        with pytest.raises(NotHere, match=f"{FOLDER}=a_folder"):
+            one.differences()
+
+
+def test_a_model_that_the_folder_lacks_is_not_run(folder: Path):
+    with pytest.raises(NotHere, match=f"has no {MODELS[1]}.fmu"):
+        YARDSTICKS[1].differences()
+
+
+def test_the_same_numbers_hold_and_a_last_digit_does_not(folder: Path):
+    step = stepped(folder)
+    results(folder, "0,0", f"{5 * step!r},0", f"{10 * step!r},0")
+    # the drive carries results of its own
+    assert max(YARDSTICKS[0].differences().values()) <= YARDSTICKS[0].bound
+    results(folder, "0,0", f"{5 * step!r},1e-11", f"{10 * step!r},0")
+    assert max(YARDSTICKS[0].differences().values()) > YARDSTICKS[0].bound
+
+
+def test_results_at_other_times_fail(folder: Path):
+    step = stepped(folder)
+    results(folder, "0,0", f"{5.3 * step!r},0")
+    with pytest.raises(RuntimeError, match="other times"):
+        reference_fmus.beside_its_results(MODELS[0])
+
+
+def stepped(folder: Path) -> float:
+    """The step of the default experiment (s)."""
+    from twin.drive.description import described
+    from twin.studies.reference.bare_run import BareRun, bare_run
+    from twin.studies.reference.carried import Prepared
+    from twin.studies.reference.experiment_file import Described
+
+    runs: list[BareRun] = []
+    description = described(folder / "2.0" / f"{MODELS[0]}.fmu")
+    bare_run(description, Described("default experiment"), Prepared({}, None, None), runs.append)
+    return runs[0].step
