@@ -44,8 +44,9 @@ endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests, and new examples of every
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)
 
-bench: $(VENV)/.run  ## speed, as ratios measured side by side
-	$(VENV)/bin/python -m benchmarks
+bench: $(VENV)/.test-live,dask  ## speed, as ratios measured side by side; RELEASE=0.2.0 adds a line to the history
+	@command -v chromium >/dev/null || { [ "$$(id -u)" = 0 ] && DEBIAN_FRONTEND=noninteractive apt-get install -qq -y chromium; } >/dev/null 2>&1 || true
+	$(VENV)/bin/python -m benchmarks $(RELEASE)
 
 validation: $(VENV)/.test-validation  ## the twin beside what others made: writes the table of docs/validation.md
 	$(VENV)/bin/python -m validation

@@ -1,12 +1,16 @@
-"""Run every benchmark, print one table, write results/bench.json. Exit code 1 if a target was missed."""
+"""Run every benchmark, print one table, write results/bench.json. Exit code 1 if a target was missed.
+
+With the name of a release a line is added to benchmarks/history.jsonl besides.
+"""
 
 import json
 import os
 import platform
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
+from typing import Any
 
 from benchmarks import (
     build,
@@ -16,6 +20,7 @@ from benchmarks import (
     fmi_versions,
     isolation,
     live,
+    machine,
     macro_step,
     other_parts,
     report,
@@ -29,7 +34,9 @@ from benchmarks.measurement import Measurement
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
 RESULT = ROOT / "results" / "bench.json"
+HISTORY = ROOT / "benchmarks" / "history.jsonl"
 PARTS: tuple[Callable[[], list[Measurement]], ...] = (
+    machine.measurements,
     lambda: macro_step.measurements(ROOT / "fmus" / "ideal_velocity"),
     lambda: macro_step.measurements(ROOT / "fmus" / "velocity_servo"),
     fmi_versions.measurements,
@@ -70,8 +77,14 @@ def closing(everything: Sequence[Measurement]) -> tuple[str, int]:
     return "\n".join(lines), 1 if missed else 0
 
 
-def main() -> int:
-    """Measure, print as results come, and write them down; the exit code."""
+def historic(release: str, facts: Mapping[str, Any]) -> str:
+    """The line of a release: what was measured, without targets."""
+    kept = {m["name"]: [float(f"{m['value']:.4g}"), m["unit"]] for m in facts["measurements"] if m["value"] is not None}
+    return json.dumps({"release": release, **{k: facts[k] for k in ("machine", "cores", "python")}, "values": kept})
+
+
+def main(release: str | None = None) -> int:
+    """Measure, print as results come, and write them down, for `release` also into the history; the exit code."""
     print(f"{platform.machine()}, {os.cpu_count()} cores, Python {platform.python_version()}")
     print(f"{'':<48}{'value':>7}     {'target':<7} verdict")
     everything: list[Measurement] = []
@@ -89,8 +102,11 @@ def main() -> int:
         "measurements": [asdict(m) | {"verdict": m.verdict} for m in everything],
     }
     RESULT.write_text(json.dumps(facts, indent=2) + "\n")
+    if release:
+        with HISTORY.open("a") as history:
+            history.write(historic(release, facts) + "\n")
     return code
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(main(*sys.argv[1:2]))

@@ -47,3 +47,15 @@ def test_the_table_has_a_line_of_80_columns_for_each():
     lines = [bench.line(m) for m in (KEPT, SLOW, FEW, TOLD, ABSENT)]
     assert [line.split()[-1] for line in lines] == ["ok", "MISSED", "MISSED", "MB", "measured"]
     assert max(map(len, lines)) <= 80
+
+
+def test_the_history_gets_a_line_for_a_release_and_for_nothing_else(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(bench, "PARTS", (lambda: [KEPT, ABSENT],))
+    monkeypatch.setattr(bench, "RESULT", tmp_path / "results" / "bench.json")
+    monkeypatch.setattr(bench, "HISTORY", tmp_path / "history.jsonl")
+    for release in ("0.1.0", None, "0.2.0"):
+        bench.main(release)
+    lines = [json.loads(line) for line in bench.HISTORY.read_text().splitlines()]
+    assert [line["release"] for line in lines] == ["0.1.0", "0.2.0"]
+    # what could not be measured is no figure of the past
+    assert [line["values"] for line in lines] == [{"kept": [1.0, "s"]}] * 2
