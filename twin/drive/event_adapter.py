@@ -1,4 +1,4 @@
-"""One compiled step for FMI 3.0 FMUs that have an event mode, may return early, take inputs or give outputs within a step.
+"""One compiled step for FMI 3.0 FMUs that have an event mode, may return early, or do something within a step.
 
 A step is a loop: step as far as the tick's end or the next planned event, and handle what came up there, until the
 tick's end is reached. An FMU for which nothing comes up makes one turn of it.

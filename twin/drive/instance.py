@@ -127,7 +127,7 @@ class Instance:
 
     @property
     def schedule(self) -> list[np.ndarray]:
-        """When its events and the ticks of its clocks are due, and what was read: changed by steps beside its own state."""
+        """What steps change beside its own state: when events and clocks are due, what was read within steps."""
         return [self.clocks, self.planned, *([self.within.rows] if self.within else [])]
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:

@@ -6,15 +6,14 @@ from typing import Any
 import pytest
 
 from tests.drive.eventful import KINDS, READ, WITHIN, Maker
-from tests.drive.test_events import ALL
 from twin.experiment.schema import Drive
+from twin.runs.assembly.drives import planned
 from twin.studies.qualify.bench import Response, response
 from twin.studies.qualify.definitions import Check
 from twin.studies.qualify.qualification import qualified
 from twin.studies.qualify.text import check_text
 from twin.studies.qualify.within import Excursion, within_check
 from twin.studies.qualify.work_cycle import work_cycle
-from twin.runs.assembly.drives import planned
 
 STRAYS = {"kind": KINDS["strays"], "period": 0.213, "stop": 1e-3}
 FAR = 0.75e-3
