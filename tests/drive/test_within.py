@@ -111,6 +111,12 @@ def test_an_output_that_cannot_be_read_when_it_may_ends_the_run(shaft: Maker):
     assert "in the step from t = 0.009 s" in str(failure.value)
 
 
+def test_an_output_that_cannot_be_read_before_the_first_step_is_a_failure_too(shaft: Maker):
+    count = f'<Float64 name="count" valueReference="7" causality="output" {READ}/>'
+    with pytest.raises(ComponentFailed, match=r"cannot be read before the first: .*fmi3GetFloat64"):
+        made(plan_of(shaft(WITHIN, more=count), "strays"))
+
+
 @pytest.mark.parametrize(
     ("abilities", "theta_m", "watched"),
     [("", READ, True), (WITHIN, "", True), (WITHIN, READ, False)],

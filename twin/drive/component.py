@@ -16,7 +16,7 @@ from twin.drive.setting import Setting
 from twin.drive.setup import Setup
 from twin.drive.stepping import Stepping
 from twin.drive.within import Stray
-from twin.errors import InputRefused
+from twin.errors import InputRefused, TwinError
 
 
 class FmuComponent(Component):
@@ -72,7 +72,7 @@ class FmuComponent(Component):
         self._shift = shift
         try:
             self._stepping = self._stepped(inputs, outputs, shift)
-        except InputRefused:
+        except TwinError:
             self.instance.close()
             raise
         self._state: np.ndarray | None = None

@@ -13,6 +13,7 @@ from twin.cosim.native import doubles_at, pointer_to
 from twin.drive.calls import access_3
 from twin.drive.status import GET_WITHIN
 from twin.drive.variable import Variable
+from twin.errors import ComponentFailed
 
 if TYPE_CHECKING:
     from twin.drive.instance import Instance
@@ -148,11 +149,19 @@ class Watch:
     Attributes:
         memory: `WATCH`, (1,).
         rows: what changes with every step, (values,).
+
+    Raises:
+        ComponentFailed: they cannot be read.
     """
 
     def __init__(self, instance: "Instance", variables: Sequence[Variable]):
         self._variables = variables
-        begin = instance.read(variables)
+        try:
+            begin = instance.read(variables)
+        # FMPy's FMICallException
+        except Exception as problem:
+            said = f"an output that can be read within a step cannot be read before the first: {problem}"
+            raise ComponentFailed(f"{instance.description.path.name}: {said}") from None
         self.rows, self._kept = np.zeros((2, len(begin)), dtype=ROW)
         self.rows["begin"], self.rows["at"] = begin, np.nan
         self._references = np.array([v.reference for v in variables], dtype=np.uint32)
