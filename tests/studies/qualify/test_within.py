@@ -39,7 +39,7 @@ def test_a_qualification_tells_how_far_an_output_strays_within_a_step(shaft: Mak
     assert found.pop("beyond") == pytest.approx(FAR, abs=1e-15)
     assert found.pop("t") == pytest.approx(0.2135, rel=1e-12)
     assert found == {"output": "theta_m", "unit": "rad", "reads": 4.0}
-    said = "beyond what it is at both ends of a step: theta_m by up to 0.00075 rad at 0.2135 s. Read 4 times a step"
+    said = "beyond what it is at both ends of a step: theta_m by up to 0.00075 rad at 0.2135 s. 4 updates a step"
     assert facts["checks"]["within"]["verdict"] == "ok" and facts["checks"]["within"]["detail"] == said
     assert said in " ".join(check_text(facts).split())
 
