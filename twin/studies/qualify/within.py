@@ -92,7 +92,8 @@ def _said(found: Sequence[Excursion]) -> str:
     far = [f"{one.output} by up to {one.beyond:.3g} {one.unit} at {one.t:.4f} s" for one in found if one.t is not None]
     still = [one.output for one in found if one.t is None]
     words = [*far, *([f"{', '.join(still)} not at all"] if still else [])]
-    return f"beyond what it is at both ends of a step: {'; '.join(words)}. {reads:.3g} update{'s' * (reads != 1.0)} a step"
+    often = f"{reads:.3g} update{'s' * (reads != 1.0)} a step"
+    return f"beyond what it is at both ends of a step: {'; '.join(words)}. {often}"
 
 
 def _excursions(plan: DrivePlan, drive: Component) -> Iterator[Excursion]:
