@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from hypothesis import settings
 
+from tests.drive.eventful import Maker, maker
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
@@ -53,6 +54,12 @@ def examples(count: int, **options: Any) -> settings:
 def root() -> Path:
     """The repository."""
     return ROOT
+
+
+@pytest.fixture(scope="session")
+def shaft(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Maker:
+    """Makes drives of one binary with events, clocks and tricks; see `eventful_drive`."""
+    return maker(root, tmp_path_factory.mktemp("eventful"))
 
 
 @pytest.fixture(scope="session")

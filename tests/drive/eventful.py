@@ -1,15 +1,17 @@
 """Drives with events, clocks and tricks, all with the binary compiled from eventful.c; what they do is said there."""
 
 import re
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from tests.drive.archives import DESCRIPTION, altered
 from tests.drive.compiled import Edit, compiled_library
 
 KINDS = {
-    "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5, "endless": 10, "stuck": 11,
-    "no_time": 12, "before": 13, "beyond": 14, "past": 15, "no_event_time": 16, "crumbles": 17, "refuses": 18,
-    "ends": 19, "endless_later": 20,
+    "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5, "strays": 6, "shuts": 7,
+    "endless": 10, "stuck": 11, "no_time": 12, "before": 13, "beyond": 14, "past": 15, "no_event_time": 16,
+    "crumbles": 17, "refuses": 18, "ends": 19, "endless_later": 20,
 }  # fmt: skip
 
 OFFERED = (
@@ -25,6 +27,27 @@ typedef union { double at[14]; double theta_m, omega_m; } Variables;
 """
 
 PERIODIC = '<Clock name="beat" valueReference="20" causality="input" {rhythm}/>'
+
+
+WITHIN = 'providesIntermediateUpdate="true"'
+READ = 'intermediateUpdate="true"'
+"""A variable that can be set or read within a step."""
+
+Maker = Callable[..., Path]
+
+
+def maker(root: Path, folder: Path) -> Maker:
+    """Makes drives of one binary, which it compiles first; arguments as of `eventful_drive`."""
+    library = eventful_library(root, folder)
+    known: dict[Any, Path] = {}
+
+    def make(*said: str, **more: str) -> Path:
+        key = (said, *more.items())
+        if key not in known:
+            known[key] = eventful_drive(root, library, folder / f"shaft_{len(known)}.fmu", *said, **more)
+        return known[key]
+
+    return make
 
 
 def _not_offered(text: str) -> str:
@@ -53,7 +76,14 @@ def eventful_library(root: Path, folder: Path) -> bytes:
 
 
 def eventful_drive(
-    root: Path, library: bytes, file: Path, abilities: str = "", clocks: str = "", omega_ref: str = "", more: str = ""
+    root: Path,
+    library: bytes,
+    file: Path,
+    abilities: str = "",
+    clocks: str = "",
+    omega_ref: str = "",
+    more: str = "",
+    theta_m: str = "",
 ) -> Path:
     """`file` with the binary `library`.
 
@@ -61,6 +91,7 @@ def eventful_drive(
         abilities: attributes of its co-simulation.
         clocks: elements of its clocks.
         omega_ref: attributes of its command.
+        theta_m: attributes of its angle.
         more: elements of further variables.
     """
     description = f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -74,7 +105,7 @@ def eventful_drive(
   <ModelVariables>
     <Float64 name="omega_ref" valueReference="0" causality="input" start="0.0" unit="rad/s" {omega_ref}/>
     <Float64 name="tau_load" valueReference="1" causality="input" start="0.0" unit="N.m"/>
-    <Float64 name="theta_m" valueReference="2" causality="output" unit="rad"/>
+    <Float64 name="theta_m" valueReference="2" causality="output" unit="rad" {theta_m}/>
     <Float64 name="omega_m" valueReference="3" causality="output" unit="rad/s"/>
     <Float64 name="kind" valueReference="4" causality="parameter" variability="fixed" start="0.0"/>
     <Float64 name="period" valueReference="5" causality="parameter" variability="fixed" start="1.0"/>

@@ -1,7 +1,6 @@
 """FMI 3.0: events, early return, clocks and inputs within a step against closed forms; and FMUs that play tricks."""
 
 import hashlib
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -9,7 +8,7 @@ import numpy as np
 import pytest
 
 from tests.drive.commanded import stepped
-from tests.drive.eventful import KINDS, eventful_drive, eventful_library
+from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
 from twin.cli.drive import _table
 from twin.errors import ComponentFailed, InputRefused
@@ -27,24 +26,6 @@ IN_CLOCK = '<Clock name="beat" valueReference="20" causality="input" {}/>'
 OUT_CLOCK = '<Clock name="bang" valueReference="21" causality="output" intervalVariability="triggered"/>'
 COUNT = '<Float64 name="status" valueReference="7" causality="output" variability="discrete" clocks="{}"/>'
 CLOCKED = 'variability="discrete" clocks="20"'
-
-Maker = Callable[..., Path]
-
-
-@pytest.fixture(scope="module")
-def shaft(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Maker]:
-    """Makes drives of one binary; arguments as of `eventful_drive`."""
-    folder = tmp_path_factory.mktemp("eventful")
-    library = eventful_library(root, folder)
-    known: dict[Any, Path] = {}
-
-    def make(*said: str, **more: str) -> Path:
-        key = (said, *more.items())
-        if key not in known:
-            known[key] = eventful_drive(root, library, folder / f"shaft_{len(known)}.fmu", *said, **more)
-        return known[key]
-
-    yield make
 
 
 def turned(fmu: Path, kind: str, speed: float = 1.0, ticks: int = 100, **parameters: Any) -> dict[str, np.ndarray]:

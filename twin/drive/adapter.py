@@ -9,7 +9,7 @@ from numba import carray, from_dtype, njit, types
 
 from twin.cosim.native import address_of, pointer_to, step_function
 from twin.drive.calls import access_2, access_3, do_step_2, do_step_3
-from twin.drive.ramp import begin_ramp, set_ramp
+from twin.drive.ramp import begin_ramp, done_within, end_ramp, set_ramp
 from twin.drive.shorter import go_on
 from twin.drive.status import DISCARD, DO_STEP, EARLY, GET, SET, TERMINATE
 
@@ -56,7 +56,7 @@ MEMORY = np.dtype(
     align=True,
 )
 """Addresses of instance and function, counts and addresses of groups; 16 bytes for what fmi3DoStep returns; addresses
-of what `ramp` and `shorter` work on, 0 where nothing is ramped."""
+of what `ramp` and `shorter` work on, 0 where nothing is done within a step."""
 
 groups_at = pointer_to(from_dtype(GROUP))
 
@@ -187,7 +187,15 @@ def step(m, t, h, u, y):
             if status != 0:
                 return status
     else:
+        if m.ramp != 0:
+            begin_ramp(m.ramp, address_of(u), t, h)
         status = do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
+        if m.ramp != 0:
+            bad = done_within(m.ramp, status)
+            if bad == 0 and status <= 1:
+                bad = end_ramp(m.ramp)
+            if bad != 0:
+                return bad
         if status <= 1:
             flags = carray(_u8(m.returned), 16)
             if flags[9]:

@@ -15,7 +15,8 @@ from twin.drive.ports import FmuPort, Placed, placed
 from twin.drive.setting import Setting
 from twin.drive.setup import Setup
 from twin.drive.stepping import Stepping
-from twin.errors import InputRefused
+from twin.drive.within import Stray
+from twin.errors import InputRefused, TwinError
 
 
 class FmuComponent(Component):
@@ -71,7 +72,7 @@ class FmuComponent(Component):
         self._shift = shift
         try:
             self._stepping = self._stepped(inputs, outputs, shift)
-        except InputRefused:
+        except TwinError:
             self.instance.close()
             raise
         self._state: np.ndarray | None = None
@@ -96,6 +97,11 @@ class FmuComponent(Component):
     def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
         """What of the FMU is behind its inputs and its outputs."""
         return self._stepping.inputs, self._stepping.outputs
+
+    @property
+    def strays(self) -> list[Stray]:
+        """What its outputs have done within its steps, of those that are watched."""
+        return self.instance.within.strays if self.instance.within else []
 
     @property
     def called(self) -> str:

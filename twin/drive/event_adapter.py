@@ -1,4 +1,4 @@
-"""One compiled step for FMI 3.0 FMUs that have an event mode, may return early or take inputs within a step.
+"""One compiled step for FMI 3.0 FMUs that have an event mode, may return early, or do something within a step.
 
 A step is a loop: step as far as the tick's end or the next planned event, and handle what came up there, until the
 tick's end is reached. An FMU for which nothing comes up makes one turn of it.
@@ -11,7 +11,7 @@ from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
 from twin.drive.adapter import drain, get_all, groups_at, set_all
 from twin.drive.calls import do_step_3
 from twin.drive.events import inputs_change, pass_events, tick_due
-from twin.drive.ramp import begin_ramp, set_ramp, set_within
+from twin.drive.ramp import begin_ramp, done_within, end_ramp, set_ramp
 from twin.drive.status import (
     DISCARD,
     DO_STEP,
@@ -88,8 +88,10 @@ def _come_to(m, t, h):
         for i in range(8, 11):
             flags[i] = 0
         status = do_step_3(m.do_step, m.instance, here, goal - here, m.final, m.returned)
-        if m.ramp != 0 and set_within(m.ramp) != 0:
-            return set_within(m.ramp)
+        if m.ramp != 0:
+            bad = done_within(m.ramp, status)
+            if bad != 0:
+                return bad
         if status == DISCARD and m.varies:
             # the FMU is where it was before
             part, halved, m.value = 0.5 * (goal - here), halved + 1, here
@@ -135,6 +137,10 @@ def step(m, t, h, u, y):
     status = _come_to(m, t, h)
     if status != 0:
         return status
+    if m.ramp != 0:
+        status = end_ramp(m.ramp)
+        if status != 0:
+            return status
     held = carray(groups_at(m.held_groups), m.held)
     for i in range(m.held):
         drain(held[i], address_of(y))

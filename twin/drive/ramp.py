@@ -2,7 +2,7 @@
 
 The component sees such an input at both ends of a step. FMI 1.0 and 2.0 take the value at its start and the slope
 (fmi2SetRealInputDerivatives); FMI 3.0 asks for the value whenever its solver is at another time
-(fmi3IntermediateUpdateCallback).
+(fmi3IntermediateUpdateCallback). Whoever wants to may have outputs read there, too.
 """
 
 from functools import cache
@@ -12,7 +12,8 @@ from numba import carray, cfunc, from_dtype, njit, types
 
 from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to
 from twin.drive.calls import access_2, access_3, access_pairs
-from twin.drive.status import DERIVATIVES, SET
+from twin.drive.status import DERIVATIVES, DISCARD, SET
+from twin.drive.within import begin_watch, count_part, end_watch, watch
 
 AT_END = ":end"
 """What the port for the value at the end of a step is called after its input's name."""
@@ -34,12 +35,13 @@ RAMP = np.dtype(
         ("buffer", "i8"),
         ("t", "f8"),
         ("bad", "i8"),
+        ("within", "i8"),
     ],
     align=True,
 )
 """Addresses of instance, of fmiNSetReal or fmi3SetFloat64 and of fmiNSetRealInputDerivatives (0 in FMI 3.0); how many
 values, and addresses of their references, orders (1), slots in u at both ends, gains and offsets, value at the start,
-slope and buffer; time of the start; what setting them within a step came to."""
+slope and buffer; time of the start; what was bad within a step; address of a `within.WATCH`, 0: no output is read."""
 
 _ramp_at = pointer_to(from_dtype(RAMP))
 
@@ -57,6 +59,8 @@ def begin_ramp(address, u, t, h):
         begin[j] = (first - offset[j]) / gain[j]
         slope[j] = (last - first) / gain[j] / h
     r.t, r.bad = t, 0
+    if r.within != 0:
+        begin_watch(r.within)
 
 
 @njit(cache=True)
@@ -64,6 +68,8 @@ def set_ramp(address, t):
     """Set the inputs as they are at `t`, and how they go on from there; the first bad status."""
     r = carray(_ramp_at(address), 1)[0]
     n = r.values
+    if n == 0:
+        return 0
     begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
     buffer = carray(doubles_at(r.buffer), n)
     for j in range(n):
@@ -79,9 +85,19 @@ def set_ramp(address, t):
 
 
 @njit(cache=True)
-def set_within(address):
-    """What setting the inputs within the last step came to."""
-    return carray(_ramp_at(address), 1)[0].bad
+def done_within(address, status):
+    """What was bad within the part of a step that came back with `status`; 0: nothing."""
+    r = carray(_ramp_at(address), 1)[0]
+    if r.within != 0:
+        count_part(r.within, status != DISCARD)
+    return r.bad
+
+
+@njit(cache=True)
+def end_ramp(address):
+    """The step is over; 0, or the bad status."""
+    r = carray(_ramp_at(address), 1)[0]
+    return end_watch(r.within) if r.within != 0 else 0
 
 
 @cache
@@ -97,11 +113,16 @@ def intermediate_update() -> int:
     )  # fmt: skip
     def update(environment, t, set_requested, get_allowed, finished, can_return_early, return_early, return_time):
         address = address_of(environment)
+        r = carray(_ramp_at(address), 1)[0]
+        status = 0
         # before the first step there is nothing to be set
-        if set_requested and carray(_ramp_at(address), 1)[0].values > 0:
+        if set_requested and r.values > 0:
             status = set_ramp(address, t)
-            if status != 0:
-                carray(_ramp_at(address), 1)[0].bad = status
+        # what a solver only tries may still be another for the same time
+        if status == 0 and get_allowed and finished and r.within != 0:
+            status = watch(r.within, t)
+        if status != 0:
+            r.bad = status
         if address_of(return_early) != 0:
             return_early[0] = 0
 

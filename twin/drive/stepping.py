@@ -11,6 +11,7 @@ from twin.drive.instance import Instance
 from twin.drive.ports import FmuPort, Groups, Placed, grouped, placed
 from twin.drive.shorter import SHORTER
 from twin.drive.status import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, told
+from twin.drive.within import Watch
 
 
 class Stepping:
@@ -47,6 +48,8 @@ class Stepping:
         into = [p for i, p in enumerate(self._into[: len(inputs)]) if i not in both]
         if ramped:
             self._fill_ramp([self._into[i] for i in ramped], self._into[len(inputs) :])
+        instance.within = Watch(instance, instance.watched) if instance.watched else None
+        instance.ramp[0]["within"] = instance.within.memory.ctypes.data if instance.within else 0
         abilities = instance.description.model.coSimulation
         three = instance.description.version == 3
         if three and (abilities.hasEventMode or instance.description.returns_early or ramped):
@@ -205,7 +208,8 @@ class Stepping:
         """What the general step and the one with events have in common."""
         returned = np.zeros(16, dtype=np.uint8)
         self._keep.append(returned)
+        ramp = self.instance.ramp[0]
         m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
-        m["ramp"] = self.instance.ramp.ctypes.data if self.instance.ramp[0]["values"] else 0
+        m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] or ramp["within"] else 0
         m["inputs"], m["input_groups"] = len(inputs), inputs.ctypes.data
         m["outputs"], m["output_groups"] = len(outputs), outputs.ctypes.data

@@ -40,7 +40,8 @@ def instantiate(instance: "Instance") -> None:
         lambda environment, status, category, said: instance.hear(status, said)
     )
     ramped = [v.reference for v in instance.description.variables.values() if instance.ramps(v)]
-    fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update()] if ramped else []))
+    within = ramped + [v.reference for v in instance.watched]
+    fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update()] if within else []))
     with instance.calling("InstantiateCoSimulation"):
         fmu.component = fmu.fmi3InstantiateCoSimulation(
             instance.name.encode(),
@@ -50,8 +51,8 @@ def instantiate(instance: "Instance") -> None:
             False,
             abilities.hasEventMode,
             instance.description.returns_early,
-            (fmi3.fmi3ValueReference * len(ramped))(*ramped),
-            len(ramped),
+            (fmi3.fmi3ValueReference * len(within))(*within),
+            len(within),
             instance.ramp.ctypes.data,
             fmu.logMessage,
             fmu.intermediateUpdate,

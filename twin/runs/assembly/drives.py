@@ -36,6 +36,7 @@ class DrivePlan:
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
         ticks: how many it will be stepped; None: nobody knows.
         ramped: whether it is offered its inputs as lines over a step.
+        watched: whether its outputs are read within its steps where that can be.
     """
 
     label: str
@@ -47,6 +48,7 @@ class DrivePlan:
     switched: bool = False
     ticks: int | None = None
     ramped: bool = False
+    watched: bool = False
 
     def switchable(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""
