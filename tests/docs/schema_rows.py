@@ -8,11 +8,12 @@ from pydantic_core import PydanticUndefined
 
 from twin.experiment import change, contact, experiment, fault, measure, monitor, reference, schema, stand_in, task
 from twin.experiment.quantity import Section
+from twin.experiment.robot import Plant, Robot
 
 TABLES: dict[str, type[Section]] = {
     "top of the file": experiment.Head,
-    "[robot]": schema.Robot,
-    "[plant]": schema.Plant,
+    "[robot]": Robot,
+    "[plant]": Plant,
     "[cosim]": schema.Cosim,
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
@@ -48,7 +49,7 @@ SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: 
 
 def rows(model: type[Section]) -> dict[str, tuple[str, str, str]]:
     """key -> (unit, default, allowed), each as docs/keys.md writes it; only keys that its base does not have."""
-    inherited = schema.Robot.model_fields if model is schema.Plant else {}
+    inherited = Robot.model_fields if model is Plant else {}
     return {
         field.alias or name: (_unit(name, field), _default(field), _allowed(field))
         for name, field in model.model_fields.items()

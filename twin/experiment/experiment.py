@@ -13,6 +13,7 @@ from twin.experiment.measure import Measure
 from twin.experiment.monitor import Monitor
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.reference import Reference, WayPoints
+from twin.experiment.robot import Plant, Robot, Triple
 from twin.experiment.stand_in import StandIn
 
 
@@ -25,8 +26,8 @@ class Head(Section):
 
 
 TABLES: dict[str, type[Section]] = {
-    "robot": schema.Robot,
-    "plant": schema.Plant,
+    "robot": Robot,
+    "plant": Plant,
     "contact": Contact,
     "cosim": schema.Cosim,
     "controller": schema.Controller,
@@ -76,8 +77,8 @@ class Experiment:
     controller_ticks: int
     scale_ticks: int
     monitor_ticks: int
-    robot: schema.Robot
-    plant: schema.Plant
+    robot: Robot
+    plant: Plant
     contact: Contact
     scale: schema.Scale | None
     cosim: schema.Cosim
@@ -96,7 +97,7 @@ class Experiment:
     stand_ins: dict[str, StandIn] = field(default_factory=dict)
 
     @property
-    def start(self) -> schema.Triple:
+    def start(self) -> Triple:
         """Where the platform rests at the beginning (m)."""
         if self.reference is not None:
             return self.reference.p[0]

@@ -7,7 +7,7 @@ from pydantic import Field, field_validator, model_validator
 
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.replaced import SHAPES
-from twin.experiment.schema import Triple
+from twin.experiment.robot import Triple
 
 
 class Circle(Section):

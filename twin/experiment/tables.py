@@ -17,13 +17,14 @@ from twin.experiment.mistakes import checked, keys, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.reference import WayPoints
 from twin.experiment.replaced import KEPT
+from twin.experiment.robot import Model, Robot
 from twin.experiment.source import Source, with_numbers
 from twin.experiment.stand_in import StandIn, checked_apart, role_named
 from twin.experiment.task import Task, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks
 
 _TRIPLES = {
-    str(field.alias): field.default for field in schema.Robot.model_fields.values() if isinstance(field.default, tuple)
+    str(field.alias): field.default for field in Robot.model_fields.values() if isinstance(field.default, tuple)
 }
 """What three numbers of a robot are where its file does not say."""
 OTHERS = ("drive", *ARRAYS)
@@ -128,7 +129,7 @@ def _fill_from_robot(values: dict[str, Any]) -> None:
     if isinstance(controller, dict):
         model = controller.get("model", {})
         if isinstance(model, dict):
-            known = keys(schema.Model)
+            known = keys(Model)
             believed = {k: v for k, v in robot.items() if k in known}
             controller["model"] = _over_robot(believed, model, "controller.model")
 

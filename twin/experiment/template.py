@@ -23,6 +23,7 @@ from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
 from twin.experiment.replaced import KEPT
+from twin.experiment.robot import Model, Plant, Robot
 from twin.experiment.source import Source, at, located, read_source, toml_value
 from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
@@ -95,12 +96,12 @@ def commented_experiment(name: str, base: Path) -> str:
     lines += ["", f"# {CHANGES}", *page.array("change", {None: ChangeTable}, (CHANGE,))]
     lines += ["", f"# {MEASURED}", *page.array("measure", MEASURES, (MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
-    lines += page.keys("robot", schema.Robot, {}, {})
+    lines += page.keys("robot", Robot, {}, {})
     robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, "plant") or {}
     true = {key: value for key, value in (at(own.values, "plant") or {}).items() if robot.get(key) != value}
     origins = page.origins("plant")
-    lines += ["", f"# {TRUE}", f"{'' if true else '#'}[plant]", *page.keys("plant", schema.Plant, true, origins)]
-    lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k not in _plain_keys(schema.Plant)]
+    lines += ["", f"# {TRUE}", f"{'' if true else '#'}[plant]", *page.keys("plant", Plant, true, origins)]
+    lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k not in _plain_keys(Plant)]
     return "\n".join(lines) + "\n"
 
 
@@ -136,7 +137,7 @@ class _Page:
                 entries = at(self._own.values, path) or {}
                 lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
                 lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
-            elif inner is schema.Model:
+            elif inner is Model:
                 lines += ["", f"# {BELIEVED}", f"#[{path}]"]
             elif inner is not None:
                 lines += self.table(path, inner)
@@ -174,7 +175,7 @@ class _Page:
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
     """The keys of `model` that hold no table; of [plant] those that [robot] has not."""
-    repeated = schema.Robot.model_fields if issubclass(model, schema.Plant) else {}
+    repeated = Robot.model_fields if issubclass(model, Plant) else {}
     return {
         info.alias or field: info
         for field, info in model.model_fields.items()

@@ -24,7 +24,8 @@ from twin.recording.logs.column_map import MappedColumn
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.recording.logs.mcap_file import topics_in
-from twin.recording.logs.topics import LoggedTopic, log_of, merged, wanted
+from twin.recording.logs.topic import LoggedTopic
+from twin.recording.logs.topics import log_of, merged, wanted
 from twin.writing import written
 
 SQLITE = b"SQLite format 3\0"

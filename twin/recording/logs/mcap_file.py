@@ -14,7 +14,8 @@ from twin.recording.chunks import allowance, unpacked
 from twin.recording.logs.column_map import MappedColumn
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
-from twin.recording.logs.topics import NANOSECONDS, LoggedTopic, log_of, merged, wanted
+from twin.recording.logs.topic import LoggedTopic
+from twin.recording.logs.topics import NANOSECONDS, log_of, merged, wanted
 
 MAGIC = MCAP0_MAGIC
 LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20

@@ -6,12 +6,13 @@ from twin.controller.belief import Belief
 from twin.experiment import schema
 from twin.experiment.experiment import Experiment
 from twin.experiment.monitor import Monitor
+from twin.experiment.robot import Model
 from twin.monitor.belief import MonitorBelief
 from twin.monitor.limits import Limits
 from twin.robot.geometry import Geometry
 
 
-def geometry_of(model: schema.Model) -> Geometry:
+def geometry_of(model: Model) -> Geometry:
     """Fig. 2 as `model` has it."""
     return Geometry(model.a, model.b, model.l_a, model.l_b)
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 from twin.experiment.contact import Breathing, Contact, Shift
 from twin.experiment.fault import NEVER, Fault
-from twin.experiment.schema import Plant
+from twin.experiment.robot import Plant
 from twin.plant.body import Motion, MotionKind
 from twin.plant.contact_law import ContactLaw
 from twin.plant.encoder import Shaft

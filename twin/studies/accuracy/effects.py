@@ -10,7 +10,7 @@ from math import radians
 from typing import Any
 
 from twin.experiment.experiment import Experiment
-from twin.experiment.schema import Plant
+from twin.experiment.robot import Plant
 from twin.experiment.variation import with_plant
 
 
@@ -20,7 +20,7 @@ class Effect:
 
     Attributes:
         name, amount: for people.
-        values: attributes of `schema.Plant`, SI: plausible ones; `ONE_TICK`: of the experiment.
+        values: attributes of `robot.Plant`, SI: plausible ones; `ONE_TICK`: of the experiment.
         reason: why these.
     """
 

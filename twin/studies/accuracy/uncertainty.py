@@ -13,7 +13,7 @@ class Uncertainty:
 
     Attributes:
         label: for people.
-        names: attributes of `schema.Model` that are off by the same amount at once.
+        names: attributes of `robot.Model` that are off by the same amount at once.
         joint: which of three values, counted from 0; None: a single number.
         share, amount: relative (1) and absolute (SI) part; one of them is 0.
         reason: why that much.

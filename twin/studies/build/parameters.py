@@ -17,15 +17,13 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
+from twin.experiment.robot import Model, Plant, Robot
 from twin.experiment.schema import (
     Controller,
     Damping,
     FeedForward,
     ForceLoop,
-    Model,
-    Plant,
     PositionLoop,
-    Robot,
     Scale,
     Touch,
 )

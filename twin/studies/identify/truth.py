@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.experiment.schema import Cosim, Plant
+from twin.experiment.robot import Plant
+from twin.experiment.schema import Cosim
 from twin.plant.dynamics import series_share, spring_stiffness
 from twin.studies.replay.model import RobotModel
 

@@ -13,7 +13,8 @@ from twin.experiment.contact import Contact
 from twin.experiment.mistakes import sentences, unknown
 from twin.experiment.quantity import Section
 from twin.experiment.recorded import recorded_name, recorded_values
-from twin.experiment.schema import Controller, Cosim, Plant, Scale
+from twin.experiment.robot import Plant
+from twin.experiment.schema import Controller, Cosim, Scale
 from twin.experiment.source import Source, override
 from twin.experiment.stand_in import rest_of, role_named
 from twin.plant.body import Motion

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.experiment.schema import Plant
+from twin.experiment.robot import Plant
 from twin.robot.clearance import BARS, Bars, ball_joint_angles, clearances
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles

@@ -6,7 +6,7 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.reference import WayPoints
-from twin.experiment.schema import Plant, Triple
+from twin.experiment.robot import Plant, Triple
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.checks.clearance import obstructed

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.experiment.monitor import Monitor
-from twin.experiment.schema import Controller, Plant
+from twin.experiment.robot import Plant
+from twin.experiment.schema import Controller
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters
