@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
 from typing import Any
 
-from twin.experiment import contact, fault, monitor, schema, task
+from twin.experiment import contact, fault, monitor, robot, schema, task
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.report.page.markup import Markup, element, table
@@ -29,7 +29,7 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 @cache
 def _names() -> dict[str, str]:
     """Key of an experiment file -> its name without the unit, of every key that has one."""
-    tables = [table for module in (contact, fault, monitor, schema, task) for table in vars(module).values()]
+    tables = [table for module in (contact, fault, monitor, robot, schema, task) for table in vars(module).values()]
     models = [table for table in tables if isinstance(table, type) and issubclass(table, Section)]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
