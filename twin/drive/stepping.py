@@ -202,7 +202,8 @@ class Stepping:
             m["events"] = instance.events.ctypes.data
             for name, table in zip(("discrete", "held"), tables, strict=True):
                 instance.events[name], instance.events[f"{name}_groups"] = len(table), table.ctypes.data
-        return event_adapter.step.address, memory
+        made = event_adapter.watched_step if instance.within else event_adapter.step
+        return made.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
         """What the general step and the one with events have in common."""
