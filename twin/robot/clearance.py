@@ -78,12 +78,23 @@ def _nearest(ends, radii):
     return gaps, pairs
 
 
+@njit(cache=True, inline="always")
+def _between(a, b):
+    return b[0] - a[0], b[1] - a[1], b[2] - a[2]
+
+
+@njit(cache=True, inline="always")
+def _dot(a, b):
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
 @njit(cache=True)
 def segment_distance(a, b, c, d):
     """Between the segments a-b and c-d (3,), neither a point: Ericson (2005), Real-Time Collision Detection, 5.1.9."""
-    ab, cd, ca = b - a, d - c, a - c
-    aa, dd, ad = np.dot(ab, ab), np.dot(cd, cd), np.dot(ab, cd)
-    f, e = np.dot(cd, ca), np.dot(ab, ca)
+    # triples: an array for each difference would take ten times as long as all of the arithmetic
+    ab, cd, ca = _between(a, b), _between(c, d), _between(c, a)
+    aa, dd, ad = _dot(ab, ab), _dot(cd, cd), _dot(ab, cd)
+    f, e = _dot(cd, ca), _dot(ab, ca)
     across = aa * dd - ad * ad
     # parallel ones are as near at any point of them
     s = min(max((ad * f - e * dd) / across, 0.0), 1.0) if across > 1e-12 * aa * dd else 0.0
@@ -92,5 +103,5 @@ def segment_distance(a, b, c, d):
         t, s = 0.0, min(max(-e / aa, 0.0), 1.0)
     elif t > 1.0:
         t, s = 1.0, min(max((ad - e) / aa, 0.0), 1.0)
-    apart = ca + s * ab - t * cd
-    return np.sqrt(np.dot(apart, apart))
+    apart = ca[0] + s * ab[0] - t * cd[0], ca[1] + s * ab[1] - t * cd[1], ca[2] + s * ab[2] - t * cd[2]
+    return np.sqrt(_dot(apart, apart))
