@@ -1,7 +1,8 @@
 """Structures (SSD) and parameter files (SSV) as SSP 1.0 has them, written; what is written is read back the same."""
 
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from typing import TypeVar
 
 from twin.ssp.elements import TRUTH
 from twin.ssp.metadata import Annotation, Metadata
@@ -18,6 +19,7 @@ from twin.ssp.structure import FMU, Connection, Connector, SspComponent, SspSyst
 from twin.ssp.unit import NONE, Transformation, UnitDefinition
 
 VERSION = "1.0"
+Item = TypeVar("Item")
 SSC, SSD, SSV, SSM = (
     f"{{http://ssp-standard.org/SSP1/SystemStructure{name}}}"
     for name in ("Common", "Description", "ParameterValues", "ParameterMapping")
@@ -100,22 +102,23 @@ def _append_system(parent: ET.Element, system: SspSystem) -> None:
     elements = ET.SubElement(one, f"{SSD}Elements")
     for element in system.elements:
         _append_element(elements, element)
-    if system.connections:
-        connections = ET.SubElement(one, f"{SSD}Connections")
-        for connection in system.connections:
-            _append_connection(connections, connection)
+    _append_all(one, "Connections", system.connections, _append_connection)
     _append_annotations(one, SSD, system.annotations)
 
 
 def _append_interface(parent: ET.Element, element: SspComponent | SspSystem) -> None:
-    if element.connectors:
-        connectors = ET.SubElement(parent, f"{SSD}Connectors")
-        for connector in element.connectors:
-            _append_connector(connectors, connector)
-    if element.bindings:
-        bindings = ET.SubElement(parent, f"{SSD}ParameterBindings")
-        for binding in element.bindings:
-            _append_binding(bindings, binding)
+    _append_all(parent, "Connectors", element.connectors, _append_connector)
+    _append_all(parent, "ParameterBindings", element.bindings, _append_binding)
+
+
+def _append_all(
+    parent: ET.Element, tag: str, items: Sequence[Item], append: Callable[[ET.Element, Item], None]
+) -> None:
+    """What stands in an element of its own, which the schema does not allow to be empty."""
+    if items:
+        inside = ET.SubElement(parent, f"{SSD}{tag}")
+        for item in items:
+            append(inside, item)
 
 
 def _append_connector(parent: ET.Element, connector: Connector) -> None:

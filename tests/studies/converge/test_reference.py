@@ -25,15 +25,21 @@ def short(*overrides: str, drive: str | None = None) -> Experiment:
     return shortened(exactly_measured(loaded), DURATION)
 
 
-@pytest.mark.parametrize("drive", ["velocity_servo", "ideal_velocity"])
-def test_the_finest_run_tends_to_the_monolithic_one(root: Path, drive: str):
-    experiment = short(drive=str(root / "fmus" / drive))
+def finest_beside_the_monolith(experiment: Experiment) -> tuple[dict[str, np.ndarray], dict[str, float]]:
+    """Rows of the monolithic run, and the largest errors of the finest co-simulation beside it."""
     with assemble(experiment) as assembly:
         drives = servos(assembly.drives)
     assert drives is not None and applies(experiment)
     rows = monolithic_rows(experiment, drives)
     finest, _ = sampled_run(FINEST.of(experiment, experiment.cosim.tick / 8))
     errors = largest_errors(finest, chosen(rows, rows["theta_m"]))
+    return rows, errors
+
+
+@pytest.mark.parametrize("drive", ["velocity_servo", "ideal_velocity"])
+def test_the_finest_run_tends_to_the_monolithic_one(root: Path, drive: str):
+    experiment = short(drive=str(root / "fmus" / drive))
+    rows, errors = finest_beside_the_monolith(experiment)
     # 5 mN at the shipped tick and coupling; what is left is of the size of the solver's tolerance
     assert errors["F_z"] < 1e-6 and errors["theta_m"] < 1e-8
     assert np.ptp(rows["theta_m"]) > 0.01
@@ -71,12 +77,7 @@ def test_the_monolithic_run_has_belt_base_head_and_eccentric_encoders_of_the_pla
         "plant.joint_eccentricity_deg=[0.5,0,0]",
     )  # fmt: skip
     experiment = shortened(short(*told), 0.4)
-    with assemble(experiment) as assembly:
-        drives = servos(assembly.drives)
-    assert drives is not None and applies(experiment)
-    rows = monolithic_rows(experiment, drives)
-    finest, _ = sampled_run(FINEST.of(experiment, experiment.cosim.tick / 8))
-    errors = largest_errors(finest, chosen(rows, rows["theta_m"]))
+    rows, errors = finest_beside_the_monolith(experiment)
     assert errors["F_z"] < 1e-6 and errors["theta_m"] < 1e-8
     # the head is 1 mm in the scale
     assert -rows["plant.F_ee_B"][0, 2] == pytest.approx(1.25, rel=1e-9)
