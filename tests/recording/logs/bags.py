@@ -1,18 +1,29 @@
 """Bags as labs record them, made with rosbags, which is not ours."""
 
+import sqlite3
 from collections.abc import Sequence
+from contextlib import closing
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pytest
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
+
+from twin.recording.logs.column_map import column_map
+from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import Log
+from twin.recording.logs.reader import read_log
 
 OWN = "robot_msgs/msg/Tool"
 STORE = get_typestore(Stores.ROS2_HUMBLE)
 OWN_TEXT = "builtin_interfaces/Time when\nfloat64 F_N\nfloat32[3] q\nfloat64 stamp\nuint8 from\nstring note\n"
 STORE.register(get_types_from_msg(OWN_TEXT, OWN))
 NS = 1_000_000_000
+START = 1_700_000_000.0
+N = 20
+TICKS = [START + 0.01 * k for k in range(N)]
 
 
 def message(kind: str, **fields: Any) -> Any:
@@ -94,3 +105,23 @@ def bag(
         for t, connection, data in sorted(rows, key=lambda row: row[0]):
             writer.write(connection, t, data)
     return folder
+
+
+def logged(path: Path, *maps: str) -> Log:
+    return read_log(path, column_map(maps))
+
+
+def refusal(path: Path, *maps: str) -> str:
+    with pytest.raises(LogRefused) as refused:
+        logged(path, *maps)
+    return str(refused.value)
+
+
+def sqlite_bag(folder: Path, *statements: str) -> Path:
+    """A bag of /tool, whose type only the robot's own package defines, changed by `statements`; its one file."""
+    path = bag(folder, {"/tool": [(t, own(t, 2.0)) for t in TICKS]}, "sqlite3") / f"{folder.name}.db3"
+    with closing(sqlite3.connect(path)) as rows:
+        for statement in statements:
+            rows.execute(statement)
+        rows.commit()
+    return path
