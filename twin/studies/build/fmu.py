@@ -53,14 +53,15 @@ def packed(
         return model_description(fmi, part.name, guid, about, variables, tick, duration)
 
     source = tables(layout, variables)
-    ceremony = c_files("part.h", "part.c", "instance.h", "instance.c", f"fmi{fmi[0]}.c")
+    front = f"fmi{fmi[0]}.c"
+    ceremony = c_files("part.h", "part.c", "instance.h", "instance.c", front)
     # of the steps for this platform: the others are the same ones
     guid = guid_of(*(step.content for step in steps[HERE]), source.encode(), description(""), *ceremony.values())
     files = ceremony | {"sizes.h": sizes(layout, variables, guid, tick).encode(), "tables.c": source.encode()}
     options = ("-DFMI3_OVERRIDE_FUNCTION_PREFIX", "-isystem", str(fmi_headers()))
 
     def library(platform: Platform) -> bytes:
-        return shared_library(part.name, platform, files | object_files(steps[platform]), options, wanted)
+        return shared_library(part.name, front, platform, files | object_files(steps[platform]), options, wanted)
 
     say("linking")
     with ThreadPoolExecutor() as threads:

@@ -56,13 +56,14 @@ def refuse_platform(wanted: Path, platforms: Sequence[Platform]) -> None:
 
 
 def shared_library(
-    name: str, platform: Platform, files: Mapping[str, bytes], options: Sequence[str], wanted: Path
+    name: str, source: str, platform: Platform, files: Mapping[str, bytes], options: Sequence[str], wanted: Path
 ) -> bytes:
-    """A shared library.
+    """A shared library of one C file, and of the object files beside it.
 
     Args:
         name: without a suffix.
-        files: C and its headers, and object files, by name.
+        source: the C file.
+        files: it, what it includes, and object files, by name.
         options: of the compiler.
         wanted: what is built, for sentences.
 
@@ -77,7 +78,7 @@ def shared_library(
     library = f"{name}.{platform.suffix}"
     with _folder_of(files) as folder:
         # relative: the name of a folder would end in the library
-        inputs = [file for file in files if not file.endswith(".h")]
+        inputs = [source, *(file for file in files if file.endswith(".o"))]
         flags = [*FLAGS, "-shared", "-s", "-I.", *options]
         _call([*_compiler(platform, wanted), *flags, *inputs, *linking, "-o", library], folder, wanted)
         return (folder / library).read_bytes()

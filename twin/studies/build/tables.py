@@ -57,7 +57,7 @@ def tables(layout: Layout, variables: Sequence[Variable]) -> str:
 
 def _array(kind: str, declared: str, values: Iterable[str]) -> str:
     inside = ",\n    ".join(values) or "0"
-    return f"INSIDE const {kind} {declared} = {{\n    {inside}}};"
+    return f"static const {kind} {declared} = {{\n    {inside}}};"
 
 
 def _variable(variable: Variable) -> str:

@@ -1,5 +1,4 @@
 /* The robot's computer as its header has it, in front of a part; the only names it adds to a program are `computer_`. */
-#define INSIDE static
 #include "part.c"
 #include "tables.c"
 #include "computer.h"

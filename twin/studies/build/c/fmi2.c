@@ -1,6 +1,6 @@
 /* FMI 2.0 for co-simulation (FMI 2.0.4, chapters 2 and 4) in front of a part. */
 #include "fmi2Functions.h"
-#include "instance.h"
+#include "instance.c"
 
 #include <stdlib.h>
 #include <stdio.h>

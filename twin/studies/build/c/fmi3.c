@@ -1,6 +1,6 @@
 /* FMI 3.0 for co-simulation (FMI 3.0.2, chapters 2 and 4) in front of a part. */
 #include "fmi3Functions.h"
-#include "instance.h"
+#include "instance.c"
 
 #include <stdlib.h>
 

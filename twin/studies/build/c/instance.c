@@ -1,4 +1,6 @@
 /* Life, values and saved states of an FMU's instance, with a message for all that is refused. */
+#include "part.c"
+#include "tables.c"
 #include "instance.h"
 
 #include <stdarg.h>
@@ -8,7 +10,7 @@
 
 static const char *const MODE_NAMES[] = {"instantiated", "initialization", "stepping", "terminated", "failed"};
 
-bool refuse(const Instance *instance, const char *format, ...)
+static bool refuse(const Instance *instance, const char *format, ...)
 {
     char text[512];
     va_list arguments;
@@ -19,9 +21,14 @@ bool refuse(const Instance *instance, const char *format, ...)
     return false;
 }
 
-bool refuse_in_mode(const Instance *instance, const char *function)
+static bool refuse_in_mode(const Instance *instance, const char *function)
 {
     return refuse(instance, "%s is not allowed in mode %s", function, MODE_NAMES[instance->state.mode]);
+}
+
+static bool refuse_reference(const Instance *instance, unsigned reference)
+{
+    return refuse(instance, "unknown value reference %u, there are %d variables", reference, N_VARIABLES);
 }
 
 static bool refuse_failed(const Instance *instance, const Failure *failure)
@@ -35,7 +42,7 @@ static bool refuse_failed(const Instance *instance, const Failure *failure)
     return refuse(instance, "%s: returned status %d at %g s", c->name, failure->status, t);
 }
 
-Instance *instance_born(const Instance *from, const char *guid)
+static Instance *instance_born(const Instance *from, const char *guid)
 {
     if (!guid || strcmp(guid, GUID) != 0) {
         refuse(from, "wrong GUID: the binary has %s, modelDescription.xml belongs to another build", GUID);
@@ -51,7 +58,7 @@ Instance *instance_born(const Instance *from, const char *guid)
     return instance;
 }
 
-bool instance_enter(Instance *instance, Mode from, Mode to, const char *function)
+static bool instance_enter(Instance *instance, Mode from, Mode to, const char *function)
 {
     if (instance->state.mode != from)
         return refuse_in_mode(instance, function);
@@ -59,7 +66,7 @@ bool instance_enter(Instance *instance, Mode from, Mode to, const char *function
     return true;
 }
 
-bool instance_start_time(Instance *instance, double t)
+static bool instance_start_time(Instance *instance, double t)
 {
     const double ticks = t / TICK;
     if (!(fabs(ticks) < 1e15 && fabs(ticks - nearbyint(ticks)) < 1e-6))
@@ -74,7 +81,7 @@ static bool derive(Instance *instance)
     return part_derive(&instance->state, &failure) || refuse_failed(instance, &failure);
 }
 
-bool instance_initialised(Instance *instance)
+static bool instance_initialised(Instance *instance)
 {
     if (instance->state.mode != INITIALIZATION)
         return refuse_in_mode(instance, "ExitInitializationMode");
@@ -84,7 +91,7 @@ bool instance_initialised(Instance *instance)
     return true;
 }
 
-bool instance_step(Instance *instance, double t, double h)
+static bool instance_step(Instance *instance, double t, double h)
 {
     State *state = &instance->state;
     if (state->mode != STEPPING)
@@ -98,11 +105,20 @@ bool instance_step(Instance *instance, double t, double h)
     return part_advance(state, (int64_t)ticks, &failure) || refuse_failed(instance, &failure);
 }
 
-bool instance_set(Instance *instance, unsigned reference, const double *values)
+/* Masters get every output at every step: calling memcpy for one number would be most of what that costs. */
+static inline void copy_values(double *to, const double *from, unsigned size)
+{
+    if (size == 1)
+        *to = *from;
+    else
+        memcpy(to, from, size * sizeof *to);
+}
+
+static bool instance_set(Instance *instance, unsigned reference, const double *values)
 {
     State *state = &instance->state;
     if (reference >= N_VARIABLES)
-        return refuse(instance, "Set: unknown value reference %u, there are %d variables", reference, N_VARIABLES);
+        return refuse_reference(instance, reference);
     const Variable *variable = &variables[reference];
     if (variable->kind == OUTPUT)
         return refuse(instance, "Set: %s is an output", variable->name);
@@ -121,20 +137,25 @@ bool instance_set(Instance *instance, unsigned reference, const double *values)
         case FITS:
             break;
         }
-    memcpy(state->values + variable->first, values, variable->size * sizeof *values);
+    copy_values(state->values + variable->first, values, variable->size);
     if (variable->kind == TUNABLE && state->mode == STEPPING)
         part_tune(state, variable);
     return true;
 }
 
-bool instance_get(Instance *instance, unsigned reference, double *values)
+/* Whether a variable can be had; outputs follow from parameters and inputs until the first step. */
+static bool ready(Instance *instance, unsigned reference)
 {
     if (reference >= N_VARIABLES)
-        return refuse(instance, "Get: unknown value reference %u, there are %d variables", reference, N_VARIABLES);
-    const Variable *variable = &variables[reference];
-    if (variable->kind == OUTPUT && instance->state.mode == INITIALIZATION && !derive(instance))
+        return refuse_reference(instance, reference);
+    return variables[reference].kind != OUTPUT || derive(instance);
+}
+
+static inline bool instance_get(Instance *instance, unsigned reference, double *values)
+{
+    if ((reference >= N_VARIABLES || instance->state.mode == INITIALIZATION) && !ready(instance, reference))
         return false;
-    memcpy(values, instance->state.values + variable->first, variable->size * sizeof *values);
+    copy_values(values, instance->state.values + variables[reference].first, variables[reference].size);
     return true;
 }
 
@@ -148,7 +169,7 @@ static State *room(const Instance *instance, void **saved)
     return *saved;
 }
 
-bool instance_save(const Instance *instance, void **saved)
+static bool instance_save(const Instance *instance, void **saved)
 {
     State *state = room(instance, saved);
     if (!state)
@@ -160,7 +181,7 @@ bool instance_save(const Instance *instance, void **saved)
     return true;
 }
 
-bool instance_restore(Instance *instance, const void *saved)
+static bool instance_restore(Instance *instance, const void *saved)
 {
     const State *state = saved;
     if (!state || state->stamp != part_stamp())
@@ -170,7 +191,7 @@ bool instance_restore(Instance *instance, const void *saved)
     return true;
 }
 
-bool instance_serialize(const Instance *instance, const void *saved, unsigned char *bytes, size_t size)
+static bool instance_serialize(const Instance *instance, const void *saved, unsigned char *bytes, size_t size)
 {
     if (!saved || size < sizeof(State))
         return refuse(instance, "SerializeFMUState: %zu bytes given, %zu needed", size, sizeof(State));
@@ -178,7 +199,7 @@ bool instance_serialize(const Instance *instance, const void *saved, unsigned ch
     return true;
 }
 
-bool instance_deserialize(const Instance *instance, const unsigned char *bytes, size_t size, void **saved)
+static bool instance_deserialize(const Instance *instance, const unsigned char *bytes, size_t size, void **saved)
 {
     uint64_t found = 0;
     if (size == sizeof(State))

@@ -14,22 +14,22 @@ struct Instance {
 };
 
 /* Logs the reason; returns false. */
-bool refuse(const Instance *instance, const char *format, ...) __attribute__((format(printf, 2, 3)));
-bool refuse_in_mode(const Instance *instance, const char *function);
+static bool refuse(const Instance *instance, const char *format, ...) __attribute__((format(printf, 2, 3)));
+static bool refuse_in_mode(const Instance *instance, const char *function);
 
-Instance *instance_born(const Instance *from, const char *guid);
-bool instance_enter(Instance *instance, Mode from, Mode to, const char *function);
-bool instance_start_time(Instance *instance, double t);
-bool instance_initialised(Instance *instance);
-bool instance_step(Instance *instance, double t, double h);
+static Instance *instance_born(const Instance *from, const char *guid);
+static bool instance_enter(Instance *instance, Mode from, Mode to, const char *function);
+static bool instance_start_time(Instance *instance, double t);
+static bool instance_initialised(Instance *instance);
+static bool instance_step(Instance *instance, double t, double h);
 
 /* One variable, all of its values. */
-bool instance_set(Instance *instance, unsigned reference, const double *values);
-bool instance_get(Instance *instance, unsigned reference, double *values);
+static bool instance_set(Instance *instance, unsigned reference, const double *values);
+static inline bool instance_get(Instance *instance, unsigned reference, double *values);
 
-bool instance_save(const Instance *instance, void **saved);
-bool instance_restore(Instance *instance, const void *saved);
-bool instance_serialize(const Instance *instance, const void *saved, unsigned char *bytes, size_t size);
-bool instance_deserialize(const Instance *instance, const unsigned char *bytes, size_t size, void **saved);
+static bool instance_save(const Instance *instance, void **saved);
+static bool instance_restore(Instance *instance, const void *saved);
+static bool instance_serialize(const Instance *instance, const void *saved, unsigned char *bytes, size_t size);
+static bool instance_deserialize(const Instance *instance, const unsigned char *bytes, size_t size, void **saved);
 
 #endif

@@ -3,7 +3,7 @@
 
 #include <string.h>
 
-INSIDE uint64_t part_stamp(void)
+static uint64_t part_stamp(void)
 {
     uint64_t hash = 14695981039346656037u; /* FNV-1a */
     for (const char *c = GUID; *c; c++)
@@ -13,7 +13,7 @@ INSIDE uint64_t part_stamp(void)
 
 static unsigned char *memory_of(State *state) { return (unsigned char *)state->memory; }
 
-INSIDE void part_point(State *state)
+static void part_point(State *state)
 {
     for (int k = 0; k < N_POINTERS; k++) {
         const uint64_t address = (uint64_t)(uintptr_t)(memory_of(state) + pointers[k].target);
@@ -28,7 +28,7 @@ static void publish(State *state)
             state->values[outputs[k]] = state->y[k];
 }
 
-INSIDE void part_reset(State *state)
+static void part_reset(State *state)
 {
     memset(state, 0, sizeof *state);
     state->stamp = part_stamp();
@@ -39,9 +39,9 @@ INSIDE void part_reset(State *state)
     publish(state);
 }
 
-INSIDE double part_time(const State *state) { return (double)state->tick * TICK; }
+static double part_time(const State *state) { return (double)state->tick * TICK; }
 
-INSIDE Fit part_fit(const Variable *variable, double value)
+static Fit part_fit(const Variable *variable, double value)
 {
     if (variable->kind != INPUT && !isfinite(value))
         return NOT_FINITE;
@@ -80,7 +80,7 @@ static void put(State *state, const Place *place)
     memcpy(memory_of(state) + place->offset, &si, sizeof si);
 }
 
-INSIDE bool part_derive(State *state, Failure *failure)
+static bool part_derive(State *state, Failure *failure)
 {
     for (int k = 0; k < N_PLACES; k++)
         put(state, &places[k]);
@@ -91,14 +91,14 @@ INSIDE bool part_derive(State *state, Failure *failure)
     return true;
 }
 
-INSIDE void part_tune(State *state, const Variable *variable)
+static void part_tune(State *state, const Variable *variable)
 {
     for (int k = 0; k < N_PLACES; k++)
         if (places[k].value - variable->first < variable->size)
             put(state, &places[k]);
 }
 
-INSIDE bool part_advance(State *state, int64_t ticks, Failure *failure)
+static bool part_advance(State *state, int64_t ticks, Failure *failure)
 {
     for (const int64_t end = state->tick + ticks; state->tick < end; state->tick++)
         for (int c = 0; c < N_COMPONENTS; c++) {

@@ -1,5 +1,5 @@
 /* A part of the robot: components with compiled steps, in one block of plain numbers. It neither prints nor
- * allocates. */
+ * allocates. What is made of a part includes part.c and tables.c: names are its own then, and calls cost nothing. */
 #ifndef PART_H
 #define PART_H
 
@@ -10,11 +10,6 @@
 
 /* generated: GUID, TICK, the N_ numbers, MEMORY_BYTES */
 #include "sizes.h"
-
-/* Whoever includes part.c and tables.c instead of linking them says `static`: their names are then its own. */
-#ifndef INSIDE
-#define INSIDE extern
-#endif
 
 typedef enum { INSTANTIATED, INITIALIZATION, STEPPING, TERMINATED, FAILED } Mode;
 
@@ -53,15 +48,15 @@ typedef struct {
     const char *status; /* what status 2 means, if anything */
 } Component;
 
-INSIDE const Variable variables[N_VARIABLES];
-INSIDE const double start_values[N_VALUES];
-INSIDE const Place places[N_PLACES + 1];
-INSIDE const Pointer pointers[N_POINTERS + 1];
-INSIDE const Component components[N_COMPONENTS];
-INSIDE const int sources[N_U + 1]; /* of each value of u: >= 0 a value of y, else the value -1 - source */
-INSIDE const int outputs[N_Y];     /* where each value of y is published, -1: nowhere */
-INSIDE const double first_y[N_Y];
-INSIDE const uint64_t image[(MEMORY_BYTES + 7) / 8];
+static const Variable variables[N_VARIABLES];
+static const double start_values[N_VALUES];
+static const Place places[N_PLACES + 1];
+static const Pointer pointers[N_POINTERS + 1];
+static const Component components[N_COMPONENTS];
+static const int sources[N_U + 1]; /* of each value of u: >= 0 a value of y, else the value -1 - source */
+static const int outputs[N_Y];     /* where each value of y is published, -1: nowhere */
+static const double first_y[N_Y];
+static const uint64_t image[(MEMORY_BYTES + 7) / 8];
 
 /* All that a part is; copied as bytes. Pointers in it are of the instance and never of a copy. */
 typedef struct {
@@ -81,18 +76,18 @@ typedef struct {
 typedef enum { FITS, NOT_FINITE, TOO_LOW, TOO_HIGH } Fit;
 
 /* Of the build: a state of another one is told by it. */
-INSIDE uint64_t part_stamp(void);
+static uint64_t part_stamp(void);
 /* Everything as it was built. */
-INSIDE void part_reset(State *state);
+static void part_reset(State *state);
 /* Pointers in the memory, after it was moved. */
-INSIDE void part_point(State *state);
-INSIDE double part_time(const State *state);
-INSIDE Fit part_fit(const Variable *variable, double value);
+static void part_point(State *state);
+static double part_time(const State *state);
+static Fit part_fit(const Variable *variable, double value);
 /* All that follows from parameters and from inputs at the start; false if a component fails. */
-INSIDE bool part_derive(State *state, Failure *failure);
+static bool part_derive(State *state, Failure *failure);
 /* A tunable parameter that was set between two steps takes effect. */
-INSIDE void part_tune(State *state, const Variable *variable);
+static void part_tune(State *state, const Variable *variable);
 /* So many ticks, from the inputs in `values`, to which outputs are published; false if a component fails. */
-INSIDE bool part_advance(State *state, int64_t ticks, Failure *failure);
+static bool part_advance(State *state, int64_t ticks, Failure *failure);
 
 #endif
