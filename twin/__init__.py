@@ -17,7 +17,7 @@ class _BeforeNumba:
     def find_spec(self, fullname: str, path: Any, target: Any = None) -> None:
         if fullname == "numba":
             sys.meta_path.remove(self)  # type: ignore[arg-type]
-            from twin.native_cache import use_cache
+            from twin.compiled.cache import use_cache
 
             use_cache()
 

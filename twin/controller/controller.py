@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import carray, njit
 
+from twin.compiled.function import carray, njit
 from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function

@@ -9,8 +9,7 @@ high-pass leaves steady forces alone.
 
 from typing import NamedTuple
 
-from numba import njit
-
+from twin.compiled.function import njit
 from twin.controller.pid import low_pass_share
 from twin.cosim.record import record_of
 

@@ -1,8 +1,8 @@
 """Position and force from encoder counts alone (Fig. 3 C, D): kinematics, then statics, one Jacobian for both."""
 
 import numpy as np
-from numba import carray, njit
 
+from twin.compiled.function import carray, njit
 from twin.controller.belief import BELIEF, Belief
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import address_of, doubles_at, step_function

@@ -9,8 +9,7 @@ omega mu F/(K_xy kp), and the circle would come out too large.
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from twin.compiled.function import njit
 from twin.cosim.record import record_of
 
 REST_SPEED = 1e-3

@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.controller.motion import motion, motion_time, smooth
 from twin.controller.phase import PhaseKind, Until
 from twin.cosim.record import record

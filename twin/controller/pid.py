@@ -3,8 +3,7 @@
 import math
 from typing import NamedTuple
 
-from numba import njit
-
+from twin.compiled.function import njit
 from twin.cosim.record import record_of
 
 

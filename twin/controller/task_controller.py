@@ -9,8 +9,8 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numba import carray, from_dtype, njit
 
+from twin.compiled.function import carray, njit, pointer_to
 from twin.controller.controller import INPUTS as ESTIMATES
 from twin.controller.controller import LAW, OUTPUTS, Law, force_correction, motor_speeds
 from twin.controller.damping import DAMPER, Damping, damp, damper
@@ -20,7 +20,7 @@ from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
 from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
 from twin.cosim.component import NativeComponent
-from twin.cosim.native import pointer_to, step_function
+from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.cosim.record import memory_of, record
 
@@ -65,7 +65,7 @@ MEMORY = record(
     v="3f8",
     lead="3f8",
 )
-_phases_at = pointer_to(from_dtype(PHASE))
+_phases_at = pointer_to(PHASE)
 
 
 @njit(cache=True)

@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 
 import numpy as np
-from numba import carray
 
+from twin.compiled.function import carray
 from twin.controller.controller import OUTPUTS as CONTROLLER_OUTPUTS
 from twin.controller.controller import reference_position
 from twin.cosim.component import NativeComponent

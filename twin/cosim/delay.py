@@ -1,8 +1,8 @@
 """A pure delay of whole ticks, for a computation or a bus that takes time."""
 
 import numpy as np
-from numba import carray
 
+from twin.compiled.function import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, width

@@ -11,10 +11,11 @@ go back and forth again with the weights of a tick whose end is known.
 """
 
 import numpy as np
-from numba import carray, from_dtype, njit
 
+from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.native import entry
 from twin.cosim.component import NOT_FINITE
-from twin.cosim.native import call_step, clock_cycles, copy_doubles, doubles_at, integers_at, pointer_to
+from twin.cosim.native import call_step, clock_cycles, copy_doubles, doubles_at, integers_at
 
 TABLE = np.dtype(
     [
@@ -80,7 +81,7 @@ step, for whoever watches from outside: a step that crashes or never returns can
 What it tells: component -1 if all went well, else the one whose step failed, and its status.
 """
 
-_parts_at, _loop_at = pointer_to(from_dtype(TABLE)), pointer_to(from_dtype(LOOP))
+_parts_at, _loop_at = pointer_to(TABLE), pointer_to(LOOP)
 
 
 @njit(cache=True, inline="always")
@@ -194,7 +195,7 @@ def ticks(m, first, count, row):
     return min(count, m.last + 1 - first)
 
 
-@njit(cache=True, nogil=True)
+@entry("int", "int", "int", "int", "int")
 def advance(loop, first, count, row):
     """`ticks` of the loop at this address, for Python: numbers alone are handed over in a fifth of a microsecond.
 

@@ -1,9 +1,9 @@
 """A component stepped over inputs that are all there already: the same step as in a run, without a system around it."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from twin.compiled.function import njit
 from twin.cosim.component import Component
 from twin.cosim.native import call_step
 from twin.cosim.port import by_port, width

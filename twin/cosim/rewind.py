@@ -4,8 +4,8 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-from numba import carray
 
+from twin.compiled.function import carray
 from twin.cosim.native import bytes_at, step_function
 
 

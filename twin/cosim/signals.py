@@ -1,8 +1,8 @@
 """Signals that are all known beforehand, as a component."""
 
 import numpy as np
-from numba import carray
 
+from twin.compiled.function import carray
 from twin.cosim.component import Component
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, width

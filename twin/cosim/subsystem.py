@@ -7,13 +7,13 @@ number of times per outer step. The inner loop is the same compiled master.
 from collections.abc import Sequence
 
 import numpy as np
-from numba import carray, from_dtype
 
+from twin.compiled.function import carray, pointer_to
 from twin.cosim.component import Component
 from twin.cosim.failure import failed_phrase
 from twin.cosim.interpolation import Scheme
 from twin.cosim.master import LOOP, ticks
-from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to, step_function
+from twin.cosim.native import address_of, doubles_at, integers_at, step_function
 from twin.cosim.port import Port, width
 from twin.cosim.system import System
 from twin.errors import InputRefused
@@ -37,7 +37,7 @@ _MEMORY = np.dtype(
     align=True,
 )
 INNER_FAILED = 2
-_loop_at = pointer_to(from_dtype(LOOP))
+_loop_at = pointer_to(LOOP)
 
 
 @step_function(_INLET_MEMORY)

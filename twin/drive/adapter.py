@@ -5,17 +5,17 @@ outputs, how they are scaled (contract value = gain * FMU value + offset), and a
 """
 
 import numpy as np
-from numba import carray, from_dtype, njit, types
 
-from twin.cosim.native import address_of, pointer_to, step_function
+from twin.compiled.function import carray, njit, pointer_to
+from twin.cosim.native import address_of, step_function
 from twin.drive.calls import access_2, access_3, do_step_2, do_step_3
 from twin.drive.ramp import begin_ramp, done_within, end_ramp, set_ramp
 from twin.drive.shorter import go_on
 from twin.drive.status import DISCARD, DO_STEP, EARLY, GET, SET, TERMINATE
 
-_f64, _f32 = pointer_to(types.float64), pointer_to(types.float32)
-_i8, _u8, _i16, _u16 = (pointer_to(t) for t in (types.int8, types.uint8, types.int16, types.uint16))
-_i32, _u32, _i64, _u64 = (pointer_to(t) for t in (types.int32, types.uint32, types.int64, types.uint64))
+_f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
+_i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
+_i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
 
 GROUP = np.dtype(
     [
@@ -58,7 +58,7 @@ MEMORY = np.dtype(
 """Addresses of instance and function, counts and addresses of groups; 16 bytes for what fmi3DoStep returns; addresses
 of what `ramp` and `shorter` work on, 0 where nothing is done within a step."""
 
-groups_at = pointer_to(from_dtype(GROUP))
+groups_at = pointer_to(GROUP)
 
 
 @njit(cache=True)

@@ -1,11 +1,6 @@
 """FMI functions, called by address: one compiled caller for each signature."""
 
-from llvmlite import ir
-from numba import types
-from numba.extending import intrinsic
-
-_I8, _I32, _I64, _F64 = ir.IntType(8), ir.IntType(32), ir.IntType(64), ir.DoubleType()
-_VOID = ir.IntType(8).as_pointer()
+from twin.compiled.function import c, intrinsic, ir, types
 
 
 @intrinsic
@@ -16,10 +11,10 @@ def access_2(typingctx, function, instance, references, count, values):
     """
 
     def codegen(context, builder, signature, arguments):
-        f, c, vr, n, value = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _VOID, _I64, _VOID])
-        c, vr, value = (builder.inttoptr(x, _VOID) for x in (c, vr, value))
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [c, vr, n, value])
+        f, it, vr, n, value = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.pointer, c.i64, c.pointer])
+        it, vr, value = (builder.inttoptr(x, c.pointer) for x in (it, vr, value))
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [it, vr, n, value])
 
     return types.int32(types.int64, types.int64, types.int64, types.int64, types.int64), codegen
 
@@ -29,10 +24,10 @@ def access_3(typingctx, function, instance, references, count, values, value_cou
     """`fmi3Status fmi3SetX|fmi3GetX(instance, const vr[], size_t nvr, X value[], size_t nValues)`."""
 
     def codegen(context, builder, signature, arguments):
-        f, c, vr, n, value, m = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _VOID, _I64, _VOID, _I64])
-        c, vr, value = (builder.inttoptr(x, _VOID) for x in (c, vr, value))
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [c, vr, n, value, m])
+        f, it, vr, n, value, m = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.pointer, c.i64, c.pointer, c.i64])
+        it, vr, value = (builder.inttoptr(x, c.pointer) for x in (it, vr, value))
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [it, vr, n, value, m])
 
     return types.int32(types.int64, types.int64, types.int64, types.int64, types.int64, types.int64), codegen
 
@@ -45,10 +40,10 @@ def do_step_2(typingctx, function, instance, t, h, final):
     """
 
     def codegen(context, builder, signature, arguments):
-        f, c, t_, h_, final_ = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I32])
-        final_ = builder.trunc(final_, _I32)
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID), t_, h_, final_])
+        f, it, t_, h_, final_ = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.f64, c.f64, c.i32])
+        final_ = builder.trunc(final_, c.i32)
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(it, c.pointer), t_, h_, final_])
 
     return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64), codegen
 
@@ -61,11 +56,11 @@ def do_step_3(typingctx, function, instance, t, h, final, returned):
     """
 
     def codegen(context, builder, signature, arguments):
-        f, c, t_, h_, final_, returned_ = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _F64, _F64, _I8, _VOID, _VOID, _VOID, _VOID])
-        places = [builder.inttoptr(builder.add(returned_, _I64(i)), _VOID) for i in (8, 9, 10, 0)]
+        f, it, t_, h_, final_, returned_ = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.f64, c.f64, c.i8, c.pointer, c.pointer, c.pointer, c.pointer])
+        places = [builder.inttoptr(builder.add(returned_, c.i64(i)), c.pointer) for i in (8, 9, 10, 0)]
         target = builder.inttoptr(f, kind.as_pointer())
-        return builder.call(target, [builder.inttoptr(c, _VOID), t_, h_, builder.trunc(final_, _I8), *places])
+        return builder.call(target, [builder.inttoptr(it, c.pointer), t_, h_, builder.trunc(final_, c.i8), *places])
 
     return types.int32(types.int64, types.int64, types.float64, types.float64, types.int64, types.int64), codegen
 
@@ -78,10 +73,10 @@ def access_pairs(typingctx, function, instance, references, count, first, second
     """
 
     def codegen(context, builder, signature, arguments):
-        f, c, vr, n, a, b = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _VOID, _I64, _VOID, _VOID])
-        c, vr, a, b = (builder.inttoptr(x, _VOID) for x in (c, vr, a, b))
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [c, vr, n, a, b])
+        f, it, vr, n, a, b = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.pointer, c.i64, c.pointer, c.pointer])
+        it, vr, a, b = (builder.inttoptr(x, c.pointer) for x in (it, vr, a, b))
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [it, vr, n, a, b])
 
     return types.int32(*[types.int64] * 6), codegen
 
@@ -91,10 +86,10 @@ def ask_status(typingctx, function, instance, kind, value):
     """`fmi2Status fmi2GetRealStatus|fmi2GetBooleanStatus(c, const fmi2StatusKind s, X *value)`."""
 
     def codegen(context, builder, signature, arguments):
-        f, c, s, place = arguments
-        kind = ir.FunctionType(_I32, [_VOID, _I32, _VOID])
-        c, place = (builder.inttoptr(x, _VOID) for x in (c, place))
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [c, builder.trunc(s, _I32), place])
+        f, it, s, place = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.i32, c.pointer])
+        it, place = (builder.inttoptr(x, c.pointer) for x in (it, place))
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [it, builder.trunc(s, c.i32), place])
 
     return types.int32(*[types.int64] * 4), codegen
 
@@ -104,9 +99,9 @@ def enter(typingctx, function, instance):
     """`fmi3Status fmi3EnterEventMode|fmi3EnterStepMode(instance)`."""
 
     def codegen(context, builder, signature, arguments):
-        f, c = arguments
-        kind = ir.FunctionType(_I32, [_VOID])
-        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(c, _VOID)])
+        f, it = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer])
+        return builder.call(builder.inttoptr(f, kind.as_pointer()), [builder.inttoptr(it, c.pointer)])
 
     return types.int32(types.int64, types.int64), codegen
 
@@ -119,10 +114,10 @@ def update_states(typingctx, function, instance, returned):
     """
 
     def codegen(context, builder, signature, arguments):
-        f, c, returned_ = arguments
-        kind = ir.FunctionType(_I32, [_VOID] * 7)
-        places = [builder.inttoptr(builder.add(returned_, _I64(i)), _VOID) for i in (8, 9, 10, 11, 12, 0)]
+        f, it, returned_ = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer] * 7)
+        places = [builder.inttoptr(builder.add(returned_, c.i64(i)), c.pointer) for i in (8, 9, 10, 11, 12, 0)]
         target = builder.inttoptr(f, kind.as_pointer())
-        return builder.call(target, [builder.inttoptr(c, _VOID), *places])
+        return builder.call(target, [builder.inttoptr(it, c.pointer), *places])
 
     return types.int32(types.int64, types.int64, types.int64), codegen

@@ -5,8 +5,8 @@ tick's end is reached. An FMU for which nothing comes up makes one turn of it.
 """
 
 import numpy as np
-from numba import carray, njit
 
+from twin.compiled.function import carray, njit
 from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
 from twin.drive.adapter import drain, get_all, groups_at, set_all
 from twin.drive.calls import do_step_3

@@ -1,9 +1,10 @@
 """Event mode of FMI 3.0 (2.3.5, 4.2.1): clocks that are due are ticked, discrete inputs set, clocked outputs read."""
 
 import numpy as np
-from numba import carray, from_dtype, njit, types
 
-from twin.cosim.native import doubles_at, pointer_to
+from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.native import entry
+from twin.cosim.native import doubles_at
 from twin.drive.adapter import access, fill, groups_at
 from twin.drive.calls import access_2, access_pairs, enter, update_states
 from twin.drive.status import (
@@ -61,8 +62,8 @@ EVENTS = np.dtype(
 of discrete inputs and of groups of clocked outputs; address of the time of the next event (s, infinity: none is
 planned); step (s); what the FMU told when it went wrong, and about which clock."""
 
-_events_at, _clocks_at = pointer_to(from_dtype(EVENTS)), pointer_to(from_dtype(CLOCK))
-_u1, _i4 = pointer_to(types.uint8), pointer_to(types.int32)
+_events_at, _clocks_at = pointer_to(EVENTS), pointer_to(CLOCK)
+_u1, _i4 = pointer_to(np.uint8), pointer_to(np.int32)
 
 _VALUE, _ANSWER = 16, 24
 """Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
@@ -209,7 +210,7 @@ def pass_events(address, n, t):
     return STEP_MODE + status if status > 1 else 0
 
 
-@njit(cache=True)
+@entry("int", "int", "int", "int", "double")
 def settle(address, active, n, t):
     """Update the discrete states until they need it no more, in event mode, with the clocks `active`."""
     e = carray(_events_at(address), 1)[0]

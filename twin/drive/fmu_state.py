@@ -1,11 +1,9 @@
 """Saving and restoring an FMU's state by address, to repeat a step (FMI 2.0.4, 2.1.8; FMI 3.0, 2.2.5)."""
 
 import numpy as np
-from llvmlite import ir
-from numba import carray, from_dtype, njit, types
-from numba.extending import intrinsic
 
-from twin.cosim.native import bytes_at, pointer_to, step_function
+from twin.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
+from twin.cosim.native import bytes_at, step_function
 from twin.drive.status import RESTORE, SAVE
 
 MEMORY = np.dtype(
@@ -26,7 +24,7 @@ many pieces of our own memory go back with it, and the address of their table.""
 PIECE = np.dtype([("array", "i8"), ("copy", "i8"), ("size", "i8")])
 """Addresses of a piece and of its copy, and their bytes."""
 
-_pieces_at = pointer_to(from_dtype(PIECE))
+_pieces_at = pointer_to(PIECE)
 
 
 @njit(cache=True)
@@ -41,11 +39,10 @@ def _call(typingctx, function, instance, state):
     """`fmiStatus fmiGetFMUState(c, FMUState *state)` or `fmiSetFMUState(c, FMUState state)`."""
 
     def codegen(context, builder, signature, arguments):
-        pointer = ir.IntType(8).as_pointer()
-        kind = ir.FunctionType(ir.IntType(32), [pointer, pointer])
-        f, c, s = arguments
+        kind = ir.FunctionType(c.i32, [c.pointer, c.pointer])
+        f, it, s = arguments
         target = builder.inttoptr(f, kind.as_pointer())
-        return builder.call(target, [builder.inttoptr(c, pointer), builder.inttoptr(s, pointer)])
+        return builder.call(target, [builder.inttoptr(it, c.pointer), builder.inttoptr(s, c.pointer)])
 
     return types.int32(types.int64, types.int64, types.int64), codegen
 

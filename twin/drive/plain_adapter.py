@@ -6,8 +6,8 @@ It does what `adapter.step` does for such a drive, in a third of the time around
 """
 
 import numpy as np
-from numba import carray
 
+from twin.compiled.function import carray
 from twin.cosim.native import address_of, step_function
 from twin.drive.calls import access_2, do_step_2
 from twin.drive.shorter import go_on

@@ -5,12 +5,11 @@ The component sees such an input at both ends of a step. FMI 1.0 and 2.0 take th
 (fmi3IntermediateUpdateCallback). Whoever wants to may have outputs read there, too.
 """
 
-from functools import cache
-
 import numpy as np
-from numba import carray, cfunc, from_dtype, njit, types
 
-from twin.cosim.native import address_of, doubles_at, integers_at, pointer_to
+from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.native import Native
+from twin.cosim.native import address_of, doubles_at, integers_at
 from twin.drive.calls import access_2, access_3, access_pairs
 from twin.drive.status import DERIVATIVES, DISCARD, SET
 from twin.drive.within import begin_watch, count_part, end_watch, watch
@@ -43,7 +42,7 @@ RAMP = np.dtype(
 values, and addresses of their references, orders (1), slots in u at both ends, gains and offsets, value at the start,
 slope and buffer; time of the start; what was bad within a step; address of a `within.WATCH`, 0: no output is read."""
 
-_ramp_at = pointer_to(from_dtype(RAMP))
+_ramp_at = pointer_to(RAMP)
 
 
 @njit(cache=True, error_model="numpy")
@@ -100,30 +99,27 @@ def end_ramp(address):
     return end_watch(r.within) if r.within != 0 else 0
 
 
-@cache
-def intermediate_update() -> int:
-    """Address of a compiled fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP`."""
+def _intermediate_update(
+    environment, t, set_requested, get_allowed, finished, can_return_early, return_early, return_time
+):
+    address = address_of(environment)
+    r = carray(_ramp_at(address), 1)[0]
+    status = 0
+    # before the first step there is nothing to be set
+    if set_requested and r.values > 0:
+        status = set_ramp(address, t)
+    # what a solver only tries may still be another for the same time
+    if status == 0 and get_allowed and finished and r.within != 0:
+        status = watch(r.within, t)
+    if status != 0:
+        r.bad = status
+    if address_of(return_early) != 0:
+        return_early[0] = 0
 
-    @cfunc(
-        types.void(
-            types.CPointer(types.int8), types.float64, types.uint8, types.uint8, types.uint8, types.uint8,
-            types.CPointer(types.uint8), types.CPointer(types.float64),
-        ),
-        cache=True,
-    )  # fmt: skip
-    def update(environment, t, set_requested, get_allowed, finished, can_return_early, return_early, return_time):
-        address = address_of(environment)
-        r = carray(_ramp_at(address), 1)[0]
-        status = 0
-        # before the first step there is nothing to be set
-        if set_requested and r.values > 0:
-            status = set_ramp(address, t)
-        # what a solver only tries may still be another for the same time
-        if status == 0 and get_allowed and finished and r.within != 0:
-            status = watch(r.within, t)
-        if status != 0:
-            r.bad = status
-        if address_of(return_early) != 0:
-            return_early[0] = 0
 
-    return update.address
+intermediate_update = Native(
+    "nothing",
+    ("pointer", "double", "byte", "byte", "byte", "byte", "bytes", "doubles"),
+    _intermediate_update,
+)
+"""A fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP`."""

@@ -6,9 +6,8 @@ longer parts again as long as that goes well.
 """
 
 import numpy as np
-from numba import carray, from_dtype, njit
 
-from twin.cosim.native import pointer_to
+from twin.compiled.function import carray, njit, pointer_to
 from twin.drive.calls import ask_status, do_step_2
 from twin.drive.ramp import set_ramp
 from twin.drive.status import (
@@ -42,7 +41,7 @@ takes steps of varying size; how many steps it has discarded, and when the first
 LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
 """fmi2StatusKind, and fmiStatusKind for the first."""
 
-_shorter_at = pointer_to(from_dtype(SHORTER))
+_shorter_at = pointer_to(SHORTER)
 
 
 @njit(cache=True)

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numba import carray, from_dtype, njit
 
-from twin.cosim.native import doubles_at, pointer_to
+from twin.compiled.function import carray, njit, pointer_to
+from twin.cosim.native import doubles_at
 from twin.drive.calls import access_3
 from twin.drive.status import GET_WITHIN
 from twin.drive.variable import Variable
@@ -52,7 +52,7 @@ WATCH = np.dtype(
 """Addresses of instance, fmi3GetFloat64 and references; how many variables and values; addresses of what is read, of a
 `ROW` for each value, and of these as they were before a part of a step that may be discarded."""
 
-_watch_at, _rows_at = pointer_to(from_dtype(WATCH)), pointer_to(from_dtype(ROW))
+_watch_at, _rows_at = pointer_to(WATCH), pointer_to(ROW)
 
 
 @njit(cache=True)

@@ -1,7 +1,6 @@
 """A drive that cannot run as fast as it is told: the command is limited on its last way into the drive."""
 
-from numba import carray
-
+from twin.compiled.function import carray
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port

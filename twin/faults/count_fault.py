@@ -3,8 +3,8 @@
 from enum import IntEnum
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port

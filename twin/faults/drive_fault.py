@@ -4,8 +4,8 @@ from enum import IntEnum
 from functools import cache
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port

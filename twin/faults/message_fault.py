@@ -7,10 +7,10 @@ reader gets never goes back in time.
 from dataclasses import replace
 
 import numpy as np
-from numba import carray, njit, types
 
+from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.component import NativeComponent
-from twin.cosim.native import doubles_at, pointer_to, step_function
+from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port, width
 from twin.cosim.record import memory_of, record
 from twin.faults.randomness import drawn
@@ -36,7 +36,7 @@ MEMORY = record(
 """A message is `least` to `most` ticks under way, a `share` of them for ever. `sent`: messages since the onset; the
 n-th of them lies at n modulo `capacity` in the rings `messages` and `arrivals` (ticks), which are long enough for all
 that are under way. `present`: what the reader has."""
-_ticks_at = pointer_to(types.int64)
+_ticks_at = pointer_to(np.int64)
 
 
 @njit(cache=True)

@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numba import carray
 
+from twin.compiled.function import carray
 from twin.cosim.component import Component, NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port

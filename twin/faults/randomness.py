@@ -5,7 +5,8 @@ Vigna's public-domain splitmix64.c.
 """
 
 import numpy as np
-from numba import njit
+
+from twin.compiled.function import njit
 
 _GAMMA, _MIX_1, _MIX_2 = (np.uint64(n) for n in (0x9E3779B97F4A7C15, 0xBF58476D1CE4E5B9, 0x94D049BB133111EB))
 _27, _30, _31, _11 = (np.uint64(n) for n in (27, 30, 31, 11))

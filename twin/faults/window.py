@@ -2,8 +2,7 @@
 
 from typing import NamedTuple
 
-from numba import njit
-
+from twin.compiled.function import njit
 from twin.cosim.port import Port
 from twin.cosim.record import record
 

@@ -7,8 +7,8 @@ at 1. Checks that count time or look at one raw sample are debounced or not as d
 import math
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.cosim.record import record
 from twin.monitor.limits import Limits
 from twin.monitor.reasons import Reason

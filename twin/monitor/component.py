@@ -1,8 +1,8 @@
 """The safety monitor as a co-simulation component between controller and drives."""
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, by_port, width

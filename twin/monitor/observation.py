@@ -3,8 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.cosim.record import record
 from twin.robot.forward_kinematics import platform_position
 from twin.robot.gravity import environment_force

@@ -9,9 +9,9 @@ reason for the trip.
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from twin.compiled.function import njit
 from twin.cosim.record import record
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import Geometry

@@ -3,8 +3,7 @@
 import math
 from functools import cache
 
-from numba import njit
-
+from twin.compiled.function import njit
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.plant.component import LEFT_WORKSPACE, MEMORY, OUTPUTS, STILL, inputs, outputs_near, triple

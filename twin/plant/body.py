@@ -15,10 +15,10 @@ from enum import IntEnum
 from typing import NamedTuple
 
 import numpy as np
-from numba import carray, from_dtype, njit
 
+from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.component import NativeComponent
-from twin.cosim.native import pointer_to, step_function
+from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.cosim.record import record, record_of
 from twin.plant.parameters import Triple
@@ -59,7 +59,7 @@ class Motion(NamedTuple):
 MOTION = record_of(Motion)
 MEMORY = record(motions="i8", count="i8")
 """Address and number of the motions."""
-_motions_at = pointer_to(from_dtype(MOTION))
+_motions_at = pointer_to(MOTION)
 
 
 # numpy's division: a rate or rise of 0 has to give NaN, because an exception of compiled code that the

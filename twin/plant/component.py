@@ -8,9 +8,10 @@ import math
 from functools import cache
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike
 
+from twin.compiled.function import njit
+from twin.compiled.native import entry
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, port_record
@@ -225,6 +226,13 @@ def step_over(moving, ramp):
     return step
 
 
+@entry("nothing", MEMORY, "doubles", port_record(OUTPUTS))
+def _begin(m, theta_m, y):
+    turned = triple(theta_m)
+    settle_friction(m.parameters, m.x, turned, m.anchors)
+    outputs_near(m.parameters, m.x, turned, STILL, STILL, apex_frame(m.parameters), m.anchors, y)
+
+
 class Plant(NativeComponent):
     """Springs, mechanism and contact as one continuous component.
 
@@ -248,18 +256,7 @@ class Plant(NativeComponent):
     ):
         memory = memory_of(MEMORY, parameters=tuple(parameters), substeps=substeps, x=x, anchors=UNTOUCHED)
         initial = np.empty(1, dtype=port_record(OUTPUTS))
-        theta_m = np.asarray(theta_m, dtype=float)
-        settle_friction(parameters, memory["x"][0], theta_m, memory["anchors"][0])
-        outputs_near(
-            parameters,
-            memory["x"][0],
-            theta_m,
-            STILL,
-            STILL,
-            apex_frame(parameters),
-            memory["anchors"][0],
-            initial[0],
-        )
+        _begin(memory, np.array(theta_m, dtype=float), initial)
         super().__init__(
             "plant", inputs(moving, ramp), OUTPUTS, False, step_over(moving, ramp), memory,
             initial.view(np.float64), rewindable=True,

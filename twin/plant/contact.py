@@ -11,8 +11,7 @@ left out of dz_b/dt. It would move no energy, and on a closed path it is the sol
 
 import math
 
-from numba import njit
-
+from twin.compiled.function import njit
 from twin.plant.contact_law import pressing_force
 from twin.plant.surface import apex_frame, dot, frame_at
 

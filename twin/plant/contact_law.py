@@ -17,7 +17,7 @@ smooth: a contact that grows over the touch depth.
 import math
 from enum import IntEnum
 
-from numba import njit
+from twin.compiled.function import njit
 
 
 class ContactLaw(IntEnum):

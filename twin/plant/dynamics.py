@@ -16,8 +16,8 @@ component and the python-control system both integrate it.
 import math
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.plant.contact import touch
 from twin.plant.friction import ANCHORS, drag, friction_torque, gripped, stop_torque, stopped
 from twin.plant.mounting import hanging, upward

@@ -17,7 +17,7 @@ back into its range by k_e times what it is out of it.
 
 import math
 
-from numba import njit
+from twin.compiled.function import njit
 
 HELD, GRIPPED = 3, 4
 """Columns of the anchors of `robot.leg` in which a plant keeps theta_0 and d_0 (rad)."""

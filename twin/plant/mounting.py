@@ -7,8 +7,8 @@ R^T e_z, and all that weighs weighs along it. The robot's computer knows no tilt
 import math
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.robot.geometry import LEG_COS, LEG_SIN
 from twin.robot.gravity import arm_weight
 

@@ -3,7 +3,8 @@
 import math
 
 import numpy as np
-from numba import njit
+
+from twin.compiled.function import njit
 
 # Steele, Lea and Flood (2014), Fast splittable pseudorandom number generators, OOPSLA; the constants of splitmix64
 _STRIDE = np.uint64(0x9E3779B97F4A7C15)

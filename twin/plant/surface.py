@@ -9,7 +9,7 @@ positive inside), the normal is the gradient of that distance.
 import math
 from enum import IntEnum
 
-from numba import njit
+from twin.compiled.function import njit
 
 
 class Shape(IntEnum):

@@ -8,9 +8,10 @@ round bars between the joints; the rods of a pair stand half their spacing to ei
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 from numpy.typing import NDArray
 
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.skeleton import AXIS, skeleton
@@ -59,13 +60,16 @@ def clearances(
     for kind, way in ((1, -aside), (2, aside)):
         ends[:, :, kind, 0], ends[:, :, kind, 1] = joints.A + way, joints.P + way
     radii = 0.5 * np.array([bars.link_diameter, bars.rod_diameter, bars.rod_diameter])
-    return _nearest(ends.reshape(len(p_B), 3 * BARS, 2, 3), radii)
+    gaps, pairs = np.full(len(p_B), np.inf), np.zeros((len(p_B), 2), dtype=np.int64)
+    _nearest(ends, radii, len(p_B), gaps, pairs)
+    return gaps, pairs
 
 
-@njit(cache=True)
-def _nearest(ends, radii):
-    gaps, pairs = np.full(ends.shape[0], np.inf), np.zeros((ends.shape[0], 2), dtype=np.int64)
-    for pose in range(ends.shape[0]):
+@entry("nothing", "doubles", "doubles", "int", "doubles", "integers")
+def _nearest(bars, radius, poses, gap_of, pair_of):
+    ends, radii = carray(bars, (poses, 3 * BARS, 2, 3)), carray(radius, BARS)
+    gaps, pairs = carray(gap_of, poses), carray(pair_of, (poses, 2))
+    for pose in range(poses):
         for one in range(2 * BARS):
             for other in range(BARS * (one // BARS + 1), 3 * BARS):
                 apart = segment_distance(
@@ -75,7 +79,6 @@ def _nearest(ends, radii):
                 if gap < gaps[pose]:
                     gaps[pose] = gap
                     pairs[pose, 0], pairs[pose, 1] = one, other
-    return gaps, pairs
 
 
 @njit(cache=True, inline="always")

@@ -11,9 +11,9 @@ parallel singularity.
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from twin.compiled.function import njit
 from twin.errors import Unreachable
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
 from twin.robot.triples import place, triples

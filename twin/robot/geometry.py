@@ -8,7 +8,7 @@ and outward; positive theta_i lowers A_i, as printed in Eq. 5.
 import math
 from typing import NamedTuple
 
-from numba import njit
+from twin.compiled.function import njit
 
 # exact, because sin and cos of phi_i in floating point are off by up to 1e-16 and would tilt the symmetry
 LEG_COS = (0.0, math.sqrt(3.0) / 2.0, -math.sqrt(3.0) / 2.0)

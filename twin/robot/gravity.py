@@ -7,8 +7,8 @@ does is in `plant.dynamics`. Positive theta_l lowers the arm, so its weight is a
 from typing import NamedTuple
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.robot.jacobian import jacobian_row
 
 G_ACCELERATION = 9.81

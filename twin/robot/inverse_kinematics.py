@@ -14,9 +14,10 @@ import math
 from typing import Literal
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.errors import InputRefused, Unreachable
 from twin.robot.geometry import Geometry, leg_coordinates
 from twin.robot.triples import place, triples
@@ -60,17 +61,17 @@ def leg_angle_inward(geometry, leg, x, y, z):
     return 2.0 * math.atan2(math.sqrt(D) - F, G - E)
 
 
-@njit(cache=True)
-def _angles(geometry, positions, inward):
-    theta_l = np.empty_like(positions)
-    for row in range(positions.shape[0]):
-        x, y, z = positions[row]
+@entry("nothing", "doubles", "doubles", "int", "int", "doubles")
+def _angles(lengths, positions, poses, inward, angles):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    p_B, theta_l = carray(positions, (poses, 3)), carray(angles, (poses, 3))
+    for row in range(poses):
+        x, y, z = p_B[row]
         for leg in range(3):
             if inward:
                 theta_l[row, leg] = leg_angle_inward(geometry, leg, x, y, z)
             else:
                 theta_l[row, leg] = leg_angle(geometry, leg, x, y, z)
-    return theta_l
 
 
 def joint_angles(
@@ -93,7 +94,9 @@ def joint_angles(
     if branch not in ("outward", "inward"):
         raise InputRefused(f"branch is {branch!r}; expected 'outward' or 'inward'")
     p_B = triples(p_B, "p_B")
-    theta_l = _angles(geometry, p_B.reshape(-1, 3), branch == "inward")
+    rows = np.ascontiguousarray(p_B.reshape(-1, 3))
+    theta_l = np.empty_like(rows)
+    _angles(np.array(geometry), rows, len(rows), branch == "inward", theta_l)
     bad = np.isnan(theta_l)
     if bad.any():
         row, leg = divmod(int(np.argmax(bad)), 3)

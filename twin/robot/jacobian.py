@@ -7,9 +7,10 @@ singularity, which is the edge of the workspace.
 """
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry, distal_link
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.singularity import refuse_serial_singularity
@@ -33,14 +34,20 @@ def jacobian_row(geometry, leg, theta, x, y, z):
     return s_x / s_d, s_y / s_d, s_z / s_d
 
 
-@njit(cache=True)
-def jacobian_rows(geometry, theta_l, p_B):
-    """J in rad/m, shape (n, 3, 3), for n poses in m and the joint angles of these poses, shape (n, 3)."""
-    J = np.empty((p_B.shape[0], 3, 3))
-    for n in range(p_B.shape[0]):
+@entry("nothing", "doubles", "doubles", "doubles", "int", "doubles")
+def _rows(lengths, angles, positions, poses, rows):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    theta_l, p_B, J = carray(angles, (poses, 3)), carray(positions, (poses, 3)), carray(rows, (poses, 3, 3))
+    for n in range(poses):
         x, y, z = p_B[n]
         for leg in range(3):
             J[n, leg, 0], J[n, leg, 1], J[n, leg, 2] = jacobian_row(geometry, leg, theta_l[n, leg], x, y, z)
+
+
+def jacobian_rows(geometry: Geometry, theta_l: NDArray[np.float64], p_B: NDArray[np.float64]) -> NDArray[np.float64]:
+    """J in rad/m, shape (n, 3, 3), for n poses in m and the joint angles of these poses, shape (n, 3)."""
+    J = np.empty((len(p_B), 3, 3))
+    _rows(np.array(geometry), np.ascontiguousarray(theta_l), np.ascontiguousarray(p_B), len(p_B), J)
     return J
 
 

@@ -15,8 +15,8 @@ with D of Eq. 11. d = dA_i/d theta is (k_z, 0, -k_r), and the Jacobian's denomin
 import math
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.robot.geometry import leg_coordinates
 
 SMALL = 1.0 / 64.0

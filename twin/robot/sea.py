@@ -5,7 +5,7 @@ The spring sits between motor and belt, so d = theta_m - N theta_l is its wind-u
 
 import math
 
-from numba import njit
+from twin.compiled.function import njit
 
 
 @njit(cache=True)

@@ -8,9 +8,9 @@ prints for the other leg, and what Eq. 26 rotates back is the force vector F_Ai 
 import math
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from twin.compiled.function import njit
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry, distal_link
 from twin.robot.jacobian import jacobian, jacobian_rows

@@ -1,9 +1,9 @@
 """Where the robot can work: reach per leg, height range over a point, conditioning."""
 
 import numpy as np
-from numba import njit
 from numpy.typing import ArrayLike, NDArray
 
+from twin.compiled.function import njit
 from twin.errors import Unreachable
 from twin.robot.forward_kinematics import circumcentre
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry

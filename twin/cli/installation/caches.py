@@ -6,10 +6,10 @@ from pathlib import Path
 
 from twin.cli.installation.finding import Finding
 from twin.cli.installation.native import compiled_folder, compiled_pieces
+from twin.compiled.cache import is_own, refusal
+from twin.compiled.seal import damaged_files
 from twin.drive.unpacked import shelf
 from twin.errors import InputRefused
-from twin.native_cache import is_own, refusal
-from twin.native_seal import damaged_files
 
 SAFE = "which only you can write to"
 

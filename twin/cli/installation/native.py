@@ -1,9 +1,9 @@
-"""The compiled code that is kept between processes, see `twin.native_cache`."""
+"""The compiled code that is kept between processes, see `twin.compiled.cache`."""
 
 import os
 from pathlib import Path
 
-from twin.native_cache import use_cache
+from twin.compiled.cache import use_cache
 
 
 def compiled_folder() -> Path:

@@ -2,19 +2,16 @@
 
 from typing import Any
 
-from llvmlite import ir
-from numba import types
+from twin.compiled.function import c, intrinsic, ir, types
 
-from twin.cosim.native import intrinsic
-
-_POINTER = ir.IntType(8).as_pointer()
 _KINDS = {
-    "pointer": (types.int64, _POINTER),
-    "double": (types.float64, ir.DoubleType()),
-    "size": (types.int64, ir.IntType(64)),
-    "int": (types.int64, ir.IntType(32)),
-    "byte": (types.int64, ir.IntType(8)),
+    "pointer": ("int64", "pointer"),
+    "double": ("float64", "f64"),
+    "size": ("int64", "i64"),
+    "int": ("int64", "i32"),
+    "byte": ("int64", "i8"),
 }
+"""What numba and LLVM call it."""
 
 
 def foreign(*kinds: str, returns: str = "int") -> Any:
@@ -24,26 +21,26 @@ def foreign(*kinds: str, returns: str = "int") -> Any:
         kinds: of its arguments: "pointer", "double", "size" (64 bit), "int" (32 bit), "byte".
         returns: "int" or "pointer".
     """
-    native = [_KINDS[kind][1] for kind in kinds]
-    result = types.int32 if returns == "int" else types.int64
-    signature = result(types.int64, types.Tuple([_KINDS[kind][0] for kind in kinds]))
 
     @intrinsic
     def call(typingctx, function, arguments):
+        result = types.int32 if returns == "int" else types.int64
+        native = [getattr(c, _KINDS[kind][1]) for kind in kinds]
+
         def codegen(context, builder, _, given):
-            target = ir.FunctionType(_KINDS[returns][1], native).as_pointer()
+            target = ir.FunctionType(getattr(c, _KINDS[returns][1]), native).as_pointer()
             passed = []
             for i, kind in enumerate(kinds):
                 value = builder.extract_value(given[1], i)
                 if kind == "pointer":
-                    value = builder.inttoptr(value, _POINTER)
+                    value = builder.inttoptr(value, c.pointer)
                 elif kind in ("int", "byte"):
                     value = builder.trunc(value, native[i])
                 passed.append(value)
             returned = builder.call(builder.inttoptr(given[0], target), passed)
-            return builder.ptrtoint(returned, ir.IntType(64)) if returns == "pointer" else returned
+            return builder.ptrtoint(returned, c.i64) if returns == "pointer" else returned
 
-        return signature, codegen
+        return result(types.int64, types.Tuple([getattr(types, _KINDS[kind][0]) for kind in kinds])), codegen
 
     return call
 

@@ -8,9 +8,10 @@ import ctypes
 from typing import Any
 
 import numpy as np
-from numba import carray, njit, types
 
-from twin.cosim.native import Step, address_of, doubles_at
+from twin.compiled.function import carray, njit
+from twin.compiled.native import Native
+from twin.cosim.native import address_of, doubles_at
 from twin.drive.exchange.calls import at_time, one_step, start_at, values_of
 from twin.drive.exchange.equations import brought, derivatives, indicators
 from twin.drive.exchange.events import step_completed
@@ -22,7 +23,7 @@ BDF, ONE_STEP, ROOT_RETURN = 2, 2, 2
 RECOVERABLE = 1
 """What the equations return for CVODE to try a smaller step."""
 _P, _D, _I, _N = ctypes.c_void_p, ctypes.c_double, ctypes.c_int, ctypes.c_int64
-_call = types.int32(types.float64, types.voidptr, types.voidptr, types.voidptr)
+_call = "double", "pointer", "pointer", "pointer"
 
 
 @njit(cache=True)
@@ -55,7 +56,7 @@ def _roots(t, y, values, user):
     return -1
 
 
-right_hand_side, roots = Step(_call, _right_hand_side), Step(_call, _roots)
+right_hand_side, roots = Native("int32", _call, _right_hand_side), Native("int32", _call, _roots)
 
 
 @njit(cache=True)

@@ -1,8 +1,8 @@
 """The FMU's equations at a time and a state: derivatives and event indicators."""
 
 import numpy as np
-from numba import carray, njit
 
+from twin.compiled.function import carray, njit
 from twin.cosim.native import doubles_at
 from twin.drive.exchange.calls import at_time, on_doubles
 from twin.drive.exchange.memory import (

@@ -4,9 +4,9 @@ FMI 2.0.4, 3.2.2; FMI 3.0, 3.2.
 """
 
 import numpy as np
-from numba import carray, njit, types
 
-from twin.cosim.native import doubles_at, pointer_to
+from twin.compiled.function import carray, njit, pointer_to
+from twin.cosim.native import doubles_at
 from twin.drive.adapter import set_all
 from twin.drive.exchange.calls import completed_2, completed_3, on_doubles, on_pointer, plain, start_at, update_3
 from twin.drive.exchange.equations import indicators
@@ -24,7 +24,7 @@ from twin.drive.exchange.memory import (
 )
 from twin.drive.status import MOST_UPDATES, TERMINATE
 
-_words_at, _bytes_at, _counts_at = pointer_to(types.int32), pointer_to(types.uint8), pointer_to(types.int64)
+_words_at, _bytes_at, _counts_at = pointer_to(np.int32), pointer_to(np.uint8), pointer_to(np.int64)
 
 NEEDED, ENDED, NOMINALS_CHANGED, STATES_CHANGED, TIME_DEFINED = range(5)
 """The flags that come back of an update, in both standards' order; in FMI 2.0 words, in FMI 3.0 bytes."""

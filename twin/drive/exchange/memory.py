@@ -1,9 +1,8 @@
 """What the compiled step of a model-exchange FMU works on, and what its bad statuses say."""
 
 import numpy as np
-from numba import from_dtype
 
-from twin.cosim.native import pointer_to
+from twin.compiled.function import pointer_to
 
 _FUNCTIONS = (
     "set_time",
@@ -41,7 +40,7 @@ MEMORY = np.dtype(
     next_event: time event that the FMU has asked for (s), infinity if none.
 """
 
-memory_at = pointer_to(from_dtype(MEMORY))
+memory_at = pointer_to(MEMORY)
 
 CALLS = {
     128: "SetTime",

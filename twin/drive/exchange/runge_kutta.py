@@ -4,8 +4,8 @@ It holds no tolerance. An event is looked for at the end of each step and found 
 """
 
 import numpy as np
-from numba import carray, njit
 
+from twin.compiled.function import carray, njit
 from twin.cosim.native import doubles_at
 from twin.drive.exchange.equations import brought, derivatives, indicators
 from twin.drive.exchange.events import slack, step_completed

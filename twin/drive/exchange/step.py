@@ -1,7 +1,6 @@
 """The step of a model-exchange FMU: inputs, then its equations from t to t + h with every event on the way, outputs."""
 
-from numba import carray
-
+from twin.compiled.function import carray
 from twin.cosim.native import address_of, doubles_at, step_function
 from twin.drive.adapter import get_all
 from twin.drive.exchange import cvode, runge_kutta

@@ -41,7 +41,7 @@ def instantiate(instance: "Instance") -> None:
     )
     ramped = [v.reference for v in instance.description.variables.values() if instance.ramps(v)]
     within = ramped + [v.reference for v in instance.watched]
-    fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update()] if within else []))
+    fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update.address] if within else []))
     with instance.calling("InstantiateCoSimulation"):
         fmu.component = fmu.fmi3InstantiateCoSimulation(
             instance.name.encode(),

@@ -13,18 +13,15 @@ import platform
 import sys
 
 import numpy as np
-from llvmlite import ir
-from numba import carray, njit, types
 
-from twin.cosim.native import intrinsic, pointer_to
+from twin.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
 from twin.errors import InputRefused
 
 _NUMBERS = {"x86_64": (202, 247), "aarch64": (98, 95)}
 """By processor: numbers of the system calls futex and waitid (asm/unistd_64.h, asm-generic/unistd.h)."""
 _WAIT, _WAKE = 0, 1
 _P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
-_I32, _I64 = ir.IntType(32), ir.IntType(64)
-_integers = pointer_to(types.int64)
+_integers = pointer_to(np.int64)
 
 
 def kernel() -> np.ndarray:
@@ -47,7 +44,7 @@ def load(typingctx, address):
     """The int32 at `address`, sequentially consistent."""
 
     def codegen(context, builder, signature, arguments):
-        return builder.load_atomic(builder.inttoptr(arguments[0], _I32.as_pointer()), "seq_cst", 4)
+        return builder.load_atomic(builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
 
     return types.int32(types.int64), codegen
 
@@ -57,7 +54,7 @@ def store(typingctx, address, value):
     """Set the int32 at `address`, sequentially consistent."""
 
     def codegen(context, builder, signature, arguments):
-        builder.store_atomic(arguments[1], builder.inttoptr(arguments[0], _I32.as_pointer()), "seq_cst", 4)
+        builder.store_atomic(arguments[1], builder.inttoptr(arguments[0], c.i32.as_pointer()), "seq_cst", 4)
         return context.get_dummy_value()
 
     return types.void(types.int64, types.int32), codegen
@@ -68,7 +65,7 @@ def _syscall(typingctx, function, number, a, b, c, d, e):
     """`long syscall(long number, ...)` with five arguments."""
 
     def codegen(context, builder, signature, arguments):
-        kind = ir.FunctionType(_I64, [_I64] * 6)
+        kind = ir.FunctionType(c.i64, [c.i64] * 6)
         return builder.call(builder.inttoptr(arguments[0], kind.as_pointer()), arguments[1:])
 
     return types.int64(*[types.int64] * 7), codegen

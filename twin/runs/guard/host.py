@@ -51,20 +51,20 @@ def hosted_drive(
     page = Page(reporter.box, sum(p.size for p in component.inputs), sum(p.size for p in component.outputs))
     page.clear()
     # no question: compiles, or loads from the cache, before the first one comes
-    number = _served(page, component, 1)[0]
+    _served(page, component)
     reporter.note(ports=_described(component))
     os.sched_setaffinity(0, {processor})
     status = IDLE
     while status != STOPPED:
-        number, status = _served(page, component, number)
+        status = _served(page, component)
         if status not in (IDLE, STOPPED):
             reporter.note(explained=component.explain(status))
     component.close()
 
 
-def _served(page: Page, component: Component, number: int) -> tuple[int, int]:
+def _served(page: Page, component: Component) -> int:
     return serve(
-        page.address, page.inputs, component.step_address, component.self_address, number,
+        page.address, page.inputs, component.step_address, component.self_address, page.number,
         page.kernel.ctypes.data, page.nap.ctypes.data,
     )  # fmt: skip
 

@@ -8,9 +8,10 @@ import mmap
 import os
 
 import numpy as np
-from numba import carray, njit, types
 
-from twin.cosim.native import call_step, doubles_at, pointer_to, step_function
+from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.native import entry
+from twin.cosim.native import call_step, doubles_at, step_function
 from twin.runs.guard.black_box import INPUTS_AT
 from twin.runs.guard.futex import has_ended, kernel, seen, tell, timespec
 
@@ -32,7 +33,7 @@ CALLER = np.dtype(
 """Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
 until the host is taken for stuck; address of their length; see `futex.kernel` and `futex.has_ended`; the host."""
 
-_i32 = pointer_to(types.int32)
+_i32 = pointer_to(np.int32)
 
 
 class Page:
@@ -44,6 +45,7 @@ class Page:
 
     Attributes:
         address: of byte 0.
+        number: of the next question, for the host (1,).
     """
 
     def __init__(self, fd: int, inputs: int, outputs: int):
@@ -54,6 +56,7 @@ class Page:
         self.address = self._bytes.ctypes.data
         self.inputs, self.outputs = inputs, outputs
         self.kernel, self.nap = kernel(), timespec(NAP)
+        self.number = np.ones(1, dtype=np.int64)
 
     def clear(self) -> None:
         """Forget what another drive left; for the host, before anybody asks."""
@@ -93,9 +96,9 @@ def ask(m, t, h, u, y):
     return carray(_i32(page + STATUS), 1)[0]
 
 
-@njit(cache=True, nogil=True)
-def serve(page, inputs, step, memory, number, kernel, nap):
-    """Answer questions from `number` on, until one gives a bad status or nobody asks.
+@entry("int", "int", "int", "int", "int", "integers", "int", "int")
+def serve(page, inputs, step, memory, numbers, kernel, nap):
+    """Answer questions from `numbers[0]` on, until one gives a bad status or nobody asks.
 
     Args:
         page: address.
@@ -104,16 +107,17 @@ def serve(page, inputs, step, memory, number, kernel, nap):
         kernel, nap: addresses of what `futex.kernel` and `futex.timespec` return.
 
     Returns:
-        (number of the next question, status or IDLE or STOPPED).
+        Status, or IDLE or STOPPED; `numbers[0]` is the next question's.
     """
+    number = carray(numbers, 1)
     times = carray(doubles_at(page + _TIME), 2)
     while True:
-        if not seen(kernel, page + ASKED, page + HOST_ASLEEP, number, nap):
-            return number, STOPPED if carray(_i32(page + CLOSED), 1)[0] else IDLE
+        if not seen(kernel, page + ASKED, page + HOST_ASLEEP, number[0], nap):
+            return STOPPED if carray(_i32(page + CLOSED), 1)[0] else IDLE
         u = page + _INPUTS
         status = call_step(step, memory, times[0], times[1], u, u + 8 * inputs)
         carray(_i32(page + STATUS), 1)[0] = status
-        tell(kernel, page + ANSWERED, page + CALLER_ASLEEP, number)
-        number = following(number)
+        tell(kernel, page + ANSWERED, page + CALLER_ASLEEP, number[0])
+        number[0] = following(number[0])
         if status != 0 and status != 1:
-            return number, status
+            return status

@@ -1,8 +1,8 @@
 """Drives and plant as one differential equation, compiled."""
 
 import numpy as np
-from numba import njit
 
+from twin.compiled.function import njit
 from twin.cosim.port import port_record
 from twin.plant.component import OUTPUTS, STILL, outputs
 from twin.plant.dynamics import derivative

@@ -16,12 +16,12 @@ from functools import cache
 from pathlib import Path
 
 from twin.cache_folder import PRIVATE, REMEDY, cache_base, cache_folder, evict, hold, private_folder, remove
+from twin.compiled.seal import use_seals
 from twin.errors import InputRefused, disk_refusals
-from twin.native_seal import use_seals
 
 NAME = "native"
 KEPT = 3
-COMPILES = re.compile(rb"^(from|import) numba\b", re.MULTILINE)
+COMPILES = re.compile(rb"^(from|import) (numba|twin\.compiled)\b", re.MULTILINE)
 
 _refusal: list[str] = []
 
@@ -29,7 +29,7 @@ _refusal: list[str] = []
 def source_digest(package: Path) -> str:
     """Hash over the names and the content of the Python files of `package` that compiled code is made of."""
     sources = dict(sorted(_sources(str(package))))
-    compiled = {_room(name) for name, source in sources.items() if b"numba" in source and COMPILES.search(source)}
+    compiled = {_room(name) for name, source in sources.items() if COMPILES.search(source)}
     digest = hashlib.sha256()
     for name, source in sources.items():
         if not _room(name) or _room(name) in compiled:
@@ -60,7 +60,7 @@ def use_cache() -> None:
     Where the package's own folder is not the user's alone, they are in the user's cache folder; where there is none,
     nothing is kept beyond this process and those that it starts.
     """
-    package = Path(__file__).parent
+    package = Path(__file__).parents[1]
     given = os.environ.get("NUMBA_CACHE_DIR")
     if given:
         # of the process that started this one, or the user's own choice, which is left alone
@@ -87,7 +87,7 @@ def refusal() -> str:
 
 def is_own(folder: Path) -> bool:
     """Whether `folder` is one of those that `use_cache` chooses, and not the user's own choice."""
-    if folder.parent == compiled_home(Path(__file__).parent):
+    if folder.parent == compiled_home(Path(__file__).parents[1]):
         return True
     try:
         return folder.parent == cache_base() / NAME

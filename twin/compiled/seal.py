@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
 CACHING = "numba.core.caching"
-KINDS = ("*.nbi", "*.nbc")
+KINDS = ("*.nbi", "*.nbc", "*.o")
 SIZE = 16
 """Bytes of a seal."""
 
@@ -39,6 +39,21 @@ def use_seals(folder: Path) -> None:
 def damaged_files(folder: Path) -> list[Path]:
     """The files of compiled code below `folder` that are not as they were written."""
     return [file for kind in KINDS for file in sorted(folder.rglob(kind)) if not _is_whole(file)]
+
+
+def sealed(content: bytes) -> bytes:
+    """`content` with its seal."""
+    return content + _seal(content)
+
+
+def unsealed(file: Path, folder: Path) -> bytes:
+    """What was sealed in a file of `folder`; nothing if there is none, and none is left that was damaged."""
+    if not _is_fit(str(file), str(folder) + os.sep):
+        return b""
+    try:
+        return file.read_bytes()[:-SIZE]
+    except FileNotFoundError:
+        return b""
 
 
 class _Waiting:
@@ -107,7 +122,7 @@ def _change(caching: Any, folder: Path) -> None:
                     return
                 content = io.BytesIO()
                 yield content
-                file.write(content.getvalue() + _seal(content.getbuffer()))
+                file.write(sealed(content.getvalue()))
 
     caching.IndexDataCacheFile = SealedFile
 

@@ -1,0 +1,136 @@
+"""The names that source of compiled functions is written with; numba is imported when something has to be compiled.
+
+Importing numba takes as long as the rest of a run of Fig. 4, and what a run needs is kept as machine code (`store`). So
+`njit`, `carray` and `intrinsic` stand here as names that numba knows how to read: where it finds one of these objects
+in the source of a function, it asks for its `_numba_type_`, and only then there is something of numba's behind it.
+"""
+
+import importlib
+from collections.abc import Callable
+from functools import cached_property, update_wrapper
+from typing import Any
+
+import numpy as np
+
+
+class _Module:
+    """A module that is imported when something of it is asked for."""
+
+    def __init__(self, name: str):
+        self._name = name
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(importlib.import_module(self._name), name)
+
+
+ir: Any = _Module("llvmlite.ir")
+types: Any = _Module("numba.types")
+
+
+class _Layout:
+    """Types of C as LLVM calls them."""
+
+    @cached_property
+    def i8(self) -> Any:
+        return ir.IntType(8)
+
+    @cached_property
+    def i32(self) -> Any:
+        return ir.IntType(32)
+
+    @cached_property
+    def i64(self) -> Any:
+        return ir.IntType(64)
+
+    @cached_property
+    def f64(self) -> Any:
+        return ir.DoubleType()
+
+    @cached_property
+    def pointer(self) -> Any:
+        return self.i8.as_pointer()
+
+
+c = _Layout()
+
+
+class Name:
+    """Something that compiled functions call, made when numba meets it for the first time.
+
+    Args:
+        make: it.
+    """
+
+    def __init__(self, make: Callable[[], Any]):
+        self._make = make
+
+    @cached_property
+    def made(self) -> Any:
+        """What numba works with."""
+        return self._make()
+
+    @property
+    def _numba_type_(self) -> Any:
+        from numba.core.registry import cpu_target
+
+        made = self.made
+        # it may be new, in the middle of the compilation of a function that calls it
+        cpu_target.typing_context.refresh()
+        cpu_target.target_context.refresh()
+        return cpu_target.typing_context.resolve_value_type(made)
+
+
+class Function(Name):
+    """A compiled function, which Python may call too.
+
+    Args:
+        function: its source.
+        options: of numba's `njit`.
+    """
+
+    def __init__(self, function: Callable, **options: Any):
+        super().__init__(lambda: importlib.import_module("numba").njit(**options)(function))
+        update_wrapper(self, function)
+
+    def __call__(self, *arguments: Any) -> Any:
+        return self.made(*arguments)
+
+    def __getattr__(self, name: str) -> Any:
+        # of numba's dispatcher, by which it knows what to inline; what any object may be asked for is not there
+        if name.startswith("_"):
+            raise AttributeError(name)
+        return getattr(self.made, name)
+
+
+def njit(**options: Any) -> Callable[[Callable], Any]:
+    """Decorator: compile a function when it is called, options as of `numba.njit`."""
+    return lambda function: Function(function, **options)
+
+
+def intrinsic(function: Callable) -> Any:
+    """Decorator: `numba.extending.intrinsic`."""
+    return Name(lambda: importlib.import_module("numba.extending").intrinsic(function))
+
+
+carray: Any = Name(lambda: importlib.import_module("numba").carray)
+"""`numba.carray`: the array at a pointer."""
+
+
+def pointer_to(item: Any) -> Any:
+    """A compiled function that makes a pointer to `item`, a dtype, of an address; `carray` makes it an array."""
+
+    def make() -> Any:
+        from numba import from_dtype
+        from numba.extending import intrinsic
+
+        pointer = types.CPointer(from_dtype(np.dtype(item)))
+
+        def at(typingctx, address):
+            def codegen(context, builder, signature, arguments):
+                return builder.inttoptr(arguments[0], context.get_value_type(pointer))
+
+            return pointer(types.int64), codegen
+
+        return intrinsic(at)
+
+    return Name(make)
