@@ -11,13 +11,13 @@ from pathlib import Path
 import pytest
 
 from tests.damage import damage
-from twin import native_cache
-from twin.native_cache import COMPILES, KEPT, is_own, source_digest
-from twin.native_seal import damaged_files
+from twin.compiled import cache
+from twin.compiled.cache import COMPILES, KEPT, is_own, source_digest
+from twin.compiled.seal import damaged_files
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
-SOURCE = Path(__file__).parents[1] / "twin"
-WHERE = "import os, twin.native_cache; twin.native_cache.use_cache(); print(os.environ['NUMBA_CACHE_DIR'])"
+SOURCE = Path(__file__).parents[2] / "twin"
+WHERE = "import os, twin.compiled.cache; twin.compiled.cache.use_cache(); print(os.environ['NUMBA_CACHE_DIR'])"
 KERNEL = """from numba import njit
 
 @njit(cache=True)
@@ -38,6 +38,7 @@ def package(tmp_path: Path) -> Path:
     (folder / "deep").mkdir(parents=True)
     for file in SOURCE.glob("*.py"):
         shutil.copy(file, folder)
+    shutil.copytree(SOURCE / "compiled", folder / "compiled", ignore=shutil.ignore_patterns("__pycache__"))
     (folder / "deep" / "kernel.py").write_text(KERNEL)
     (folder / "deep" / "part.py").write_text("x = 1\n")
     (folder / "picture").mkdir()
@@ -92,7 +93,7 @@ def test_compiled_packages_import_only_packages_that_count():
     assert {"plant", "robot", "cosim"} <= counted
     for file in importing:
         imported = set(re.findall(r"^\s*(?:from|import) twin\.(\w+)", file.read_text(), re.MULTILINE))
-        assert imported <= counted | {"errors", "native_cache"}, file
+        assert imported <= counted | {"errors", "cache_folder"}, file
 
 
 def test_old_folders_are_dropped_and_the_present_one_never(package):
@@ -110,7 +111,7 @@ def test_a_cache_folder_of_the_users_own_is_respected(package, tmp_path):
 def test_the_processes_that_one_starts_keep_their_code_where_it_does(package: Path):
     folder = cache_folder(package)
     assert cache_folder(package, NUMBA_CACHE_DIR=str(folder)) == folder
-    assert is_own(native_cache.compiled_home(SOURCE) / "0123456789abcdef")
+    assert is_own(cache.compiled_home(SOURCE) / "0123456789abcdef")
 
 
 @POSIX
@@ -131,7 +132,7 @@ def test_without_a_folder_of_the_users_alone_nothing_is_kept(package: Path, tmp_
     (tmp_path / "scratch").mkdir()
     before = {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts}
     place = ran(
-        package, "-S", "-c", f"{WHERE}; import twin.native_cache as n; print(n.refusal())",
+        package, "-S", "-c", f"{WHERE}; import twin.compiled.cache as n; print(n.refusal())",
         TWIN_CACHE=wish.format(open=tmp_path / "open"), TMPDIR=str(tmp_path / "scratch"),
     ).stdout  # fmt: skip
     folder, why = place.splitlines()

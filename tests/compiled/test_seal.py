@@ -10,8 +10,8 @@ import pytest
 from numba.core import caching
 
 from tests.damage import KINDS, damage
-from twin import native_seal
-from twin.native_seal import damaged_files
+from twin.compiled import seal
+from twin.compiled.seal import damaged_files
 
 # whatever this process itself keeps its compiled code with
 PLAIN = next(kind for kind in caching.IndexDataCacheFile.__mro__ if kind.__module__ == caching.__name__)
@@ -23,9 +23,9 @@ def opened(tmp_path: Path) -> Callable[[], Any]:
     """What a new process would read the files of one function with."""
 
     def opened() -> Any:
-        native_seal._told.clear()
+        seal._told.clear()
         numbas = SimpleNamespace(IndexDataCacheFile=PLAIN)
-        native_seal._change(numbas, tmp_path)
+        seal._change(numbas, tmp_path)
         (tmp_path / "plant").mkdir(exist_ok=True)
         return numbas.IndexDataCacheFile(str(tmp_path / "plant"), "dynamics-1.py311", (1.0, 100))
 
