@@ -1,6 +1,5 @@
 """Functions that C can call, as machine code: taken from the store, or compiled and kept there."""
 
-import ctypes
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
@@ -8,23 +7,24 @@ from typing import Any
 import numpy as np
 
 from twin.compiled import store
+from twin.compiled.builtin import PYTHON, built_in
 from twin.compiled.function import Function, types
 
 Kind = str | np.dtype
 """Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
 
-_KINDS: dict[str, tuple[str, str, Any]] = {
-    "int": ("int64", "i64", ctypes.c_int64),
-    "int32": ("int32", "i32", ctypes.c_int32),
-    "byte": ("uint8", "i8", ctypes.c_uint8),
-    "double": ("float64", "double", ctypes.c_double),
-    "pointer": ("voidptr", "ptr", ctypes.c_void_p),
-    "doubles": ("CPointer(float64)", "ptr", ctypes.c_void_p),
-    "integers": ("CPointer(int64)", "ptr", ctypes.c_void_p),
-    "bytes": ("CPointer(uint8)", "ptr", ctypes.c_void_p),
-    "nothing": ("void", "void", None),
+_KINDS: dict[str, tuple[str, str]] = {
+    "int": ("int64", "i64"),
+    "int32": ("int32", "i32"),
+    "byte": ("uint8", "i8"),
+    "double": ("float64", "double"),
+    "pointer": ("voidptr", "ptr"),
+    "doubles": ("CPointer(float64)", "ptr"),
+    "integers": ("CPointer(int64)", "ptr"),
+    "bytes": ("CPointer(uint8)", "ptr"),
+    "nothing": ("void", "void"),
 }
-"""What numba, LLVM and ctypes call it."""
+"""What numba and LLVM call it."""
 
 
 class Native:
@@ -35,19 +35,25 @@ class Native:
     Args:
         returns, takes: kinds; no record is returned.
         function: its source. Dividing by zero gives NaN or infinity there, and an exception is lost.
+        entered: whether Python calls it.
     """
 
-    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
-        self.returns, self.takes, self.function = returns, tuple(takes), function
+    def __init__(self, returns: str, takes: Sequence[Kind], function: Callable, entered: bool = False):
+        self.returns, self.takes, self.function, self.entered = returns, tuple(takes), function, entered
 
     @cached_property
     def address(self) -> int:
         """Where the machine code is."""
         try:
-            name = store.name_of(self.function, repr((self.returns, [_told(kind) for kind in self.takes])))
+            name = self._name
         except store.Unnamed:
             return self._of_numba()
-        return store.load(name) or self._made(name)
+        if not store.has(name):
+            code = self._emitted(name)
+            if not code:
+                return self._of_numba()
+            store.keep(name, code)
+        return store.address(name)
 
     @property
     def signature(self) -> Any:
@@ -56,17 +62,26 @@ class Native:
 
     @cached_property
     def called(self) -> Callable:
-        """It, for Python, where pointers are numbers."""
-        kinds = [ctypes.c_void_p if isinstance(kind, np.dtype) else _KINDS[kind][2] for kind in self.takes]
-        return ctypes.CFUNCTYPE(_KINDS[self.returns][2], *kinds)(self.address)
+        """It, for Python, where addresses are numbers; of one that is `entered`."""
+        return self.address and built_in(store.address(self._name + PYTHON), self.function.__name__)
 
-    def _made(self, name: str) -> int:
-        from twin.compiled.emission import bare, callable_by_c, module_of
+    @cached_property
+    def _name(self) -> str:
+        return store.name_of(self.function, repr((self.returns, [_told(kind) for kind in self.takes])))
 
-        module, foreign = bare(
-            callable_by_c(module_of(self.signature, self.function, name), _KINDS[self.returns][1]), store.machine()
-        )
-        return self._of_numba() if foreign else store.keep(name, store.machine().emit_object(module))
+    def _emitted(self, name: str) -> bytes:
+        """Object code; none if it needs more than mathematics."""
+        from twin.compiled import emission
+
+        returns, machine = _KINDS[self.returns][1], store.machine()
+        module = emission.callable_by_c(emission.module_of(self.signature, self.function, name), returns)
+        made, foreign = emission.bare(module, machine)
+        if foreign:
+            return b""
+        if self.entered:
+            kinds = ["ptr" if isinstance(kind, np.dtype) else _KINDS[kind][1] for kind in self.takes]
+            made = emission.callable_by_python(made, name, returns, kinds)
+        return bytes(machine.emit_object(made))
 
     def _of_numba(self) -> int:
         from numba import cfunc
@@ -76,7 +91,7 @@ class Native:
 
 
 class Entry(Function):
-    """A compiled function that Python enters by its address, without numba, and compiled functions call like others.
+    """A compiled function that Python enters without numba, and that compiled functions call like others.
 
     Args:
         returns, takes, function: as of `Native`.
@@ -84,7 +99,7 @@ class Entry(Function):
 
     def __init__(self, returns: str, takes: Sequence[Kind], function: Callable):
         super().__init__(function, cache=True, error_model="numpy")
-        self.native = Native(returns, takes, function)
+        self.native = Native(returns, takes, function, entered=True)
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""
@@ -92,7 +107,7 @@ class Entry(Function):
 
 
 def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:
-    """Decorator: `Entry`. The interpreter's lock is free while it runs."""
+    """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs."""
     return lambda function: Entry(returns, takes, function)
 
 

@@ -18,7 +18,7 @@ import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
 
-from twin.compiled.cache import is_own, use_cache
+from twin.compiled.cache import is_own, source_digest, use_cache
 from twin.compiled.function import Function
 from twin.compiled.seal import sealed, unsealed
 
@@ -26,6 +26,10 @@ FOLDER = "objects"
 _OWN = "twin."
 _COMPILERS = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT")
 """Variables that change what numba makes."""
+
+
+_loaded: set[str] = set()
+"""Names of object files of this process."""
 
 
 class Unnamed(Exception):
@@ -48,24 +52,29 @@ def name_of(function: Callable, kinds: str) -> str:
     return f"{function.__module__.removeprefix(_OWN)}.{function.__name__}-{what}"
 
 
-def load(name: str) -> int | None:
-    """Address of the function of an object file; None: there is none."""
-    folder = _folder()
-    content = unsealed(folder / f"{name}.o", folder) if folder else None
-    return _loaded(name, content) if content else None
+def has(name: str) -> bool:
+    """Whether there is an object file of that name; its function has an address from now on."""
+    if name not in _loaded:
+        content = unsealed(_folder() / f"{name}.o", _folder())
+        if content:
+            _load(name, content)
+    return name in _loaded
 
 
-def keep(name: str, content: bytes) -> int:
-    """Address of the function of a new object file; it is kept if that is possible."""
-    folder = _folder()
-    if folder:
-        # a full disk, a folder that is gone: the code runs all the same
-        with contextlib.suppress(OSError):
-            folder.mkdir(exist_ok=True)
-            aside = folder / f".{name}-{os.getpid()}"
-            aside.write_bytes(sealed(content))
-            aside.replace(folder / f"{name}.o")
-    return _loaded(name, content)
+def keep(name: str, content: bytes) -> None:
+    """Take a new object file; it is there for other processes too if that is possible."""
+    # a full disk, a folder that is gone: the code runs all the same
+    with contextlib.suppress(OSError):
+        _folder().mkdir(exist_ok=True)
+        aside = _folder() / f".{name}-{os.getpid()}"
+        aside.write_bytes(sealed(content))
+        aside.replace(_folder() / f"{name}.o")
+    _load(name, content)
+
+
+def address(symbol: str) -> int:
+    """Of a function of an object file that is there."""
+    return int(_engine().get_function_address(symbol))
 
 
 @cache
@@ -83,11 +92,10 @@ def machine() -> Any:
     )
 
 
-def _loaded(name: str, content: bytes) -> int:
-    engine = _engine()
-    engine.add_object_file(llvm.ObjectFileRef.from_data(content))
-    engine.finalize_object()
-    return int(engine.get_function_address(name))
+def _load(name: str, content: bytes) -> None:
+    _engine().add_object_file(llvm.ObjectFileRef.from_data(content))
+    _engine().finalize_object()
+    _loaded.add(name)
 
 
 @cache
@@ -97,16 +105,18 @@ def _engine() -> Any:
 
 
 @cache
-def _folder() -> Path | None:
-    """Where object files are; None: the user has chosen a place for numba's files alone."""
+def _folder() -> Path:
+    """Where object files are."""
     use_cache()
-    folder = Path(os.environ["NUMBA_CACHE_DIR"])
-    return folder / FOLDER if is_own(folder) else None
+    return Path(os.environ["NUMBA_CACHE_DIR"]) / FOLDER
 
 
 @cache
 def _target() -> str:
     given = [os.environ.get(name, "") for name in _COMPILERS]
+    folder = _folder().parent
+    # one of the user's own choice is not named after the source
+    given += [] if is_own(folder) else [source_digest(Path(__file__).parents[1])]
     features = llvm.get_host_cpu_features().flatten()
     return repr((version("numba"), llvmlite.__version__, llvm.get_host_cpu_name(), features, given))
 
