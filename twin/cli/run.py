@@ -10,6 +10,7 @@ from typing import Annotated, Any
 import typer
 from typer.core import TyperCommand
 
+from twin.cli.ahead import JOB
 from twin.cli.completion import experiment_files
 from twin.cli.display import Display
 from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, LimitStep, LimitWall, Settings
@@ -20,7 +21,6 @@ from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import LONG, Limits
 from twin.runs.guard.recorded import recorded_until_then, seen_from_here
 
-JOB = "twin.runs.guard.runs:recorded_runs"
 LIVE_JOB = "twin.runs.live.runs:served_runs"
 PORT = 8765
 MEMORY = 4000.0

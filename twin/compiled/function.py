@@ -83,17 +83,28 @@ class Name:
 class Function(Name):
     """A compiled function, which Python may call too.
 
+    What only compiled functions call needs nothing that takes and gives objects, which takes half of the time to
+    compile; for Python it is compiled once more, with that, and kept by numba.
+
     Args:
         function: its source.
         options: of numba's `njit`.
     """
 
     def __init__(self, function: Callable, **options: Any):
-        super().__init__(lambda: importlib.import_module("numba").njit(**options)(function))
+        bare = {**options, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
+        super().__init__(lambda: importlib.import_module("numba").njit(**bare)(function))
+        self._options = options
         update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        return self.made(*arguments)
+        return self.called(*arguments)
+
+    @cached_property
+    def called(self) -> Callable:
+        """What Python calls."""
+        made: Callable = importlib.import_module("numba").njit(**self._options)(self.__wrapped__)
+        return made
 
     def __getattr__(self, name: str) -> Any:
         # of numba's dispatcher, by which it knows what to inline; what any object may be asked for is not there

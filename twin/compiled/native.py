@@ -27,6 +27,14 @@ _KINDS: dict[str, tuple[str, str]] = {
 """What numba and LLVM call it."""
 
 
+_helpers: list[Callable[[], None]] = []
+
+
+def help_with(helper: Callable[[], None]) -> None:
+    """Call `helper` before this process compiles for the first time."""
+    _helpers.append(helper)
+
+
 class Native:
     """A function at an address, compiled or taken from the store when that is asked for.
 
@@ -48,12 +56,19 @@ class Native:
             name = self._name
         except store.Unnamed:
             return self._of_numba()
-        if not store.has(name):
-            code = self._emitted(name)
-            if not code:
-                return self._of_numba()
-            store.keep(name, code)
-        return store.address(name)
+        if not self.is_there:
+            while _helpers:
+                _helpers.pop()()
+            with store.alone(name):
+                code = b"" if store.has(name) else self._emitted(name)
+                if code:
+                    store.keep(name, code)
+        return store.address(name) if store.has(name) else self._of_numba()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether it need not be compiled any more."""
+        return store.has(self._name)
 
     @property
     def signature(self) -> Any:

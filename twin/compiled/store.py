@@ -8,7 +8,7 @@ mathematics; a function whose code needs more, memory of its own say, stays numb
 import contextlib
 import hashlib
 import os
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -17,6 +17,12 @@ from typing import Any
 import llvmlite
 import llvmlite.binding as llvm
 import numpy as np
+
+try:
+    import fcntl
+except ImportError:
+    # Windows, where two processes may make the same file
+    fcntl = None  # type: ignore[assignment]
 
 from twin.compiled.cache import is_own, source_digest, use_cache
 from twin.compiled.function import Function
@@ -59,6 +65,23 @@ def has(name: str) -> bool:
         if content:
             _load(name, content)
     return name in _loaded
+
+
+@contextlib.contextmanager
+def alone(name: str) -> Iterator[None]:
+    """Nobody else makes the object file of that name meanwhile."""
+    try:
+        _folder().mkdir(exist_ok=True)
+        lock = open(_folder() / f".{name}.lock", "w")
+    except OSError:
+        # nothing can be kept, so nobody can wait for it
+        yield
+        return
+    with lock:
+        if fcntl is not None:
+            with contextlib.suppress(OSError):
+                fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
 
 
 def keep(name: str, content: bytes) -> None:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
+from twin.compiled.native import help_with
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.cosim.wiring import End, Feeds, wires
@@ -19,8 +20,10 @@ from twin.runs.assembly.mechanics import at_rest
 from twin.runs.assembly.robot import ROBOT, connected
 from twin.runs.assembly.roles import CONTRACTS, OtherPart, given_part, other_parts
 from twin.runs.assembly.tunable import scheduled
+from twin.runs.assembly.usual import compile_beside
 
 HERE = InThisProcess()
+help_with(compile_beside)
 
 
 @dataclass

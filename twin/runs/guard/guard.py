@@ -7,6 +7,7 @@ from typing import Any
 
 from twin.errors import ComponentFailed, InputRefused, TwinError, visible
 from twin.runs.guard.account import Account
+from twin.runs.guard.ahead import process_for
 from twin.runs.guard.child import STOP
 from twin.runs.guard.failure import error_of
 from twin.runs.guard.limits import PATIENCE, Limits, duration_text
@@ -51,7 +52,7 @@ def guarded(
         TwinError: the job raised one: class, text and exit code are those.
         KeyboardInterrupt: Ctrl-C; the job has been asked to stop, and ended if it did not.
     """
-    with GuardedProcess(job) as process:
+    with process_for(job) as process:
         process.start(arguments)
         try:
             return _followed(process, Watch(process, limits), listen, show)

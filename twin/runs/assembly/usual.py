@@ -1,0 +1,47 @@
+"""What every run needs of compiled code; where it is lacking, two processes make it from both ends.
+
+`python -m twin.runs.assembly.usual` is the second one.
+"""
+
+import atexit
+import os
+import subprocess
+
+from twin.compiled.native import Native
+from twin.controller import controller, estimator
+from twin.cosim import master
+from twin.drive import plain_adapter
+from twin.plant import component, encoder, equilibrium, scale
+from twin.robot import clearance, inverse_kinematics, jacobian
+from twin.runs.guard.interpreter import environment, module_command
+
+PATIENCE = 5.0
+"""How long (s) the other process has to end when it is asked to."""
+FEW = 3
+"""So many are compiled in the time that another process takes to begin."""
+
+
+def usual() -> tuple[Native, ...]:
+    """The functions of a run of Fig. 4, in the order in which it asks for them."""
+    return (
+        inverse_kinematics._angles.native, clearance._nearest.native, equilibrium._load.native, jacobian._rows.native,
+        equilibrium._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
+        estimator.step, controller.step, scale.step, plain_adapter.step, master.advance.native,
+    )  # fmt: skip
+
+
+def compile_beside() -> None:
+    """Let another process compile them from the last one on, if many are lacking; whoever needs one waits for it."""
+    if (os.cpu_count() or 1) > 1 and sum(not native.is_there for native in usual()) > FEW:
+        helper = subprocess.Popen(module_command(__name__), env=environment(), stdin=subprocess.DEVNULL)
+        atexit.register(_end, helper)
+
+
+def _end(helper: subprocess.Popen[bytes]) -> None:
+    helper.terminate()
+    helper.wait(PATIENCE)
+
+
+if __name__ == "__main__":
+    for native in reversed(usual()):
+        native.address  # noqa: B018

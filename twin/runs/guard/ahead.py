@@ -1,0 +1,23 @@
+"""A guarded process that is started before it is known what for: it imports while the command line is being read."""
+
+from twin.runs.guard.process import GuardedProcess
+
+_waiting: dict[str, GuardedProcess] = {}
+
+
+def start_ahead(job: str) -> None:
+    """Start a process that will be asked for `job`, if somebody asks."""
+    _waiting[job] = GuardedProcess(job)
+
+
+def process_for(job: str) -> GuardedProcess:
+    """The process that was started ahead for `job`, or a new one; none waits any more."""
+    found = _waiting.pop(job, None)
+    end_waiting()
+    return found or GuardedProcess(job)
+
+
+def end_waiting() -> None:
+    """End what nobody has asked for."""
+    while _waiting:
+        _waiting.popitem()[1].close()
