@@ -78,7 +78,9 @@ class Native:
     @cached_property
     def called(self) -> Callable:
         """It, for Python, where addresses are numbers; of one that is `entered`."""
-        return self.address and built_in(store.address(self._name + PYTHON), self.function.__name__)
+        if not self.address:
+            raise RuntimeError(f"{self._name} needs more than mathematics: Python cannot enter it")
+        return built_in(store.address(self._name + PYTHON), self.function.__name__)
 
     @cached_property
     def _name(self) -> str:

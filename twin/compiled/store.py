@@ -33,7 +33,6 @@ _OWN = "twin."
 _COMPILERS = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT")
 """Variables that change what numba makes."""
 
-
 _loaded: set[str] = set()
 """Names of object files of this process."""
 
@@ -72,7 +71,7 @@ def alone(name: str) -> Iterator[None]:
     """Nobody else makes the object file of that name meanwhile."""
     try:
         _folder().mkdir(exist_ok=True)
-        lock = open(_folder() / f".{name}.lock", "w")
+        lock = open(_folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
     except OSError:
         # nothing can be kept, so nobody can wait for it
         yield

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cosim.native import Step
+from twin.compiled.native import Native
 from twin.studies.build import emission
 from twin.studies.build.emission import Emitted, Module, emitted, module_of
 from twin.studies.build.platforms import Platform
@@ -31,7 +31,7 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     modules: dict[tuple[object, str], Module] = {}
     steps: dict[tuple[str, str], Emitted] = {}
 
-    def known(step: Step, symbol: str) -> Module:
+    def known(step: Native, symbol: str) -> Module:
         if (step, symbol) not in modules:
             modules[step, symbol] = module_of(step, symbol)
         return modules[step, symbol]

@@ -15,7 +15,7 @@ from tests.studies.build.test_open_parameters import another
 from twin.drive.compiling import compiler
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace, run_in_memory
-from twin.studies.build.emission import MATHEMATICS
+from twin.compiled.emission import MATHEMATICS
 from twin.studies.build.interface import COUNTS, TOLD
 from twin.studies.build.library import PART, build_c
 from twin.studies.build.parameters import parameters

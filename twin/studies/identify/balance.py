@@ -97,7 +97,8 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
     geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     p_B = position(geometry, theta_l)
     J = jacobian_rows(geometry, theta_l, p_B)
-    return Pose(p_B, J, arm_gravity_torque(belief, belief, theta_l), np.linalg.inv(J)[:, 2])
+    inverse: NDArray[np.float64] = np.linalg.inv(J)
+    return Pose(p_B, J, arm_gravity_torque(belief, belief, theta_l), inverse[:, 2])
 
 
 def wind_up(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:
