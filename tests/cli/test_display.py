@@ -107,7 +107,7 @@ def test_without_a_terminal_the_long_wait_is_one_plain_line(monkeypatch, capsys)
     with Display(as_json=True):
         assert told_twice.wait(60.0)
     told = capsys.readouterr()
-    assert told.out == "" and told.err == "compiling, once: the first run takes about a minute longer\n"
+    assert told.out == "" and told.err == "compiling, once: the first run takes some seconds longer\n"
 
 
 def test_a_run_that_is_refused_before_anything_is_compiled_does_not_speak_of_it(monkeypatch, capsys):

@@ -56,9 +56,9 @@ def test_a_terminal_shows_how_far_the_run_is_and_then_only_the_summary(root: Pat
 def test_the_first_run_of_all_counts_what_it_compiles(root: Path, tmp_path: Path):
     text = seen(root, tmp_path, NUMBA_CACHE_DIR=str(tmp_path / "compiled"))
     counted = [int(count) for count in re.findall(rf"compiling, once: (\d+) of about {PIECES}", text)]
-    assert counted == sorted(counted) and len(set(counted)) > 10
+    assert counted == sorted(counted) and len(set(counted)) > 3
     # "about": within a fifth
-    assert abs(len(list((tmp_path / "compiled").rglob("*.nbc"))) - PIECES) < 0.2 * PIECES
+    assert abs(len(list((tmp_path / "compiled").rglob("*.o"))) - PIECES) < 0.2 * PIECES
 
 
 def test_without_colour_there_is_no_escape_code_and_no_line_is_too_long(root: Path, tmp_path: Path):

@@ -1,4 +1,4 @@
-"""What numba compiles while a run is made ready, told as it goes: the first run compiles for about a minute."""
+"""What is compiled while a run is made ready, told as it goes: the first run takes some seconds longer."""
 
 import threading
 import time
@@ -6,7 +6,7 @@ import time
 from twin.cli.installation.native import compiled_pieces
 from twin.cli.progress import Progress
 
-PIECES = 90
+PIECES = 13
 """How many pieces of machine code a run of Fig. 4 needs, about; where none is there yet."""
 PERIOD = 0.25
 """Seconds between two looks at what has been compiled."""

@@ -68,7 +68,7 @@ class Progress:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
         if about and not self._told:
             self._told = True
-            print("compiling, once: the first run takes about a minute longer", file=sys.stderr, flush=True)
+            print("compiling, once: the first run takes some seconds longer", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""

@@ -21,7 +21,7 @@ from twin.errors import InputRefused, disk_refusals
 
 NAME = "native"
 KEPT = 3
-COMPILES = re.compile(rb"^(from|import) (numba|twin\.compiled)\b", re.MULTILINE)
+COMPILES = re.compile(rb"^(from|import) (numba|twin\.compiled\.(function|native))\b", re.MULTILINE)
 
 _refusal: list[str] = []
 
@@ -54,7 +54,7 @@ def _room(name: str) -> str:
 
 
 @cache
-def use_cache() -> None:
+def use_cache() -> Path:
     """Point numba at this source's own folder; keep the newest few, drop older ones. Once is enough.
 
     Where the package's own folder is not the user's alone, they are in the user's cache folder; where there is none,
@@ -67,7 +67,7 @@ def use_cache() -> None:
         folder = Path(given)
         if is_own(folder):
             use_seals(folder)
-        return
+        return folder
     try:
         folder = _made(_home(package), source_digest(package))
     except InputRefused as refusal:
@@ -78,6 +78,7 @@ def use_cache() -> None:
     os.environ["NUMBA_CACHE_DIR"] = str(folder)
     if "numba" in sys.modules:
         sys.modules["numba"].config.CACHE_DIR = str(folder)
+    return folder
 
 
 def refusal() -> str:

@@ -27,14 +27,6 @@ _KINDS: dict[str, tuple[str, str]] = {
 """What numba and LLVM call it."""
 
 
-_helpers: list[Callable[[], None]] = []
-
-
-def help_with(helper: Callable[[], None]) -> None:
-    """Call `helper` before this process compiles for the first time."""
-    _helpers.append(helper)
-
-
 class Native:
     """A function at an address, compiled or taken from the store when that is asked for.
 
@@ -57,8 +49,7 @@ class Native:
         except store.Unnamed:
             return self._of_numba()
         if not self.is_there:
-            while _helpers:
-                _helpers.pop()()
+            store.call_helpers()
             with store.alone(name):
                 code = b"" if store.has(name) else self._emitted(name)
                 if code:
@@ -78,7 +69,7 @@ class Native:
     @cached_property
     def called(self) -> Callable:
         """It, for Python, where addresses are numbers; of one that is `entered`."""
-        if not self.address:
+        if not (self.address and store.has(self._name)):
             raise RuntimeError(f"{self._name} needs more than mathematics: Python cannot enter it")
         return built_in(store.address(self._name + PYTHON), self.function.__name__)
 

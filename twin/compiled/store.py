@@ -37,6 +37,9 @@ _loaded: set[str] = set()
 """Names of object files of this process."""
 
 
+_helpers: list[Callable[[], None]] = []
+
+
 class Unnamed(Exception):
     """A function whose code cannot be told from that of another one by its name."""
 
@@ -66,11 +69,22 @@ def has(name: str) -> bool:
     return name in _loaded
 
 
+def help_with(helper: Callable[[], None]) -> None:
+    """Call `helper` before this process compiles for the first time."""
+    _helpers.append(helper)
+
+
+def call_helpers() -> None:
+    """Something has to be compiled."""
+    while _helpers:
+        _helpers.pop()()
+
+
 @contextlib.contextmanager
 def alone(name: str) -> Iterator[None]:
     """Nobody else makes the object file of that name meanwhile."""
     try:
-        _folder().mkdir(exist_ok=True)
+        _folder().mkdir(parents=True, exist_ok=True)
         lock = open(_folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
     except OSError:
         # nothing can be kept, so nobody can wait for it
@@ -87,7 +101,7 @@ def keep(name: str, content: bytes) -> None:
     """Take a new object file; it is there for other processes too if that is possible."""
     # a full disk, a folder that is gone: the code runs all the same
     with contextlib.suppress(OSError):
-        _folder().mkdir(exist_ok=True)
+        _folder().mkdir(parents=True, exist_ok=True)
         aside = _folder() / f".{name}-{os.getpid()}"
         aside.write_bytes(sealed(content))
         aside.replace(_folder() / f"{name}.o")
@@ -129,8 +143,7 @@ def _engine() -> Any:
 @cache
 def _folder() -> Path:
     """Where object files are."""
-    use_cache()
-    return Path(os.environ["NUMBA_CACHE_DIR"]) / FOLDER
+    return use_cache() / FOLDER
 
 
 @cache

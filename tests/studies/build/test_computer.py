@@ -12,10 +12,10 @@ from numpy.typing import NDArray
 
 from tests.studies.build.conftest import FIG4, ROOT, silent
 from tests.studies.build.test_open_parameters import another
+from twin.compiled.emission import MATHEMATICS
 from twin.drive.compiling import compiler
 from twin.runs.assembly.load import load_experiment
 from twin.runs.trace import Trace, run_in_memory
-from twin.compiled.emission import MATHEMATICS
 from twin.studies.build.interface import COUNTS, TOLD
 from twin.studies.build.library import PART, build_c
 from twin.studies.build.parameters import parameters

@@ -10,9 +10,9 @@ import pytest
 
 from tests.studies.build.binaries import Binary, binary, slices
 from tests.studies.build.conftest import FIG4, MODULES, silent
+from twin.compiled.emission import MATHEMATICS
 from twin.errors import InputRefused
 from twin.studies.build import emission
-from twin.compiled.emission import MATHEMATICS
 from twin.studies.build.part import PARTS
 from twin.studies.build.platforms import PLATFORMS
 from twin.studies.build.study import build_fmu

@@ -24,7 +24,7 @@ def compiled_finding() -> Finding:
     own = is_own(folder)
     place = f"{folder}, {SAFE if own else 'as NUMBA_CACHE_DIR says'}"
     if not compiled_pieces():
-        return Finding("compiled", "ok", f"nothing yet: the first run compiles, up to a minute; kept in {place}")
+        return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
     size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
     damaged = damaged_files(folder) if own else []
     return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {place}{_told(damaged, 'compiled again')}")

@@ -1,4 +1,4 @@
-"""The compiled code that is kept between processes, see `twin.compiled.cache`."""
+"""The compiled code that is kept between processes, see `twin.compiled`."""
 
 import os
 from pathlib import Path
@@ -7,14 +7,10 @@ from twin.compiled.cache import use_cache
 
 
 def compiled_folder() -> Path:
-    """Where numba keeps what it has compiled of this source."""
-    use_cache()
-    return Path(os.environ["NUMBA_CACHE_DIR"])
+    """Where what was compiled of this source is kept."""
+    return Path(os.environ.get("NUMBA_CACHE_DIR") or use_cache())
 
 
 def compiled_pieces() -> int:
-    """How many pieces of machine code are kept: of each compiled function one for every kind of arguments.
-
-    What a run needs beyond them is compiled when it is needed.
-    """
-    return sum(1 for _ in compiled_folder().rglob("*.nbc"))
+    """How many pieces of machine code are kept; what a run needs beyond them is compiled when it is needed."""
+    return sum(file.suffix in (".o", ".nbc") for file in compiled_folder().rglob("*.*"))

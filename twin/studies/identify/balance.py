@@ -97,7 +97,7 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
     geometry = Geometry(belief.a, belief.b, belief.l_a, belief.l_b)
     p_B = position(geometry, theta_l)
     J = jacobian_rows(geometry, theta_l, p_B)
-    inverse: NDArray[np.float64] = np.linalg.inv(J)
+    inverse = np.asarray(np.linalg.inv(J), dtype=np.float64)
     return Pose(p_B, J, arm_gravity_torque(belief, belief, theta_l), inverse[:, 2])
 
 
