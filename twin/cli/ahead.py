@@ -17,7 +17,9 @@ _ELSEWHERE = {"--help", "--live", "--sweep", "none", "--isolate=none"}
 def run_expected() -> Iterator[None]:
     """Start the process of a run, if the command line looks like one; it ends with the block if nobody has asked."""
     command, words = sys.argv[1:2], sys.argv[2:]
-    if os.name == "posix" and command == ["run"] and words and not _ELSEWHERE.intersection(words):
+    # the pipes would get the numbers of streams that are closed
+    usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)
+    if usual and command == ["run"] and words and not _ELSEWHERE.intersection(words):
         start_ahead(JOB)
     try:
         yield

@@ -106,6 +106,12 @@ class Function(Name):
         made: Callable = importlib.import_module("numba").njit(**self._options)(self.__wrapped__)
         return made
 
+    @property
+    def py_func(self) -> Callable:
+        """Its source, for Python."""
+        source: Callable = self.__wrapped__
+        return source
+
     def __getattr__(self, name: str) -> Any:
         # of numba's dispatcher, by which it knows what to inline; what any object may be asked for is not there
         if name.startswith("_"):

@@ -61,7 +61,7 @@ def store(typingctx, address, value):
 
 
 @intrinsic
-def _syscall(typingctx, function, number, a, b, c, d, e):
+def _syscall(typingctx, function, number, first, second, third, fourth, fifth):
     """`long syscall(long number, ...)` with five arguments."""
 
     def codegen(context, builder, signature, arguments):

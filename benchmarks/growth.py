@@ -1,0 +1,155 @@
+"""How cost grows as the work grows: `python -m benchmarks.growth` measures, and writes docs/performance.md's table.
+
+Of each kind of work several sizes; the slope is that of a straight line through the logarithms of the larger half,
+where what is paid once no longer counts: 1 is proportional.
+"""
+
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import median
+
+import numpy as np
+
+from benchmarks.figure_4 import stepped
+from benchmarks.report import _twin
+from benchmarks.sweep import KEY
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.load import load_experiment
+from twin.runs.guard.limits import Limits
+from twin.studies.figure import BLUE, picture
+from twin.studies.lines import markdown
+from twin.studies.sweep.definition import short_definition
+from twin.studies.sweep.engine import Job
+from twin.studies.sweep.plan import plan_of
+from twin.studies.sweep.pool import Pool
+from twin.writing import write_json, write_text
+
+ROOT = Path(__file__).parents[1]
+EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
+DOCS = ROOT / "docs"
+BEGIN = "<!-- from here on written by python -m benchmarks.growth -->\n"
+TURNS = 3
+HEAD = ("what grows", "from", "to", "cost there", "slope")
+
+
+@dataclass(frozen=True)
+class Growth:
+    """Seconds at several sizes of a kind of work.
+
+    Attributes:
+        name: what is done.
+        size: what the sizes count.
+        sizes, seconds: (n,), rising sizes.
+    """
+
+    name: str
+    size: str
+    sizes: list[float]
+    seconds: list[float]
+
+    @property
+    def slope(self) -> float:
+        """Of the logarithms, over the larger half of the sizes."""
+        half = len(self.sizes) // 2
+        return float(np.polyfit(np.log(self.sizes[half:]), np.log(self.seconds[half:]), 1)[0])
+
+
+def grown(name: str, size: str, sizes: list[float], work: Callable[[float], float]) -> Growth:
+    """`work` done at each of the sizes, the median of a few turns; it returns its seconds."""
+    return Growth(name, size, sizes, [median(work(one) for _ in range(TURNS)) for one in sizes])
+
+
+def lasting(experiment: Experiment, seconds: float) -> Experiment:
+    """`experiment` for another time; the robot stays where its reference ends."""
+    return replace(experiment, duration_ticks=round(seconds / experiment.cosim.tick))
+
+
+def faulty(count: float) -> Experiment:
+    """Fig. 4 with so many faults, each a component of its own; every second takes back what the one before it adds."""
+    faults = [f'{{kind="encoder_bias",onset_s=1.0,magnitude_deg={(-1) ** n * 0.02}}}' for n in range(int(count))]
+    return load_experiment(EXPERIMENT, [f"fault=[{','.join(faults)}]"])
+
+
+def swept(runs: float) -> float:
+    """Seconds of so many runs of Fig. 4 with a row each, in two processes, from the first order on."""
+    plan = plan_of(short_definition(EXPERIMENT, [f"{KEY}=500:5000:{int(runs)}"], None), EXPERIMENT, "fig4", "growth")
+    with tempfile.TemporaryDirectory() as scratch:
+        job = Job(experiment=EXPERIMENT, recordings=Path(scratch), record="none", limits=Limits(), claims="")
+        began = time.perf_counter()
+        assert sum(len(batch) for batch in Pool(2).results(job, plan.tasks)) == int(runs)
+        return time.perf_counter() - began
+
+
+def reported(folder: Path, runs: float) -> float:
+    """Seconds of `twin report` of so many runs, which are copies of the one in `folder`."""
+    copies = [folder.with_name(f"copy_{number}") for number in range(int(runs))]
+    for copy in copies:
+        with suppress(FileExistsError):
+            shutil.copytree(folder, copy)
+    return _twin("report", *copies, "--out", folder.with_name("report.html"))
+
+
+def growths() -> Iterator[Growth]:
+    """All of them, as they are measured."""
+    fig4 = load_experiment(EXPERIMENT)
+    yield grown(
+        "stepping Fig. 4", "simulated s", [1.0, 10.0, 60.0, 600.0, 3600.0],
+        lambda seconds: stepped(lasting(fig4, seconds), timed=False)[0],
+    )  # fmt: skip
+    yield grown(
+        "stepping 60 s with faults", "faults", [1, 4, 16, 64],
+        lambda count: stepped(lasting(faulty(count), 60.0), timed=False)[0],
+    )  # fmt: skip
+    yield grown("a sweep of Fig. 4, two processes", "runs", [10, 100, 1000], swept)
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch) / "run"
+        _twin("run", EXPERIMENT, "--out", folder)
+        yield grown("twin report", "runs", [1, 2, 5, 10, 20], lambda runs: reported(folder, runs))
+
+
+def table(found: list[Growth]) -> str:
+    """What docs/performance.md ends with."""
+    rows = [
+        (one.name, f"{one.sizes[0]:g}", f"{one.sizes[-1]:g} {one.size}", f"{one.seconds[-1]:.3g} s", f"{one.slope:.2f}")
+        for one in found
+    ]
+    return markdown(HEAD, rows) + "\n"
+
+
+def draw(found: list[Growth], path: Path) -> None:
+    """Seconds over sizes, logarithmic, a panel each; grey is proportional."""
+    with picture(path, 10.0, 3.0) as figure:
+        for axes, one in zip(figure.subplots(1, len(found)), found, strict=True):
+            last = one.seconds[-1] / one.sizes[-1]
+            axes.loglog(one.sizes, [last * size for size in one.sizes], color="0.8", linewidth=4)
+            axes.loglog(one.sizes, one.seconds, "o-", color=BLUE, markersize=4)
+            axes.set_title(one.name, fontsize=8)
+            axes.set_xlabel(one.size)
+        figure.axes[0].set_ylabel("s")
+
+
+def main() -> None:
+    """Measure, and write the page's picture and table."""
+    found = []
+    for one in growths():
+        found.append(one)
+        cost = f"{one.seconds[-1]:.3g} s at {one.sizes[-1]:g} {one.size}"
+        print(f"{one.name:34} {cost:34} slope {one.slope:.2f}", flush=True)
+    write_json(DOCS / "performance.json", [vars(one) for one in found])
+    rewrite(found)
+
+
+def rewrite(found: list[Growth]) -> None:
+    """The picture and the table of docs/performance.md."""
+    draw(found, DOCS / "performance.png")
+    prose, _, _ = (DOCS / "performance.md").read_text().partition(BEGIN)
+    write_text(DOCS / "performance.md", f"{prose}{BEGIN}\n{table(found)}")
+
+
+if __name__ == "__main__":
+    main()
