@@ -3,7 +3,7 @@
 import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from twin.runs.guard.ahead import end_waiting, start_ahead
 
@@ -20,7 +20,9 @@ def run_expected() -> Iterator[None]:
     # the pipes would get the numbers of streams that are closed
     usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)
     if usual and command == ["run"] and words and not _ELSEWHERE.intersection(words):
-        start_ahead(JOB)
+        # what is in the way is told when the process is needed
+        with suppress(OSError):
+            start_ahead(JOB)
     try:
         yield
     finally:
