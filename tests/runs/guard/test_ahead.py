@@ -41,7 +41,7 @@ def test_who_asks_for_another_job_gets_a_new_one_and_none_waits_any_more():
         ([], False),
     ],
 )
-def test_a_command_line_that_looks_like_a_run_begins_one(
+def test_what_looks_like_a_run_begins_one(
     monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool
 ):
     monkeypatch.setattr("sys.argv", ["twin", *words])
