@@ -10,7 +10,7 @@ from cosmic_ray.mutating import mutate_code
 from cosmic_ray.plugins import get_operator, operator_names
 
 ROOMS = ("robot", "plant", "controller", "monitor", "drive", "faults", "studies/paper", "studies/metrics")
-COMPILERS = ("njit", "step_function")
+COMPILERS = ("njit", "step_function", "entry")
 """Decorators of functions that are compiled."""
 
 ARITHMETIC = ("Add", "Sub", "Mul", "Div")

@@ -20,7 +20,7 @@ SHIFTED = (
     "contact.shift={by_mm=[0.5,0.0,1.0],start_s=0.3,rise_s=0.2,end_s=1.0}", "contact.shape=sphere",
     "contact.radius_mm=80", "contact.tilt_deg=3", "contact.height_mm=-93", "plant.spring_stop_deg=2",
 )  # fmt: skip
-DEEP = ("contact.height_mm=-86", "plant.eta_rate_rad_per_s=0.5", "plant.eta=0.9")
+DEEP = ("contact.height_mm=-85.5", "plant.eta_rate_rad_per_s=0.5", "plant.eta=0.9")
 WATCHED = ("monitor={command_limit_rad_per_s=7.0}", "contact.height_mm=-86")
 
 
