@@ -15,8 +15,6 @@ from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
-import fmpy
-
 from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder
 from twin.errors import InputRefused, disk_refusals
@@ -194,7 +192,10 @@ def compiler(wanted: Path, plus: bool = False) -> list[str]:
 
 def fmi_headers() -> Path:
     """The folder of FMI's C headers, which come with FMPy."""
-    return Path(fmpy.__file__).parent / "c-code"
+    # found, not imported: that takes longer than what most commands do
+    fmpy = importlib.util.find_spec("fmpy")
+    assert fmpy is not None and fmpy.origin is not None, "a dependency of this package"
+    return Path(fmpy.origin).parent / "c-code"
 
 
 def call_compiler(command: Sequence[str], refused: str, late: str, folder: Path | None = None) -> None:
