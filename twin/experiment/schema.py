@@ -1,9 +1,10 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
 import math
+from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
@@ -171,6 +172,18 @@ class PositionLoop(Section):
     derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
 
 
+WIDEST_GAP = 3.0
+"""Largest ratio of stiffness of two neighbours in a schedule."""
+
+
+class SchedulePoint(Section):
+    """[[controller.force.schedule]]: gains of the force loop on a tissue of one stiffness."""
+
+    stiffness: float = quantity("stiffness_N_per_m", "of the tissue", gt=0, le=20_000, examples=[300.0])
+    kp: float = quantity("kp_mm_per_N", "shift of the z reference per force error", gt=0, le=1000, examples=[2.0])
+    ki: float = quantity("ki_mm_per_N_s", "integral gain", gt=0, le=10_000, examples=[40.0])
+
+
 class ForceLoop(Section):
     """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
 
@@ -187,6 +200,51 @@ class ForceLoop(Section):
     derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
     limit: float = quantity("limit_mm", "largest shift of the z reference", gt=0)
     filter: float = quantity("filter_Hz", "low-pass of the estimated force; 0: none", ge=0)
+    schedule: tuple[SchedulePoint, ...] = Field(
+        (), description="gains over the stiffness that [controller.tissue] estimates, softest first; without it, these"
+    )
+    follow: float = Field(
+        1.0, ge=0, le=1, description="with a schedule: share of a change of the reference that is fed forward"
+    )
+    rate: float = quantity("rate_per_s", "with a schedule: largest relative change of the gains", 2.0, gt=0, le=100)
+
+    @field_validator("schedule", mode="after")
+    @classmethod
+    def _in_order(cls, points: tuple[SchedulePoint, ...]) -> tuple[SchedulePoint, ...]:
+        if len(points) == 1:
+            raise ValueError("expected two points or more; one is kp_mm_per_N and ki_mm_per_N_s")
+        for number, (below, above) in enumerate(pairwise(points), start=1):
+            if not below.stiffness < above.stiffness:
+                raise ValueError(
+                    f"point {number + 1} is at {above.stiffness:g} N/m, after {below.stiffness:g}; expected the softest "
+                    "first"
+                )
+            if above.stiffness > WIDEST_GAP * below.stiffness:
+                raise ValueError(
+                    f"nothing between {below.stiffness:g} and {above.stiffness:g} N/m; expected points at most "
+                    f"{WIDEST_GAP:g}-fold apart, because gains between two points are not those of a design"
+                )
+        return points
+
+
+class Tissue(Section):
+    """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
+
+    frequency: float = quantity("frequency_Hz", "middle of the band that is looked at, and of the dither", 5.0, gt=0.5)
+    window: float = quantity("window_s", "how long what was seen is remembered", 0.5, gt=0, le=100)
+    dither: float = quantity(
+        "dither_N", "amplitude of the force that moves the tissue where nothing else does; 0: none", 0.15, ge=0, le=2
+    )
+    tolerance: float = Field(
+        0.3, gt=0, le=1, description="standard error over stiffness from which on it is not trusted; dither: half of it"
+    )
+
+
+class Breath(Section):
+    """[controller.breath]: follow a surface that breathes, with the tissue known by [controller.tissue]."""
+
+    rate: float = quantity("rate_per_min", "believed rate, to begin with", 15.0, gt=0, le=120)
+    lag: float = quantity("lag_ms", "believed lag of the robot behind its reference", 20.0, ge=0, le=1000)
 
 
 class Touch(Section):
@@ -232,4 +290,6 @@ class Controller(Section):
     touch: Touch | None = None
     feed_forward: FeedForward | None = None
     damping: Damping | None = None
+    tissue: Tissue | None = None
+    breath: Breath | None = None
     model: Model
