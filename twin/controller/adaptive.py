@@ -13,6 +13,7 @@ from numba import njit
 
 from twin.controller.breath import BREATH, Breathing, breathe
 from twin.controller.schedule import SCHEDULE, SchedulePoint, Scheduling, follow_reference, schedule_gains, table_of
+from twin.controller.taps import TAPS
 from twin.controller.tissue import TISSUE, Sensing, dither, sense
 from twin.cosim.port import Port
 from twin.cosim.record import record
@@ -28,7 +29,7 @@ ADAPTIVE_OUTPUTS = (
     Port("breath_v", 1, "m/s", "velocity of the surface that is fed forward"),
 )
 ADAPTIVE = record(
-    tissue=TISSUE, schedule=SCHEDULE, breath=BREATH, scheduled="i8", breathing="i8", pressing="i8", shift="f8", v_shift="f8", v="f8"
+    tissue=TISSUE, schedule=SCHEDULE, breath=BREATH, taps=TAPS, scheduled="i8", breathing="i8", pressing="i8", shift="f8", v_shift="f8", v="f8"
 )
 """The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its rate, and velocity of the breath, of this call."""
 
@@ -41,12 +42,14 @@ class Adapting:
         sensing: of the tissue.
         scheduling, points: gains over stiffness; None, none: those of the experiment.
         breathing: of the breath; None: it is not looked for.
+        tap_learning: share of a tap's error in force that the next one corrects.
     """
 
     sensing: Sensing
     scheduling: Scheduling | None = None
     points: Sequence[SchedulePoint] = ()
     breathing: Breathing | None = None
+    tap_learning: float = 0.0
     table: np.ndarray = field(init=False)
 
     def __post_init__(self) -> None:
@@ -59,6 +62,7 @@ class Adapting:
             for attribute, value in zip(settings._fields, settings, strict=True) if settings else ():
                 memory[name][attribute] = value
         memory["scheduled"], memory["breathing"] = self.scheduling is not None, self.breathing is not None
+        memory["taps"]["share"], memory["taps"]["mass"] = self.tap_learning, self.sensing.mass
         memory["schedule"]["count"] = len(self.table)
         return {"gain_table": self.table} if len(self.table) else {}
 

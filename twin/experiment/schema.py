@@ -254,6 +254,9 @@ class Touch(Section):
     patience: float = quantity("patience_ms", "how long contact may be lost while pressing", gt=0)
     turn: float = quantity("turn_ms", "how long before its lowest point the first tap turns round", ge=0, le=100)
     learning: float = Field(ge=0, le=1, description="share of a tap's depth error that the next one corrects")
+    force_learning: float = Field(
+        0.0, ge=0, le=1, description="share of a tap's force error that the next one corrects; needs [controller.tissue]"
+    )
 
 
 class FeedForward(Section):

@@ -33,7 +33,8 @@ def adapting(experiment: Experiment) -> Adapting | None:
         scheduling = Scheduling(c.tissue.tolerance, c.force.rate, c.force.follow, c.force.kp, c.force.ki)
     points = [SchedulePoint(point.stiffness, point.kp, point.ki) for point in c.force.schedule]
     breathing = None if c.breath is None else Breathing(c.breath.rate, c.breath.lag)
-    return Adapting(sensing(c, experiment.start), scheduling, points, breathing)
+    learning = 0.0 if c.touch is None else c.touch.force_learning
+    return Adapting(sensing(c, experiment.start), scheduling, points, breathing, learning)
 
 
 def sensing(computer: Controller, p_B: Triple) -> Sensing:
