@@ -21,6 +21,7 @@ from twin.cosim.record import record
 ADAPTIVE_OUTPUTS = (
     Port("k_hat", 1, "N/m", "stiffness of the tissue, estimated while pressing; 0: not yet"),
     Port("k_std", 1, "N/m", "its standard error, grown by what may have changed since"),
+    Port("c_hat", 1, "N s/m", "damping of the tissue and of the robot's joints, estimated with it"),
     Port("excited", 1, "1", "whether something moved enough to learn from", "bool"),
     Port("kp_F", 1, "m/N", "proportional gain of the force loop"),
     Port("ki_F", 1, "m/(N s)", "integral gain of the force loop"),
@@ -62,7 +63,7 @@ class Adapting:
             for attribute, value in zip(settings._fields, settings, strict=True) if settings else ():
                 memory[name][attribute] = value
         memory["scheduled"], memory["breathing"] = self.scheduling is not None, self.breathing is not None
-        memory["taps"]["share"], memory["taps"]["mass"] = self.tap_learning, self.sensing.mass
+        memory["taps"]["share"] = self.tap_learning
         memory["schedule"]["count"] = len(self.table)
         return {"gain_table": self.table} if len(self.table) else {}
 
@@ -74,17 +75,17 @@ def with_adaptive(kind: np.dtype) -> np.dtype:
 
 
 @njit(cache=True)
-def adapt(m, table, pid, h, z, F, F_ref):
+def adapt(m, table, pid, h, z, F, J, F_ref):
     """What comes before a call of the law.
 
     Args:
         table: address of the points of the schedule.
         pid: the force loop.
-        z, F: height (m) and pressing force (N) as estimated, unfiltered.
+        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
         F_ref: reference of the force loop (N), in the call before.
     """
     tissue, pressing = m.tissue, m.pressing
-    sense(tissue, h, z, F, pressing)
+    sense(tissue, h, z, F, J, pressing)
     m.shift, m.v_shift = dither(tissue, h)
     m.v = 0.0
     if m.scheduled:
@@ -101,6 +102,6 @@ def tell(m, pid, pressing, y):
     """What comes after: note whether the force loop acts, and say what is recorded."""
     m.pressing = pressing
     tissue = m.tissue
-    y.k_hat, y.k_std, y.excited = tissue.k, tissue.std, tissue.excited
+    y.k_hat, y.k_std, y.c_hat, y.excited = tissue.k, tissue.std, tissue.c, tissue.excited
     y.kp_F, y.ki_F, y.shift_z = pid.kp, pid.ki, m.shift
     y.breath_rate, y.breath_v = m.breath.omega / (2.0 * np.pi), m.v

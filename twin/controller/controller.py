@@ -154,7 +154,7 @@ ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 @step_function(ADAPTIVE_MEMORY, INPUTS, (*OUTPUTS, *ADAPTIVE_OUTPUTS))
 def adaptive_step(m, t, h, u, y):
-    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], m.law.F_z_ref)
+    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
     for i in range(3):
         m.lead[i] = m.law.N * u.J[3 * i + 2] * m.adaptive.v_shift
     control(m, t, h, u, y, m.adaptive.shift)

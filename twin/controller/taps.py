@@ -54,7 +54,7 @@ TAPS = record(
     speed="f8",
     t_turn="f8",
 )
-"""share: of the error that the next tap corrects. mass: of the platform (kg). g: of the filters. z_fast .. F_slow: of the
+"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the phase. g: of the filters. z_fast .. F_slow: of the
 filters, from the height z_0 on. kind: phase of the call before. vF, vv: sums of speed times force and of its square in the
 air. z_begun, F_begun: where the probe began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on
 (m). z_before, F_before: of the call before. felt: whether the tap that is on has felt the surface. peak, level: its largest
@@ -108,17 +108,20 @@ def _correct(m, machine):
 
 
 @njit(cache=True, error_model="numpy")
-def learn_taps(m, machine, phase, t, h, z, F):
+def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
     """Note the force of a tap; when it is over, correct the depth of the next one.
 
     Args:
+        tissue: what is known of the robot's own mass.
         machine: of the phases; where its taps turn is corrected.
         phase: in which the call before ended.
-        z, F: height (m) and pressing force (N) as estimated, unfiltered.
+        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
     """
     if m.g == 0.0:
         m.g, m.z_0 = math.tan(math.pi * CORNER * h), z
-    omega = 2.0 * math.pi * CORNER
+    kind, omega = phase.kind, 2.0 * math.pi * CORNER
+    if m.mass == 0.0 or kind != m.kind:
+        m.mass = tissue.mass + tissue.inertia * (J[2] * J[2] + J[5] * J[5] + J[8] * J[8])
     low, first, second, m.z_fast, m.z_slow = _low_passed(m.g, m.z_fast, m.z_slow, z - m.z_0)
     F_low, _, _, m.F_fast, m.F_slow = _low_passed(m.g, m.F_fast, m.F_slow, F)
     z_low, v = m.z_0 + low, omega * first
@@ -127,7 +130,6 @@ def learn_taps(m, machine, phase, t, h, z, F):
         m.vF, m.vv = m.vF - v * force, m.vv + v * v
     if m.vv > 0.0:
         force += m.vF / m.vv * v
-    kind = phase.kind
     if kind == PhaseKind.PROBE:
         _probed(m, z_low, force)
     elif kind == PhaseKind.TAP:

@@ -132,10 +132,10 @@ ADAPTIVE_MEMORY = with_adaptive(MEMORY)
 
 @step_function(ADAPTIVE_MEMORY, TASK_INPUTS, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
 def adaptive_step(m, t, h, u, y):
-    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], m.machine.F_ref)
+    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.machine.F_ref)
     if m.adaptive.taps.share > 0.0 and m.machine.index >= 0:
         phases = carray(_phases_at(m.phases), m.count)
-        learn_taps(m.adaptive.taps, m.machine, phases[m.machine.index], t, h, u.p_B[2], -u.F_ee_B[2])
+        learn_taps(m.adaptive.taps, m.adaptive.tissue, m.machine, phases[m.machine.index], t, h, u.p_B[2], -u.F_ee_B[2], u.J)
     control(m, t, h, u, y, m.adaptive.shift, m.adaptive.v_shift)
     tell(m.adaptive, m.force, y.triggered, y)
     return 0

@@ -45,9 +45,9 @@ class Sensing(NamedTuple):
         enough: standard error over k_hat below which the dither ends.
         doubtful: that from which on it begins anew.
         contact: pressing force below which nothing is learnt (N).
-        mass: of the platform as it moves up and down (kg).
-        spring: stiffness of the robot's own springs in z (N/m).
-        z_rounding, F_rounding: rms of what the encoders' rounding makes of height (m) and force (N).
+        mass, inertia: of the platform (kg), and of what turns with a joint (kg m^2).
+        joint_spring: torque on a joint per angle of it with the motors held (N m/rad).
+        angle_rounding, torque_rounding: rms of what the encoders' rounding makes of a joint's angle (rad) and torque (N m).
     """
 
     frequency: float
@@ -57,9 +57,10 @@ class Sensing(NamedTuple):
     doubtful: float
     contact: float
     mass: float
-    spring: float
-    z_rounding: float
-    F_rounding: float
+    inertia: float
+    joint_spring: float
+    angle_rounding: float
+    torque_rounding: float
 
 
 STAGE = record(fast="f8", slow="f8")
@@ -68,7 +69,11 @@ TISSUE = record_of(
     g="f8",
     keep="f8",
     in_band="f8",
+    squares="f8",
+    moving="f8",
+    spring="f8",
     noise="f8",
+    F_noise="f8",
     z=(STAGE, (STAGES,)),
     F=(STAGE, (STAGES,)),
     z_0="f8",
@@ -80,6 +85,7 @@ TISSUE = record_of(
     pressing="i8",
     power="f8",
     n="f8",
+    sum_F="f8",
     zz="f8",
     zv="f8",
     vv="f8",
@@ -99,11 +105,13 @@ TISSUE = record_of(
 )
 """Settings and state.
 
-g, keep, in_band, noise: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls
-per independent value in the band, rms of rounding in the height's band (m). z, F: the band-passes. z_0, F_0: what they began
-from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zz ..
+g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls per
+independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z
+column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band,
+of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began
+from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, sum_F, zz ..
 FF: the normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
-made, F_k, age: at which force, and how long ago. std: what may be wrong with it by now. phase: of the dither (rad).
+made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither (rad).
 """
 
 
@@ -112,9 +120,17 @@ def _prepare(m, h):
     m.g = math.tan(math.pi * m.frequency * h)
     m.keep = math.exp(-h / m.window)
     # noise bandwidth of two equal stages: pi/4 f/Q
-    bandwidth = 0.25 * math.pi * m.frequency * DAMPING
-    m.in_band = 1.0 / (2.0 * bandwidth * h)
-    m.noise = m.z_rounding * math.sqrt(2.0 * bandwidth * h)
+    m.in_band = 1.0 / (0.5 * math.pi * m.frequency * DAMPING * h)
+
+
+@njit(cache=True, error_model="numpy")
+def take_pose(m, J):
+    """What of the robot itself depends on its pose, from the Jacobian `J` (9,) there."""
+    m.squares = J[2] * J[2] + J[5] * J[5] + J[8] * J[8]
+    m.moving = m.mass + m.inertia * m.squares
+    m.spring = m.joint_spring * m.squares
+    m.noise = m.angle_rounding / math.sqrt(m.squares * m.in_band)
+    m.F_noise = m.torque_rounding * math.sqrt(m.squares / m.in_band)
 
 
 @njit(cache=True)
@@ -147,7 +163,7 @@ def _begin(m, z, F):
 @njit(cache=True)
 def _unlearn(m):
     """The next estimate is of what comes, the last one stands until then."""
-    m.n, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m.n, m.sum_F, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -158,8 +174,8 @@ def forget(m):
 
 
 @njit(cache=True, error_model="numpy")
-def _solve(m, F):
-    """k, c and the standard error of k from the normal equations, as of the force `F` (N)."""
+def _solve(m):
+    """k, c (of v_f over 2 pi f) and the standard error of k from the normal equations, as of the mean force that they remember."""
     det = m.zz * m.vv - m.zv * m.zv
     # z and v of one swing are a quarter apart; where they are not, a swing has only begun
     if det < 0.1 * m.zz * m.vv or m.n * m.keep < m.in_band:
@@ -167,18 +183,22 @@ def _solve(m, F):
     k = -(m.zF * m.vv - m.vF * m.zv) / det
     c = -(m.vF * m.zz - m.zF * m.zv) / det
     left = max(m.FF + k * m.zF + c * m.vF, 0.0) / m.n
-    floor = m.F_rounding * m.F_rounding / m.in_band
-    scatter = max(left, floor) * m.in_band * m.vv / det
+    scatter = max(left, m.F_noise * m.F_noise) * m.in_band * m.vv / det
     # rounding of the joints moves height and force together, as a spring would
     rounding = (abs(k) + m.spring) * m.noise * m.noise * m.n / m.zz
-    m.k, m.c = min(max(k, LOWEST), HIGHEST), c
+    m.k, m.c = min(max(k, LOWEST), HIGHEST), c / (2.0 * math.pi * m.frequency)
     m.error = math.sqrt(scatter + rounding * rounding) + abs(k - m.k)
-    m.known, m.F_k, m.age = 1, F, 0.0
+    m.known, m.F_k, m.age = 1, m.sum_F / m.n, 0.0
 
 
 @njit(cache=True, error_model="numpy")
-def sense(m, h, z, F, pressing):
-    """Learn from height `z` (m) and pressing force `F` (N), unfiltered, of this call; `pressing`: the force loop acts."""
+def sense(m, h, z, F, J, pressing):
+    """Learn from a call.
+
+    Args:
+        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
+        pressing: whether the force loop acts.
+    """
     if m.g == 0.0:
         _prepare(m, h)
     if pressing and not m.pressing:
@@ -189,9 +209,10 @@ def sense(m, h, z, F, pressing):
     else:
         if m.since == 0.0:
             _begin(m, z, F)
+            take_pose(m, J)
         m.since += h
         # the second difference is that of a call ago
-        inertia = m.mass * (z - 2.0 * m.z_1 + m.z_2) / (h * h)
+        inertia = m.moving * (z - 2.0 * m.z_1 + m.z_2) / (h * h)
         z_f, v_f = band_passed(m.z, m.g, m.z_1 - m.z_0)
         F_f, _ = band_passed(m.F, m.g, m.F_1 + inertia - m.F_0)
         m.z_2, m.z_1, m.F_1 = m.z_1, z, F
@@ -200,11 +221,11 @@ def sense(m, h, z, F, pressing):
         settled = m.since > SETTLING / (math.pi * m.frequency * DAMPING)
         if settled and m.power > (EXCITED * m.noise) ** 2:
             m.excited = 1
-            m.n = m.keep * m.n + 1.0
+            m.n, m.sum_F = m.keep * m.n + 1.0, m.keep * m.sum_F + F
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
             m.vF, m.FF = m.keep * m.vF + v_f * F_f, m.keep * m.FF + F_f * F_f
-            _solve(m, F)
+            _solve(m)
     _doubt(m, h, F)
 
 

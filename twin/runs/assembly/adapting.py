@@ -3,14 +3,13 @@
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from twin.controller.adaptive import Adapting
 from twin.controller.breath import Breathing
 from twin.controller.schedule import SchedulePoint, Scheduling
 from twin.controller.tissue import Sensing
 from twin.experiment.experiment import Experiment
-from twin.experiment.robot import Model, Triple
+from twin.experiment.robot import Triple
 from twin.experiment.schema import Controller
 from twin.robot.gravity import Masses, leg_inertia, moving_mass
 from twin.robot.inverse_kinematics import joint_angles
@@ -38,38 +37,27 @@ def adapting(experiment: Experiment) -> Adapting | None:
 
 
 def sensing(computer: Controller, p_B: Triple) -> Sensing:
-    """How the tissue is looked at, with the robot as it is believed to be at `p_B` (m)."""
+    """How the tissue is looked at, with the robot as it is believed to be, about `p_B` (m)."""
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
-    J = jacobian(geometry_of(model), p_B)
-    theta_l = joint_angles(geometry_of(model), p_B)
-    j = J[:, 2]
-    squares = float(j @ j)
-    spring = model.k_s * model.eta * model.N**2 * squares
+    geometry, masses = geometry_of(model), Masses(model.m_a, model.m_b, model.m_p, 0.0)
+    # of M_zz the part of the rods that is of first order in J_z changes by grams within reach; dA_i/dtheta is l_a cos(theta)
+    downwards = model.l_a * np.cos(joint_angles(geometry, p_B))
+    rods = -model.m_b / 3.0 * float(downwards @ jacobian(geometry, p_B)[:, 2])
     # rounding to whole counts is off by an even distribution
-    motor, joint = (2.0 * math.pi / counts / math.sqrt(12.0) for counts in _counts(model))
-    to_force = model.k_s * model.eta * model.N * math.sqrt(squares)
+    counts = model.motor_counts_per_turn, model.joint_counts_per_turn
+    motor, joint = (2.0 * math.pi / each / math.sqrt(12.0) for each in counts)
+    per_motor = model.k_s * model.eta * model.N
     return Sensing(
-        tissue.frequency,
-        tissue.window,
-        tissue.dither,
-        ENOUGH * tissue.tolerance,
-        DOUBTFUL * tissue.tolerance,
-        LIGHT_TOUCH,
-        _mass(model, j, np.asarray(theta_l)),
-        spring,
-        joint / math.sqrt(squares),
-        to_force * math.hypot(motor, model.N * joint),
+        frequency=tissue.frequency,
+        window=tissue.window,
+        dither=tissue.dither,
+        enough=ENOUGH * tissue.tolerance,
+        doubtful=DOUBTFUL * tissue.tolerance,
+        contact=LIGHT_TOUCH,
+        mass=float(moving_mass(masses)) + rods,
+        inertia=float(leg_inertia(geometry, masses)),
+        joint_spring=per_motor * model.N,
+        angle_rounding=joint,
+        torque_rounding=per_motor * math.hypot(motor, model.N * joint),
     )
-
-
-def _counts(model: Model) -> tuple[int, int]:
-    return model.motor_counts_per_turn, model.joint_counts_per_turn
-
-
-def _mass(model: Model, j: NDArray[np.float64], theta_l: NDArray[np.float64]) -> float:
-    """What moves up and down with the platform (kg): M_zz of the believed robot, whose pulleys have no inertia."""
-    masses = Masses(model.m_a, model.m_b, model.m_p, 0.0)
-    # dA_i/dtheta is l_a cos(theta) downwards
-    arms = leg_inertia(geometry_of(model), masses) * j - model.m_b / 3.0 * model.l_a * np.cos(theta_l)
-    return float(moving_mass(masses) + arms @ j)
