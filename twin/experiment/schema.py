@@ -4,7 +4,7 @@ import math
 from itertools import pairwise
 from typing import Annotated, Any, Literal
 
-from pydantic import BeforeValidator, Field, field_validator, model_validator
+from pydantic import BeforeValidator, Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
@@ -201,42 +201,44 @@ class ForceLoop(Section):
     limit: float = quantity("limit_mm", "largest shift of the z reference", gt=0)
     filter: float = quantity("filter_Hz", "low-pass of the estimated force; 0: none", ge=0)
     schedule: tuple[SchedulePoint, ...] = Field(
-        (), description="gains over the stiffness that [controller.tissue] estimates, softest first; without it, these"
-    )
+        (),
+        description="gains over the stiffness that [controller.tissue] estimates, softest first; without it, these",
+        examples=[[
+            {"stiffness_N_per_m": 600.0, "kp_mm_per_N": 2.0, "ki_mm_per_N_s": 30.0},
+            {"stiffness_N_per_m": 1200.0, "kp_mm_per_N": 1.5, "ki_mm_per_N_s": 15.0},
+        ]],
+    )  # fmt: skip
     follow: float = Field(
         1.0, ge=0, le=1, description="with a schedule: share of a change of the reference that is fed forward"
     )
     rate: float = quantity("rate_per_s", "with a schedule: largest relative change of the gains", 2.0, gt=0, le=100)
 
-    @field_validator("schedule", mode="after")
-    @classmethod
-    def _in_order(cls, points: tuple[SchedulePoint, ...]) -> tuple[SchedulePoint, ...]:
-        if len(points) == 1:
-            raise ValueError("expected two points or more; one is kp_mm_per_N and ki_mm_per_N_s")
-        for number, (below, above) in enumerate(pairwise(points), start=1):
-            if not below.stiffness < above.stiffness:
-                raise ValueError(
-                    f"point {number + 1} is at {above.stiffness:g} N/m, after {below.stiffness:g}; expected the softest "
-                    "first"
-                )
+    @model_validator(mode="after")
+    def _softest_first(self) -> "ForceLoop":
+        if len(self.schedule) == 1:
+            raise ValueError("schedule: one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s")
+        for number, (below, above) in enumerate(pairwise(self.schedule), start=2):
+            if above.stiffness <= below.stiffness:
+                order = f"point {number} is at {above.stiffness:g} N/m, after {below.stiffness:g}"
+                raise ValueError(f"schedule: {order}; expected the softest first")
             if above.stiffness > WIDEST_GAP * below.stiffness:
+                gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m"
                 raise ValueError(
-                    f"nothing between {below.stiffness:g} and {above.stiffness:g} N/m; expected points at most "
-                    f"{WIDEST_GAP:g}-fold apart, because gains between two points are not those of a design"
+                    f"schedule: {gap}, in which nobody has said what holds; expected points at most {WIDEST_GAP:g}-fold apart"
                 )
-        return points
+        return self
 
 
 class Tissue(Section):
     """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
 
-    frequency: float = quantity("frequency_Hz", "middle of the band that is looked at, and of the dither", 5.0, gt=0.5)
+    frequency: float = quantity("frequency_Hz", "middle of the band that is looked at, and of the dither", 5.0, ge=0.5)
     window: float = quantity("window_s", "how long what was seen is remembered", 0.5, gt=0, le=100)
     dither: float = quantity(
         "dither_N", "amplitude of the force that moves the tissue where nothing else does; 0: none", 0.1, ge=0, le=2
     )
     tolerance: float = Field(
-        0.3, gt=0, le=1, description="standard error over stiffness from which on it is not trusted; dither: half of it"
+        0.3, gt=0, le=1, description="standard error over stiffness from which on it is not trusted"
     )
 
 
@@ -274,7 +276,7 @@ class Damping(Section):
 
 
 class Controller(Section):
-    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
+    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks; `tissue`, `breath` are extras."""
 
     mode: Literal["force_position", "position"] = Field(description="force and position, or position alone")
     period: float = quantity("period_ms", "time between two commands", gt=0)

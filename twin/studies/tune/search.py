@@ -82,13 +82,18 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
     return price + sum(math.log(max(error, 1e-3)) for error in largest.values())
 
 
-def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains) -> LawGains:
-    """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it."""
+def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains, laws: str = "both") -> LawGains:
+    """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it.
+
+    Args:
+        laws: "both", or "force": kp of the position law stays as in `start`, too.
+    """
     force = any(corner.point.force_on for corner in corners)
-    bounds = [(math.log10(low), math.log10(high)) for low, high in (BOUNDS if force else BOUNDS[:1])]
+    first, last = (1 if laws == "force" else 0), (len(BOUNDS) if force else 1)
+    bounds = [(math.log10(low), math.log10(high)) for low, high in BOUNDS[first:last]]
 
     def gains(logarithms: np.ndarray) -> LawGains:
-        return rounded(LawGains(*(float(10.0**x) for x in logarithms), *start[len(logarithms) :]))
+        return rounded(LawGains(*start[:first], *(float(10.0**x) for x in logarithms), *start[last:]))
 
     def judged(logarithms: np.ndarray) -> float:
         tried, predictions = gains(logarithms), []
