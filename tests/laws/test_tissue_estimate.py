@@ -17,7 +17,7 @@ SHIFTED = ["contact.shift.by_mm=[0,0,3]", "contact.shift.start_s=6", "contact.sh
 
 def estimated(body, settings=()):
     """(true stiffness (N/m), estimate, its standard error, pressing force) at each call at which there is an estimate."""
-    told = ["controller.tissue.dither_N=0.1", "monitor.enabled=false", *settings]
+    told = ["controller.tissue.dither_N=0.15", "monitor.enabled=false", *settings]
     experiment = load_experiment("experiments/pressing.toml", told, body=body)
     run = run_in_memory(experiment)
     moved = run["body.s_B"][:, 2] if "body.s_B" in run.fields() else 0.0

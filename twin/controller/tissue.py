@@ -31,6 +31,8 @@ DRIFT = 0.03
 """Share of k_hat by which the tissue may change in a second in which nothing is learnt."""
 CHANGE = 0.7
 """Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
+LARGEST = 5e-4
+"""Largest amplitude of the dither (m)."""
 LOWEST, HIGHEST = 50.0, 20000.0
 """Bounds of k_hat (N/m): softer than any body, stiffer than what these springs can tell from rigid."""
 
@@ -182,12 +184,20 @@ def _solve(m):
         return
     k = -(m.zF * m.vv - m.vF * m.zv) / det
     c = -(m.vF * m.zz - m.zF * m.zv) / det
+    if k < LOWEST:
+        # no tissue does that: something else moves height and force, a surface that jumps
+        m.error = max(m.error, m.k)
+        _unlearn(m)
+        return
     left = max(m.FF + k * m.zF + c * m.vF, 0.0) / m.n
     scatter = max(left, m.F_noise * m.F_noise) * m.in_band * m.vv / det
     # rounding of the joints moves height and force together, as a spring would
     rounding = (abs(k) + m.spring) * m.noise * m.noise * m.n / m.zz
-    m.k, m.c = min(max(k, LOWEST), HIGHEST), c / (2.0 * math.pi * m.frequency)
-    m.error = math.sqrt(scatter + rounding * rounding) + abs(k - m.k)
+    error = math.sqrt(scatter + rounding * rounding) + max(k - HIGHEST, 0.0)
+    # worse than what is doubted of the last one, and no contradiction to it: no news
+    if m.known and error > m.std and abs(k - m.k) < 2.0 * (error + m.std):
+        return
+    m.k, m.c, m.error = min(k, HIGHEST), c / (2.0 * math.pi * m.frequency), error
     m.known, m.F_k, m.age = 1, m.sum_F / m.n, 0.0
 
 
@@ -235,8 +245,7 @@ def _doubt(m, h, F):
     if not m.known:
         m.std = HIGHEST
         return
-    if not m.excited:
-        m.age += h
+    m.age += h
     changed = CHANGE * abs(F - m.F_k) / max(F, m.F_k) if m.since > 0.0 else 0.0
     older = DRIFT * m.age
     m.std = min(math.sqrt(m.error * m.error + m.k * m.k * (changed * changed + older * older)), HIGHEST)
@@ -263,6 +272,6 @@ def dither(m, h):
     else:
         return 0.0, 0.0
     # what is not known may be hard
-    k = m.k if m.known else HIGHEST
-    amplitude = m.dither * (1.0 / k + 1.0 / m.spring)
+    k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
+    amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
     return amplitude * math.sin(m.phase), amplitude * omega * math.cos(m.phase)

@@ -235,7 +235,7 @@ class Tissue(Section):
     frequency: float = quantity("frequency_Hz", "middle of the band that is looked at, and of the dither", 5.0, ge=0.5)
     window: float = quantity("window_s", "how long what was seen is remembered", 0.5, gt=0, le=100)
     dither: float = quantity(
-        "dither_N", "amplitude of the force that moves the tissue where nothing else does; 0: none", 0.1, ge=0, le=2
+        "dither_N", "amplitude of the force that moves the tissue where nothing else does; 0: none", 0.15, ge=0, le=2
     )
     tolerance: float = Field(
         0.3, gt=0, le=1, description="standard error over stiffness from which on it is not trusted"
