@@ -87,7 +87,7 @@ TISSUE = record_of(
     pressing="i8",
     power="f8",
     n="f8",
-    sum_F="f8",
+    zzF="f8",
     zz="f8",
     zv="f8",
     vv="f8",
@@ -111,7 +111,7 @@ g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), wha
 independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z
 column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band,
 of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began
-from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, sum_F, zz ..
+from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz ..
 FF: the normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
 made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither (rad).
 """
@@ -165,7 +165,7 @@ def _begin(m, z, F):
 @njit(cache=True)
 def _unlearn(m):
     """The next estimate is of what comes, the last one stands until then."""
-    m.n, m.sum_F, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m.n, m.zzF, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -198,7 +198,7 @@ def _solve(m):
     if m.known and error > m.std and abs(k - m.k) < 2.0 * (error + m.std):
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / (2.0 * math.pi * m.frequency), error
-    m.known, m.F_k, m.age = 1, m.sum_F / m.n, 0.0
+    m.known, m.F_k, m.age = 1, m.zzF / m.zz, 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -231,7 +231,9 @@ def sense(m, h, z, F, J, pressing):
         settled = m.since > SETTLING / (math.pi * m.frequency * DAMPING)
         if settled and m.power > (EXCITED * m.noise) ** 2:
             m.excited = 1
-            m.n, m.sum_F = m.keep * m.n + 1.0, m.keep * m.sum_F + F
+            m.n = m.keep * m.n + 1.0
+            # what moved most tells most, and of the force that was there then
+            m.zzF = m.keep * m.zzF + z_f * z_f * F
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
             m.vF, m.FF = m.keep * m.vF + v_f * F_f, m.keep * m.FF + F_f * F_f

@@ -19,16 +19,19 @@ from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Model, Plant, Robot
 from twin.experiment.schema import (
+    Breath,
     Controller,
     Damping,
     FeedForward,
     ForceLoop,
     PositionLoop,
     Scale,
+    Tissue,
     Touch,
 )
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
+from twin.runs.assembly.adapting import DOUBTFUL, ENOUGH
 from twin.runs.assembly.tunable import PLACES as TUNABLES
 from twin.studies.build.fault_numbers import fault_beside, fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
@@ -49,6 +52,8 @@ _TABLES: dict[str, type[Section]] = {
     "controller.touch": Touch,
     "controller.feed_forward": FeedForward,
     "controller.damping": Damping,
+    "controller.tissue": Tissue,
+    "controller.breath": Breath,
 }
 
 
@@ -97,9 +102,11 @@ class Parameter(NamedTuple):
 def parameters(part: RobotPart) -> list[Parameter]:
     """All of them, in the order of the tables of the file."""
     found: dict[str, list[Destination]] = {}
+    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if _senses(part) else set()
     for component in part.components:
         for key, destination in _OF.get(component.name, _nothing)(part, component.memory[0:1]):
-            found.setdefault(key, []).append(destination)
+            if key not in worked_out:
+                found.setdefault(key, []).append(destination)
         fault = fault_of(part.experiment, component.name)
         for attribute, memory, times in fault_numbers(part.experiment, fault, component) if fault else ():
             found[f"{component.name}.{attribute}"] = [Destination(component.name, memory, times=times)]
@@ -113,6 +120,11 @@ def parameters(part: RobotPart) -> list[Parameter]:
         start = tuple(float(x) for x in part.start)
         offered.append(Parameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
     return offered
+
+
+def _senses(part: RobotPart) -> bool:
+    """Whether its controller senses the tissue: what it believes of masses and springs is worked out of the model then."""
+    return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 
 def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> Parameter:
@@ -214,6 +226,8 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
         for name in ("kp", "ki", "kd"):
             yield f"controller.{loop}.{name}", Destination("controller", memory[loop][name])
         yield f"controller.{loop}.derivative_filter", Destination("controller", memory[loop]["derivative_corner"])
+    if c.tissue is not None:
+        yield from _besides(c, memory["adaptive"])
     if part.experiment.reference is not None:
         led = {"reference": "F_z_ref", "trigger": "trigger_force", "trigger_time": "trigger_time"}
         if c.mode != "force_position":
@@ -232,6 +246,24 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
     yield "controller.touch.patience", Destination("controller", machine["patience"])
     yield "controller.touch.turn", Destination("controller", machine["t_turn"])
     yield "controller.touch.learning", Destination("controller", machine["learning"])
+
+
+def _besides(c: Controller, memory: np.ndarray) -> Found:
+    tissue, schedule, breath = memory["tissue"], memory["schedule"], memory["breath"]
+    for name in ("frequency", "window", "dither"):
+        yield f"controller.tissue.{name}", Destination("controller", tissue[name])
+    yield "controller.tissue.tolerance", Destination("controller", tissue["enough"], times=ENOUGH)
+    yield "controller.tissue.tolerance", Destination("controller", tissue["doubtful"], times=DOUBTFUL)
+    if c.force.schedule:
+        yield "controller.tissue.tolerance", Destination("controller", schedule["tolerance"])
+        # the safe set
+        for name in ("follow", "rate", "kp", "ki"):
+            yield f"controller.force.{name}", Destination("controller", schedule[name])
+    if c.breath is not None:
+        for name in ("rate", "lag"):
+            yield f"controller.breath.{name}", Destination("controller", breath[name])
+    if c.touch is not None and c.touch.force_learning > 0.0:
+        yield "controller.touch.force_learning", Destination("controller", memory["taps"]["share"])
 
 
 def _monitor(part: RobotPart, memory: np.ndarray) -> Found:
@@ -258,7 +290,7 @@ _FIXED = {
     "controller": (
         "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
         "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
-        "[approach]", "[[task]]",
+        "[approach]", "[[task]]", "controller.force.schedule",
     ),
     "delay": ("controller.delay_ticks",),
     "monitor": ("[monitor]",),
@@ -277,6 +309,8 @@ def fixed(part: RobotPart, offered: list[Parameter]) -> list[str]:
             said = (f"{component.name}.{key}" for key in _said(experiment, component.name))
             keys |= dict.fromkeys((*said, *fault_beside(fault)))
         keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
+    if _senses(part):
+        keys["[controller.model]"] = None
     return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
 
 
