@@ -46,7 +46,9 @@ def task_controller(
     """The task controller under test, above the first point."""
     start = (*tasks[0].point, approach.height)
     gains = Gains(position)
-    return TaskController(law, gains, force, forward, damping, touch, program(approach, tasks), start, adapting=adapting)
+    return TaskController(
+        law, gains, force, forward, damping, touch, program(approach, tasks), start, adapting=adapting
+    )
 
 
 class World(NamedTuple):

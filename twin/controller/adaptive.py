@@ -30,7 +30,16 @@ ADAPTIVE_OUTPUTS = (
     Port("breath_v", 1, "m/s", "velocity of the surface that is fed forward"),
 )
 ADAPTIVE = record(
-    tissue=TISSUE, schedule=SCHEDULE, breath=BREATH, taps=TAPS, scheduled="i8", breathing="i8", pressing="i8", shift="f8", v_shift="f8", v="f8"
+    tissue=TISSUE,
+    schedule=SCHEDULE,
+    breath=BREATH,
+    taps=TAPS,
+    scheduled="i8",
+    breathing="i8",
+    pressing="i8",
+    shift="f8",
+    v_shift="f8",
+    v="f8",
 )
 """The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its rate, and velocity of the breath, of this call."""
 

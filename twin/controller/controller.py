@@ -184,7 +184,9 @@ class Controller(NativeComponent):
         adapting: Adapting | None = None,
     ):
         times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
-        memory = memory_of(ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
+        memory = memory_of(
+            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+        )
         memory["way_points"] = len(times_)
         kept = {"times": times_, "points": points_}
         outputs, chosen = OUTPUTS, step

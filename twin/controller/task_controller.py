@@ -135,7 +135,9 @@ def adaptive_step(m, t, h, u, y):
     adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.machine.F_ref)
     if m.adaptive.taps.share > 0.0 and m.machine.index >= 0:
         phases = carray(_phases_at(m.phases), m.count)
-        learn_taps(m.adaptive.taps, m.adaptive.tissue, m.machine, phases[m.machine.index], t, h, u.p_B[2], -u.F_ee_B[2], u.J)
+        learn_taps(
+            m.adaptive.taps, m.adaptive.tissue, m.machine, phases[m.machine.index], t, h, u.p_B[2], -u.F_ee_B[2], u.J
+        )
     control(m, t, h, u, y, m.adaptive.shift, m.adaptive.v_shift)
     tell(m.adaptive, m.force, y.triggered, y)
     return 0
@@ -168,7 +170,9 @@ class TaskController(NativeComponent):
         adapting: Adapting | None = None,
     ):
         table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
-        memory = memory_of(ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
+        memory = memory_of(
+            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+        )
         memory["forward"][0], memory["damper"][0] = tuple(feed_forward), damper(damping)
         memory["count"] = len(table)
         machine = memory[0]["machine"]

@@ -1,7 +1,6 @@
 """The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
 
 import math
-from itertools import pairwise
 from typing import Annotated, Any, Literal
 
 from pydantic import BeforeValidator, Field, model_validator
@@ -9,6 +8,7 @@ from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.robot import Model
+from twin.experiment.tissue import Breath, SchedulePoint, Tissue, order_refused
 
 
 class Scale(Section):
@@ -172,18 +172,6 @@ class PositionLoop(Section):
     derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
 
 
-WIDEST_GAP = 3.0
-"""Largest ratio of stiffness of two neighbours in a schedule."""
-
-
-class SchedulePoint(Section):
-    """[[controller.force.schedule]]: gains of the force loop on a tissue of one stiffness."""
-
-    stiffness: float = quantity("stiffness_N_per_m", "of the tissue", gt=0, le=20_000, examples=[300.0])
-    kp: float = quantity("kp_mm_per_N", "shift of the z reference per force error", gt=0, le=1000, examples=[2.0])
-    ki: float = quantity("ki_mm_per_N_s", "integral gain", gt=0, le=10_000, examples=[40.0])
-
-
 class ForceLoop(Section):
     """[controller.force]: PID from force error (N) to a shift of the z reference (m), and what starts it."""
 
@@ -215,38 +203,9 @@ class ForceLoop(Section):
 
     @model_validator(mode="after")
     def _softest_first(self) -> "ForceLoop":
-        if len(self.schedule) == 1:
-            raise ValueError("schedule: one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s")
-        for number, (below, above) in enumerate(pairwise(self.schedule), start=2):
-            if above.stiffness <= below.stiffness:
-                order = f"point {number} is at {above.stiffness:g} N/m, after {below.stiffness:g}"
-                raise ValueError(f"schedule: {order}; expected the softest first")
-            if above.stiffness > WIDEST_GAP * below.stiffness:
-                gap = f"a gap from {below.stiffness:g} to {above.stiffness:g} N/m"
-                raise ValueError(
-                    f"schedule: {gap}, in which nobody has said what holds; expected points at most {WIDEST_GAP:g}-fold apart"
-                )
+        if refusal := order_refused(self.schedule):
+            raise ValueError(f"schedule: {refusal}")
         return self
-
-
-class Tissue(Section):
-    """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
-
-    frequency: float = quantity("frequency_Hz", "middle of the band that is looked at, and of the dither", 5.0, ge=0.5)
-    window: float = quantity("window_s", "how long what was seen is remembered", 0.5, gt=0, le=100)
-    dither: float = quantity(
-        "dither_N", "amplitude of the force that moves the tissue where nothing else does; 0: none", 0.15, ge=0, le=2
-    )
-    tolerance: float = Field(
-        0.3, gt=0, le=1, description="standard error over stiffness from which on it is not trusted"
-    )
-
-
-class Breath(Section):
-    """[controller.breath]: follow a surface that breathes, with the tissue known by [controller.tissue]."""
-
-    rate: float = quantity("rate_per_min", "believed rate, to begin with", 15.0, gt=0, le=120)
-    lag: float = quantity("lag_ms", "believed lag of the robot behind its reference", 20.0, ge=0, le=1000)
 
 
 class Touch(Section):
@@ -257,7 +216,10 @@ class Touch(Section):
     turn: float = quantity("turn_ms", "how long before its lowest point the first tap turns round", ge=0, le=100)
     learning: float = Field(ge=0, le=1, description="share of a tap's depth error that the next one corrects")
     force_learning: float = Field(
-        0.0, ge=0, le=1, description="share of a tap's force error that the next one corrects; needs [controller.tissue]"
+        0.0,
+        ge=0,
+        le=1,
+        description="share of a tap's force error that the next one corrects; needs [controller.tissue]",
     )
 
 

@@ -19,20 +19,19 @@ from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Model, Plant, Robot
 from twin.experiment.schema import (
-    Breath,
     Controller,
     Damping,
     FeedForward,
     ForceLoop,
     PositionLoop,
     Scale,
-    Tissue,
     Touch,
 )
+from twin.experiment.tissue import Breath, Tissue
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
-from twin.runs.assembly.adapting import DOUBTFUL, ENOUGH
 from twin.runs.assembly.tunable import PLACES as TUNABLES
+from twin.studies.build.adaptive import besides, senses
 from twin.studies.build.fault_numbers import fault_beside, fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
@@ -102,7 +101,7 @@ class Parameter(NamedTuple):
 def parameters(part: RobotPart) -> list[Parameter]:
     """All of them, in the order of the tables of the file."""
     found: dict[str, list[Destination]] = {}
-    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if _senses(part) else set()
+    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
     for component in part.components:
         for key, destination in _OF.get(component.name, _nothing)(part, component.memory[0:1]):
             if key not in worked_out:
@@ -120,11 +119,6 @@ def parameters(part: RobotPart) -> list[Parameter]:
         start = tuple(float(x) for x in part.start)
         offered.append(Parameter(START, meaning, start, metre, "m", UNLIMITED, tuple(found[START]), False))
     return offered
-
-
-def _senses(part: RobotPart) -> bool:
-    """Whether its controller senses the tissue: what it believes of masses and springs is worked out of the model then."""
-    return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 
 def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> Parameter:
@@ -227,7 +221,8 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
             yield f"controller.{loop}.{name}", Destination("controller", memory[loop][name])
         yield f"controller.{loop}.derivative_filter", Destination("controller", memory[loop]["derivative_corner"])
     if c.tissue is not None:
-        yield from _besides(c, memory["adaptive"])
+        for key, place, times in besides(c, memory["adaptive"]):
+            yield key, Destination("controller", place, times=times)
     if part.experiment.reference is not None:
         led = {"reference": "F_z_ref", "trigger": "trigger_force", "trigger_time": "trigger_time"}
         if c.mode != "force_position":
@@ -246,24 +241,6 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
     yield "controller.touch.patience", Destination("controller", machine["patience"])
     yield "controller.touch.turn", Destination("controller", machine["t_turn"])
     yield "controller.touch.learning", Destination("controller", machine["learning"])
-
-
-def _besides(c: Controller, memory: np.ndarray) -> Found:
-    tissue, schedule, breath = memory["tissue"], memory["schedule"], memory["breath"]
-    for name in ("frequency", "window", "dither"):
-        yield f"controller.tissue.{name}", Destination("controller", tissue[name])
-    yield "controller.tissue.tolerance", Destination("controller", tissue["enough"], times=ENOUGH)
-    yield "controller.tissue.tolerance", Destination("controller", tissue["doubtful"], times=DOUBTFUL)
-    if c.force.schedule:
-        yield "controller.tissue.tolerance", Destination("controller", schedule["tolerance"])
-        # the safe set
-        for name in ("follow", "rate", "kp", "ki"):
-            yield f"controller.force.{name}", Destination("controller", schedule[name])
-    if c.breath is not None:
-        for name in ("rate", "lag"):
-            yield f"controller.breath.{name}", Destination("controller", breath[name])
-    if c.touch is not None and c.touch.force_learning > 0.0:
-        yield "controller.touch.force_learning", Destination("controller", memory["taps"]["share"])
 
 
 def _monitor(part: RobotPart, memory: np.ndarray) -> Found:
@@ -309,7 +286,7 @@ def fixed(part: RobotPart, offered: list[Parameter]) -> list[str]:
             said = (f"{component.name}.{key}" for key in _said(experiment, component.name))
             keys |= dict.fromkeys((*said, *fault_beside(fault)))
         keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
-    if _senses(part):
+    if senses(part):
         keys["[controller.model]"] = None
     return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
 

@@ -10,8 +10,9 @@ import numpy as np
 
 from twin.controller.schedule import SchedulePoint, gains_at, table_of
 from twin.errors import InputRefused
-from twin.experiment import schema
 from twin.experiment.experiment import Experiment
+from twin.experiment.tissue import SchedulePoint as PointTable
+from twin.experiment.tissue import Tissue
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.tune.corner import Corner, opened
 from twin.studies.tune.gains import LawGains, with_gains
@@ -76,7 +77,11 @@ class Scheduled:
     @property
     def contradictions(self) -> list[str]:
         """What the co-simulation does not confirm, and where the gains between two points are not stable."""
-        told = [f"between the points, {prediction.corner.name}: unstable" for prediction in self.between if not prediction.stable]
+        told = [
+            f"between the points, {prediction.corner.name}: unstable"
+            for prediction in self.between
+            if not prediction.stable
+        ]
         for point in self.points:
             name = f"on {point.stiffness:.4g} N/m"
             for i, trial in point.trials.items():
@@ -88,7 +93,9 @@ class Scheduled:
                 if scheduled.outcome is None:
                     told.append(f"{where}: the experiment itself fails")
                 elif point.ratio(drive) > WORSE:
-                    told.append(f"{where}: the force is off by {100 * point.ratio(drive):.0f} % of what it is with one set")
+                    told.append(
+                        f"{where}: the force is off by {100 * point.ratio(drive):.0f} % of what it is with one set"
+                    )
         return told
 
     @property
@@ -144,7 +151,8 @@ def scheduled(base: Tuned) -> Scheduled:
         raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")
     found = []
     for K in ladder(low, high):
-        designed_for = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K), *_corners(base, places, K * DOUBT)]
+        mistaken = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K * DOUBT)]
+        designed_for = [*mistaken, *_corners(base, places, K)]
         gains = best_gains(designed_for, goals, base.after.gains, "force")
         misses = worst_misses([predicted(corner, gains) for corner in designed_for], goals)
         predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
@@ -160,10 +168,11 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Poin
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(
-        schema.SchedulePoint.model_construct(stiffness=p.stiffness, kp=p.gains.force_kp, ki=p.gains.force_ki) for p in points
+        PointTable.model_construct(stiffness=point.stiffness, kp=point.gains.force_kp, ki=point.gains.force_ki)
+        for point in points
     )
     force = c.force.model_copy(update={"schedule": table})
-    return replace(safe, controller=c.model_copy(update={"force": force, "tissue": c.tissue or schema.Tissue()}))
+    return replace(safe, controller=c.model_copy(update={"force": force, "tissue": c.tissue or Tissue()}))
 
 
 def _places(base: Tuned) -> list[OperatingPoint]:

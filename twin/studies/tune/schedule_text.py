@@ -7,6 +7,7 @@ from pathlib import Path
 from twin.studies.lines import wrapped
 from twin.studies.tune.fragment import goals_sentence
 from twin.studies.tune.schedule import Point, Scheduled
+from twin.studies.tune.trial import Whole
 
 
 def schedule_text(done: Scheduled) -> str:
@@ -63,6 +64,11 @@ def _point(point: Point) -> Iterator[str]:
     time = f"{settling:.2f} s" if math.isfinite(settling) else "never"
     for number, (fixed, scheduled) in enumerate(point.wholes):
         own = f"{point.stiffness:8.4g} N/m  {gains}  {M_s:4.2f} {100 * over:3.0f} % {time:>7}" if number == 0 else ""
-        errors = [f"{whole.outcome.force_error:.3f} N" if whole.outcome and whole.outcome.force_error else "failed" for whole in (fixed, scheduled)]
+        errors = [_error(whole) for whole in (fixed, scheduled)]
         label = f"  {Path(fixed.drive).stem}" if len(point.wholes) > 1 else ""
         yield f"{own:51}  {errors[0]:>8} {errors[1]:>8}{label}"
+
+
+def _error(whole: Whole) -> str:
+    found = whole.outcome and whole.outcome.force_error
+    return f"{found:.3f} N" if found else "failed"

@@ -91,7 +91,11 @@ def adapting_mistakes(computer: Controller, plant: Plant | None, start: Triple |
         "[controller.touch] force_learning": touch is not None and touch.force_learning > 0.0,
     }
     if computer.tissue is None:
-        yield from (f"{name} needs [controller.tissue], which it takes the stiffness from; add it" for name in needs if needs[name])
+        yield from (
+            f"{name} needs [controller.tissue], which it takes the stiffness from; add it"
+            for name in needs
+            if needs[name]
+        )
         return
     if computer.mode != "force_position":
         yield f'[controller] mode = "{computer.mode}": never presses by force, so [controller.tissue] never learns; remove it'
