@@ -1,4 +1,4 @@
-"""An oscillator that locks to the breath, from height and force of a robot that follows a little, well or not at all."""
+"""An oscillator that locks to the breath, from height and force of a robot that follows it well or not at all."""
 
 import numpy as np
 import pytest

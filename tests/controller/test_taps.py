@@ -1,5 +1,7 @@
 """Taps that learn from their force, on a soft floor, without robot and drives."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 
@@ -27,7 +29,7 @@ def peaks(rows):
     """Largest force of each tap (N)."""
     raw = 1000.0 * np.maximum(0.0, -0.1 - rows["z"])
     begins = [k for _, kind, k in phases_of(rows) if kind == Kind.TAP] + [len(raw)]
-    return np.array([raw[a:b].max() for a, b in zip(begins, begins[1:], strict=False)])
+    return np.array([raw[a:b].max() for a, b in pairwise(begins)])
 
 
 def tapped(learning, late=10, turn=0.0):

@@ -45,8 +45,8 @@ def pressed(m, seconds, k=1500.0, c=0.0, breath=0.0, speed=0.0, amplitude=5e-5, 
 @pytest.mark.parametrize("k", [300.0, 1500.0, 5000.0])
 def test_stiffness_and_damping_of_an_ideal_tissue_are_found_with_the_inertia_of_the_platform_taken_out(k):
     m = pressed(tissue(), 2.0, k, c=20.0)
-    # the second difference of a sine of 5 Hz is (omega T_s)^2/12 = 0.03 % short, 0.07 N/m of 200; the rest is what is left
-    # of the beginning after four time constants
+    # the second difference of a sine of 5 Hz is (omega T_s)^2/12 = 0.03 % short, 0.07 N/m of 200; the rest is what is
+    # left of the beginning after four time constants
     assert m["k"] == pytest.approx(k, abs=1.0 + 2e-3 * k)
     assert m["c"] == pytest.approx(20.0, abs=0.2)
     assert m["known"] and m["std"] < 0.1 * k

@@ -16,7 +16,7 @@ SHIFTED = ["contact.shift.by_mm=[0,0,3]", "contact.shift.start_s=6", "contact.sh
 
 
 def estimated(body, settings=()):
-    """(true stiffness (N/m), estimate, its standard error, pressing force) at each call at which there is an estimate."""
+    """(true stiffness (N/m), estimate, its standard error, force (N)) at each call at which there is an estimate."""
     told = ["controller.tissue.dither_N=0.15", "monitor.enabled=false", *settings]
     experiment = load_experiment("experiments/pressing.toml", told, body=body)
     run = run_in_memory(experiment)

@@ -1,7 +1,7 @@
 """What a controller may do besides the law of Fig. 3 B: know the tissue, take gains for it, go along with the breath.
 
-All of it is optional and acts through the law: it sets the gains of the force loop, moves its integral and adds a shift to
-its reference. A controller without it does not know of it.
+All of it is optional and acts through the law: it sets the gains of the force loop, moves its integral and adds a shift
+to its reference. A controller without it does not know of it.
 """
 
 from collections.abc import Sequence
@@ -41,7 +41,8 @@ ADAPTIVE = record(
     v_shift="f8",
     v="f8",
 )
-"""The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its rate, and velocity of the breath, of this call."""
+"""The parts; which of them are on; whether the force loop acted in the call before; shift of the z reference and its
+rate, and velocity of the breath, of this call."""
 
 
 @dataclass(frozen=True)

@@ -1,12 +1,12 @@
 """The breath under the head: an oscillator that locks to it, and feeds its velocity forward.
 
-While pressing, the surface moves at v_0 = dz/dt + (dF/dt)/k, which the oscillator follows. That is a second-order generalised
-integrator with a frequency-locked loop (Rodriguez et al. 2011, IEEE Trans. Ind. Electron. 58:127),
+While pressing, the surface moves at v_0 = dz/dt + (dF/dt)/k, which the oscillator follows. That is a second-order
+generalised integrator with a frequency-locked loop (Rodriguez et al. 2011, IEEE Trans. Ind. Electron. 58:127),
 
     e = v_0 - x,   dx/dt = w (g e - q),   dq/dt = w x,   dw/dt = -f w e q w/(x^2 + q^2),
 
-of which x and q are the velocity and the same a quarter of a breath before, and w is the rate. It knows one sine, no shape;
-what comes at the rate of the breath passes it as it is, whatever else moves the surface is damped and turned.
+of which x and q are the velocity and the same a quarter of a breath before, and w is the rate. It knows one sine, no
+shape; what comes at the rate of the breath passes it as it is, whatever else moves the surface is damped and turned.
 """
 
 import math
@@ -37,8 +37,8 @@ class Breathing(NamedTuple):
 
 
 BREATH = record_of(Breathing, omega="f8", x="f8", q="f8", v="f8", share="f8", z="f8", F="f8", running="i8", low="f8")
-"""Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and force
-of the call before, and whether there was one; share of the low-pass."""
+"""Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
+force of the call before, and whether there was one; share of the low-pass."""
 
 
 @njit(cache=True)

@@ -189,9 +189,10 @@ class Controller(NativeComponent):
         )
         memory["way_points"] = len(times_)
         kept = {"times": times_, "points": points_}
-        outputs, chosen = OUTPUTS, step
+        chosen = step
+        outputs: tuple[Port, ...] = OUTPUTS
         if adapting:
-            outputs, chosen = (*OUTPUTS, *ADAPTIVE_OUTPUTS), adaptive_step
+            chosen, outputs = adaptive_step, (*OUTPUTS, *ADAPTIVE_OUTPUTS)
             kept |= adapting.fill(memory["adaptive"][0])
         super().__init__("controller", INPUTS, outputs, True, chosen, memory, period=period, pointers=kept)
 

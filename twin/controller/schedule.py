@@ -1,10 +1,10 @@
 """Gains of the force loop over the stiffness that is estimated, without bumps.
 
 Between two points of the table 1/gain is linear in the stiffness, because the gain that a loop bears falls with the
-stiffness it sees. Where the estimate is poor, the gains go back to those of the experiment's file, the safe set. Both the
-stiffness they are taken at and the share that the table has in them change no faster than a rate. A change of kp moves the
-integral by what the error makes of it, so that the output does not move (Åström and Hägglund 2006, Advanced PID Control,
-Sec. 9.4).
+stiffness it sees. Where the estimate is poor, the gains go back to those of the experiment's file, the safe set. Both
+the stiffness they are taken at and the share that the table has in them change no faster than a rate. A change of kp
+moves the integral by what the error makes of it, so that the output does not move (Åström and Hägglund 2006, Advanced
+PID Control, Sec. 9.4).
 
 A change of the reference is fed forward: the tissue gives way by dF/k, and the springs wind up by dF/k_spring.
 """
@@ -16,7 +16,7 @@ import numpy as np
 from numba import carray, from_dtype, njit
 
 from twin.cosim.native import pointer_to
-from twin.cosim.record import record, record_of
+from twin.cosim.record import record_of
 
 
 class SchedulePoint(NamedTuple):
@@ -46,8 +46,8 @@ class Scheduling(NamedTuple):
 
 POINT = record_of(SchedulePoint)
 SCHEDULE = record_of(Scheduling, count="i8", segment="i8", at="f8", share="f8", F_ref="f8")
-"""Settings and state: number of points, the segment last used, stiffness that the gains are taken at, share of the table, last
-reference."""
+"""Settings and state: number of points, the segment last used, stiffness that the gains are taken at, share of the
+table, last reference."""
 _points_at = pointer_to(from_dtype(POINT))
 
 

@@ -5,9 +5,9 @@ joints. Height and force pass one low-pass, whose derivatives of the height tell
 
     F = F_est + m d2z/dt2 + b dz/dt,                                                                             (K2)
 
-with b from the way through the air, where F is 0. The probe tells the stiffness, and how deep the surface is pressed in from
-the touch to the force that is asked for. A tap turns that much below the height at which it feels the surface, at whatever
-height that is by then; its largest F less the one asked for, over the stiffness, is what it was too deep.
+with b from the way through the air, where F is 0. The probe tells the stiffness, and how deep the surface is pressed in
+from the touch to the force that is asked for. A tap turns that much below the height at which it feels the surface, at
+whatever height that is by then; its largest F less the one asked for, over the stiffness, is what it was too deep.
 """
 
 import math
@@ -54,11 +54,12 @@ TAPS = record(
     speed="f8",
     t_turn="f8",
 )
-"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the phase. g: of the filters. z_fast .. F_slow: of the
-filters, from the height z_0 on. kind: phase of the call before. vF, vv: sums of speed times force and of its square in the
-air. z_begun, F_begun: where the probe began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on
-(m). z_before, F_before: of the call before. felt: whether the tap that is on has felt the surface. peak, level: its largest
-force, and what is asked for (N). speed, t_turn: its speed, and how long before its lowest point it was to turn.
+"""share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
+phase. g: of the filters. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of the call before. vF,
+vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe began. k, depth: the
+stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the call before. felt:
+whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked for (N). speed,
+t_turn: its speed, and how long before its lowest point it was to turn.
 """
 
 

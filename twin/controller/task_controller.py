@@ -72,8 +72,8 @@ _phases_at = pointer_to(from_dtype(PHASE))
 
 @njit(cache=True)
 def fed_forward(m, phase, J, t, h, v_shift):
-    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`, and
-    for a velocity `v_shift` (m/s) in z besides.
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`,
+    and for a velocity `v_shift` (m/s) in z besides.
     """
     machine, forward = m.machine, m.forward
     elapsed = t - machine.entered
@@ -179,8 +179,9 @@ class TaskController(NativeComponent):
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
-        kept, outputs, chosen = {"phases": table}, TASK_OUTPUTS, step
+        kept, chosen = {"phases": table}, step
+        outputs: tuple[Port, ...] = TASK_OUTPUTS
         if adapting:
-            outputs, chosen = (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS), adaptive_step
+            chosen, outputs = adaptive_step, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS)
             kept |= adapting.fill(memory["adaptive"][0])
         super().__init__("controller", TASK_INPUTS, outputs, True, chosen, memory, period=period, pointers=kept)

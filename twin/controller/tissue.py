@@ -1,7 +1,7 @@
 """How stiff the tissue under the head is, found while pressing: recursive least squares with exponential forgetting.
 
-Force and height while pressing are F = k (p_0 - z) - c dz/dt, with p_0 the height of a surface that nobody has told us of
-and that breathes. Both pass the same band-pass, which leaves nothing of p_0, for breath is slow; what is left obeys
+Force and height while pressing are F = k (p_0 - z) - c dz/dt, with p_0 the height of a surface that nobody has told us
+of and that breathes. Both pass the same band-pass, which leaves nothing of p_0, for breath is slow; what is left obeys
 
     F_f = -k z_f - c v_f,                                                                                        (K1)
 
@@ -49,7 +49,7 @@ class Sensing(NamedTuple):
         contact: pressing force below which nothing is learnt (N).
         mass, inertia: of the platform (kg), and of what turns with a joint (kg m^2).
         joint_spring: torque on a joint per angle of it with the motors held (N m/rad).
-        angle_rounding, torque_rounding: rms of what the encoders' rounding makes of a joint's angle (rad) and torque (N m).
+        angle_rounding, torque_rounding: rms of what rounding makes of a joint's angle (rad) and torque (N m).
     """
 
     frequency: float
@@ -107,13 +107,14 @@ TISSUE = record_of(
 )
 """Settings and state.
 
-g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls per
-independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z
-column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band,
-of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began
-from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz ..
-FF: the normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
-made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither (rad).
+g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls
+per independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the
+Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of
+rounding in the band, of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began from. z_1, z_2, F_1:
+of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz .. FF: the
+normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
+made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither
+(rad).
 """
 
 
@@ -177,7 +178,7 @@ def forget(m):
 
 @njit(cache=True, error_model="numpy")
 def _solve(m):
-    """k, c (of v_f over 2 pi f) and the standard error of k from the normal equations, as of the mean force that they remember."""
+    """k, c and the standard error of k from the normal equations, as of the mean force that they remember."""
     det = m.zz * m.vv - m.zv * m.zv
     # z and v of one swing are a quarter apart; where they are not, a swing has only begun
     if det < 0.1 * m.zz * m.vv or m.n * m.keep < m.in_band:

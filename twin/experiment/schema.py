@@ -238,7 +238,7 @@ class Damping(Section):
 
 
 class Controller(Section):
-    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks; `tissue`, `breath` are extras."""
+    """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
 
     mode: Literal["force_position", "position"] = Field(description="force and position, or position alone")
     period: float = quantity("period_ms", "time between two commands", gt=0)

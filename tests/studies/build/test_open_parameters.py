@@ -22,8 +22,8 @@ SHIFTED = (
 )  # fmt: skip
 DEEP = ("contact.height_mm=-86", "plant.eta_rate_rad_per_s=0.5", "plant.eta=0.9")
 ADAPTIVE = (
-    "contact.height_mm=-87", "approach.height_mm=-78", "controller.touch.force_learning=0.4", "controller.tissue.window_s=0.4",
-    "controller.breath.rate_per_min=14", "monitor.enabled=false",
+    "contact.height_mm=-87", "approach.height_mm=-78", "controller.touch.force_learning=0.4",
+    "controller.tissue.window_s=0.4", "controller.breath.rate_per_min=14", "monitor.enabled=false",
     "controller.force.schedule=[{stiffness_N_per_m=800,kp_mm_per_N=1.5,ki_mm_per_N_s=18},"
     "{stiffness_N_per_m=2000,kp_mm_per_N=1.8,ki_mm_per_N_s=11}]",
 )  # fmt: skip

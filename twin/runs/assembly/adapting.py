@@ -41,7 +41,7 @@ def sensing(computer: Controller, p_B: Triple) -> Sensing:
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
     geometry, masses = geometry_of(model), Masses(model.m_a, model.m_b, model.m_p, 0.0)
-    # of M_zz the part of the rods that is of first order in J_z changes by grams within reach; dA_i/dtheta is l_a cos(theta)
+    # the rods' part of M_zz that is of first order in J_z changes by grams within reach; dA_i/dtheta is l_a cos(theta)
     downwards = model.l_a * np.cos(joint_angles(geometry, p_B))
     rods = -model.m_b / 3.0 * float(downwards @ jacobian(geometry, p_B)[:, 2])
     # rounding to whole counts is off by an even distribution

@@ -11,7 +11,7 @@ from twin.studies.build.part import RobotPart
 
 
 def senses(part: RobotPart) -> bool:
-    """Whether its controller senses the tissue: what it believes of masses and springs is worked out of the model then."""
+    """Whether its controller senses the tissue: masses and springs are worked out of its model then, in Python."""
     return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 

@@ -18,15 +18,7 @@ from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Model, Plant, Robot
-from twin.experiment.schema import (
-    Controller,
-    Damping,
-    FeedForward,
-    ForceLoop,
-    PositionLoop,
-    Scale,
-    Touch,
-)
+from twin.experiment.schema import Controller, Damping, FeedForward, ForceLoop, PositionLoop, Scale, Touch
 from twin.experiment.tissue import Breath, Tissue
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
@@ -221,8 +213,7 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
             yield f"controller.{loop}.{name}", Destination("controller", memory[loop][name])
         yield f"controller.{loop}.derivative_filter", Destination("controller", memory[loop]["derivative_corner"])
     if c.tissue is not None:
-        for key, place, times in besides(c, memory["adaptive"]):
-            yield key, Destination("controller", place, times=times)
+        yield from ((key, Destination("controller", to, times=n)) for key, to, n in besides(c, memory["adaptive"]))
     if part.experiment.reference is not None:
         led = {"reference": "F_z_ref", "trigger": "trigger_force", "trigger_time": "trigger_time"}
         if c.mode != "force_position":

@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,6 +14,7 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.tissue import SchedulePoint as PointTable
 from twin.experiment.tissue import Tissue
+from twin.runs.assembly.checks.adapting import believed_loop, radius
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.tune.corner import Corner, opened
 from twin.studies.tune.gains import LawGains, with_gains
@@ -42,7 +44,7 @@ class Point:
         predictions: at the places that are pressed on, with each drive, on that stiffness.
         misses: goals that the gains miss, on that stiffness or on one that is mistaken for it.
         trials: simulated steps, by the number of the prediction; None: the run failed.
-        wholes: the experiment itself on that stiffness, with each drive: with the one set of gains, and with the schedule.
+        wholes: the experiment itself on it, with each drive: with the one set of gains, and with the schedule.
     """
 
     stiffness: float
@@ -153,7 +155,7 @@ def scheduled(base: Tuned) -> Scheduled:
     for K in ladder(low, high):
         mistaken = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K * DOUBT)]
         designed_for = [*mistaken, *_corners(base, places, K)]
-        gains = best_gains(designed_for, goals, base.after.gains, "force")
+        gains = best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K))
         misses = worst_misses([predicted(corner, gains) for corner in designed_for], goals)
         predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
         tried = [i for i, corner in enumerate(predictions) if corner.stable and can_be_tried(corner.corner)]
@@ -161,6 +163,13 @@ def scheduled(base: Tuned) -> Scheduled:
         found.append(Point(K, gains, predictions, misses, trials, []))
     points = [replace(point, wholes=_wholes(base, found, point)) for point in found]
     return Scheduled(base, goals, points, list(_between(base, places, found)))
+
+
+def _is_taken(base: Tuned, K: float, gains: LawGains) -> bool:
+    """Whether an experiment with these gains for the stiffness `K` is not refused."""
+    first = with_schedule(base.experiments[0], gains, ())
+    loop = believed_loop(first.controller, first.plant, first.start)
+    return radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
 
 
 def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Point]) -> Experiment:
@@ -172,7 +181,9 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Poin
         for point in points
     )
     force = c.force.model_copy(update={"schedule": table})
-    return replace(safe, controller=c.model_copy(update={"force": force, "tissue": c.tissue or Tissue()}))
+    return replace(
+        safe, controller=c.model_copy(update={"force": force, "tissue": c.tissue or Tissue.model_validate({})})
+    )
 
 
 def _places(base: Tuned) -> list[OperatingPoint]:

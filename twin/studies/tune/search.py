@@ -5,7 +5,7 @@ a seed it finds the same gains every time. What is compared are gains of three d
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -82,11 +82,18 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
     return price + sum(math.log(max(error, 1e-3)) for error in largest.values())
 
 
-def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains, laws: str = "both") -> LawGains:
+def best_gains(
+    corners: Sequence[Corner],
+    goals: Goals,
+    start: LawGains,
+    laws: str = "both",
+    allowed: Callable[[LawGains], bool] = lambda gains: True,
+) -> LawGains:
     """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it.
 
     Args:
         laws: "both", or "force": kp of the position law stays as in `start`, too.
+        allowed: which gains come into question at all.
     """
     force = any(corner.point.force_on for corner in corners)
     first, last = (1 if laws == "force" else 0), (len(BOUNDS) if force else 1)
@@ -97,6 +104,8 @@ def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains, laws: s
 
     def judged(logarithms: np.ndarray) -> float:
         tried, predictions = gains(logarithms), []
+        if not allowed(tried):
+            return 2.0 * PRICES["stability"]
         for corner in corners:
             predictions.append(predicted(corner, tried))
             if not predictions[-1].stable:

@@ -44,7 +44,7 @@ class Loop(NamedTuple):
 
 
 def radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
-    """Largest magnitude of a pole of the sampled loops on a tissue of `stiffness` (N/m) with force gains (m/N, m/(N s)).
+    """Largest magnitude of a pole of the sampled loops on a tissue of `stiffness` (N/m) with gains of the force loop.
 
     The states are height, speed, motor, the drive's speed; what is held for a period is the command.
     """
@@ -98,7 +98,8 @@ def adapting_mistakes(computer: Controller, plant: Plant | None, start: Triple |
         )
         return
     if computer.mode != "force_position":
-        yield f'[controller] mode = "{computer.mode}": never presses by force, so [controller.tissue] never learns; remove it'
+        mode = f'[controller] mode = "{computer.mode}"'
+        yield f"{mode}: never presses by force, so [controller.tissue] never learns; remove that"
     if computer.tissue.frequency * computer.period > BEST_BAND:
         yield (
             f"[controller.tissue] frequency_Hz = {computer.tissue.frequency:g}: the controller is called every "
@@ -135,14 +136,14 @@ def _unstable(computer: Controller, plant: Plant, start: Triple) -> Iterator[str
     for n, (below, above) in enumerate(pairwise(points), start=1):
         middle = float(np.sqrt(below.stiffness * above.stiffness))
         tried.append((f"between points {n} and {n + 1}", SchedulePoint(middle, *gains_at(table, 0, middle)[:2])))
-    where = "[controller.force] schedule"
     safe = "kp_mm_per_N and ki_mm_per_N_s, the safe set"
     tried += [(safe, SchedulePoint(point.stiffness, force.kp, force.ki)) for point in points]
     for name, (stiffness, kp, ki) in tried:
         if radius(loop, stiffness, kp, ki) >= 1.0:
+            gains = f"kp = {1e3 * kp:.3g} mm/N and ki = {1e3 * ki:.3g} mm/(N s)"
             yield (
-                f"{where}: {name}: kp = {1e3 * kp:.3g} mm/N and ki = {1e3 * ki:.3g} mm/(N s) shake on {stiffness:.4g} N/m, "
-                "with a drive that lags as the controller believes; expected gains that are stable where they act: lower "
-                "them, or let twin tune --schedule find some"
+                f"[controller.force] schedule: {name}: {gains} shake on {stiffness:.4g} N/m, with a drive that lags as "
+                "the controller believes; expected gains that are stable where they act: lower them, or let twin tune "
+                "--schedule find some"
             )
             return
