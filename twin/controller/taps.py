@@ -55,7 +55,8 @@ TAPS = record(
     t_turn="f8",
 )
 """share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
-phase. g: of the filters. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of the call before. vF,
+phase. g: of the filters; 0: they do not
+run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of the call before. vF,
 vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe began. k, depth: the
 stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the call before. felt:
 whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked for (N). speed,
@@ -118,10 +119,14 @@ def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
         phase: in which the call before ended.
         z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
     """
+    kind, omega = phase.kind, 2.0 * math.pi * CORNER
+    if kind != PhaseKind.DESCEND and (kind < PhaseKind.RETRACT or kind > PhaseKind.WAIT):
+        m.g, m.kind = 0.0, kind
+        return
     if m.g == 0.0:
         m.g, m.z_0 = math.tan(math.pi * CORNER * h), z
-    kind, omega = phase.kind, 2.0 * math.pi * CORNER
-    if m.mass == 0.0 or kind != m.kind:
+        m.z_fast, m.z_slow, m.F_fast, m.F_slow = 0.0, 0.0, 0.0, F
+    if kind != m.kind:
         m.mass = tissue.mass + tissue.inertia * (J[2] * J[2] + J[5] * J[5] + J[8] * J[8])
     low, first, second, m.z_fast, m.z_slow = _low_passed(m.g, m.z_fast, m.z_slow, z - m.z_0)
     F_low, _, _, m.F_fast, m.F_slow = _low_passed(m.g, m.F_fast, m.F_slow, F)

@@ -31,7 +31,7 @@ def over_two() -> Scheduled:
     """A schedule of two points, by a search that is short."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(search, "GENERATIONS", 10)
-        base = tuned([load_experiment(PRESSING, drive="ideal_velocity")], Goals(), (600.0, 1200.0))
+        base = tuned([load_experiment(PRESSING)], Goals(), (600.0, 1200.0))
         return scheduled(base)
 
 
@@ -61,7 +61,7 @@ def test_a_schedule_that_is_worse_somewhere_is_told(over_two: Scheduled):
     worse = replace(followed.outcome, force_error=1.1 * WORSE * fixed.outcome.force_error)
     points = [replace(point, wholes=[(fixed, replace(followed, outcome=worse))]), *over_two.points[1:]]
     told = replace(over_two, points=points)
-    assert any("on 600 N/m with ideal_velocity: the force is off by 116 %" in said for said in told.contradictions)
+    assert any("on 600 N/m with velocity_servo: the force is off by 116 %" in said for said in told.contradictions)
     assert not told.met and schedule_text(told).splitlines()[0].endswith("this is the best that was found")
 
 

@@ -35,7 +35,6 @@ def pressing(*settings):
     ([schedule((300, 2, 40), (2000, 2, 40))], "a gap from 300 to 2000 N/m"),
     ([TISSUE, schedule((300, 2, 40), (700, 20, 40))], "point 2: kp = 20 mm/N and ki = 40 mm/(N s) shake on 700 N/m"),
     ([TISSUE, schedule((300, 2, 500), (700, 2, 30))], "point 1: kp = 2 mm/N and ki = 500 mm/(N s) shake"),
-    ([TISSUE, TWO, "controller.force.kp_mm_per_N=15"], "the safe set"),
     ([TISSUE, TWO, 'change=[{t_s=5.0,key="controller.force.kp_mm_per_N",value=2.0}]'], "does not act in this"),
     (["controller.force.schedule=[{stiffness_N_per_m=300,kp_mm_per_N=2}]"],
      "[controller.force.schedule 1] missing key 'ki_mm_per_N_s'"),
