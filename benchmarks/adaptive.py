@@ -1,4 +1,4 @@
-"""What a call of the controller costs that knows the tissue, takes gains for it, follows the breath and learns from taps."""
+"""What a call of the controller costs that knows the tissue, schedules gains, follows the breath, learns from taps."""
 
 from pathlib import Path
 

@@ -38,7 +38,7 @@ TABLES: dict[str, type[Section]] = {
     "[controller]": schema.Controller,
     "[controller.position]": schema.PositionLoop,
     "[controller.force]": schema.ForceLoop,
-    "[[controller.force.schedule]]": tissue.SchedulePoint,
+    "[[controller.force.schedule]]": tissue.ScheduledGains,
     "[controller.tissue]": tissue.Tissue,
     "[controller.breath]": tissue.Breath,
     "[controller.touch]": schema.Touch,

@@ -8,7 +8,7 @@ from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.robot import Model
-from twin.experiment.tissue import Breath, SchedulePoint, Tissue, order_refused
+from twin.experiment.tissue import Breath, ScheduledGains, Tissue, order_refused
 
 
 class Scale(Section):
@@ -188,7 +188,7 @@ class ForceLoop(Section):
     derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
     limit: float = quantity("limit_mm", "largest shift of the z reference", gt=0)
     filter: float = quantity("filter_Hz", "low-pass of the estimated force; 0: none", ge=0)
-    schedule: tuple[SchedulePoint, ...] = Field(
+    schedule: tuple[ScheduledGains, ...] = Field(
         (),
         description="gains over the stiffness that [controller.tissue] estimates, softest first; without it, these",
         examples=[[

@@ -11,7 +11,7 @@ WIDEST_GAP = 3.0
 """Largest ratio of stiffness of two neighbours in a schedule."""
 
 
-class SchedulePoint(Section):
+class ScheduledGains(Section):
     """[[controller.force.schedule]]: gains of the force loop on a tissue of one stiffness."""
 
     stiffness: float = quantity("stiffness_N_per_m", "of the tissue", gt=0, le=20_000, examples=[300.0])
@@ -19,7 +19,7 @@ class SchedulePoint(Section):
     ki: float = quantity("ki_mm_per_N_s", "integral gain", gt=0, le=10_000, examples=[40.0])
 
 
-def order_refused(points: Sequence[SchedulePoint]) -> str:
+def order_refused(points: Sequence[ScheduledGains]) -> str:
     """Why `points` are no schedule; "" if they are one, or none."""
     if len(points) == 1:
         return "one point; expected two or more, for one is kp_mm_per_N and ki_mm_per_N_s"

@@ -12,8 +12,7 @@ import numpy as np
 from twin.controller.schedule import SchedulePoint, gains_at, table_of
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.tissue import SchedulePoint as PointTable
-from twin.experiment.tissue import Tissue
+from twin.experiment.tissue import ScheduledGains, Tissue
 from twin.runs.assembly.checks.adapting import believed_loop, radius
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.tune.corner import Corner, opened
@@ -177,7 +176,7 @@ def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Poin
     safe = with_gains(experiment, gains)
     c = safe.controller
     table = tuple(
-        PointTable.model_construct(stiffness=point.stiffness, kp=point.gains.force_kp, ki=point.gains.force_ki)
+        ScheduledGains.model_construct(stiffness=point.stiffness, kp=point.gains.force_kp, ki=point.gains.force_ki)
         for point in points
     )
     force = c.force.model_copy(update={"schedule": table})
