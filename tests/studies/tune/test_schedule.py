@@ -58,6 +58,7 @@ def test_on_each_point_the_gains_are_faster_than_one_set_and_the_force_is_held_b
 def test_a_schedule_that_is_worse_somewhere_is_told(over_two: Scheduled):
     point = over_two.points[0]
     fixed, followed = point.wholes[0]
+    assert fixed.outcome and fixed.outcome.force_error and followed.outcome
     worse = replace(followed.outcome, force_error=1.1 * WORSE * fixed.outcome.force_error)
     points = [replace(point, wholes=[(fixed, replace(followed, outcome=worse))]), *over_two.points[1:]]
     told = replace(over_two, points=points)
@@ -73,9 +74,9 @@ def test_what_is_written_is_an_experiment_with_the_schedule_that_was_tried(over_
     written = load_experiment(file).controller
     tried = with_schedule(over_two.base.experiments[0], over_two.base.after.gains, over_two.points).controller
     for attribute in ("stiffness", "kp", "ki"):
-        of = [[getattr(point, attribute) for point in found.force.schedule] for found in (written, tried)]
+        found, meant = ([getattr(point, attribute) for point in c.force.schedule] for c in (written, tried))
         # six digits
-        np.testing.assert_allclose(*of, rtol=1e-5)
+        np.testing.assert_allclose(found, meant, rtol=1e-5)
     assert written.tissue == tried.tissue and written.force.kp == pytest.approx(tried.force.kp, rel=1e-5)
 
 
