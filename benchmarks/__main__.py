@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from benchmarks import (
+    adaptive,
     build,
     dask,
     exchange,
@@ -46,6 +47,7 @@ PARTS: tuple[Callable[[], list[Measurement]], ...] = (
     lambda: build.measurements(EXPERIMENT),
     lambda: systems.measurements(EXPERIMENT),
     lambda: tasks.measurements(ROOT / "experiments"),
+    lambda: adaptive.measurements(ROOT / "experiments"),
     lambda: start_up.measurements(EXPERIMENT),
     lambda: isolation.measurements(EXPERIMENT),
     lambda: live.measurements(EXPERIMENT),

@@ -33,12 +33,22 @@ PUSH = Pushing((0.0, 0.01), 4.0, 1.0, (0.0, -0.01), 0.02)
 
 
 def task_controller(
-    tasks, approach=APPROACH, law=LAW, forward=FORWARD, damping=UNDAMPED, touch=TOUCH, position=0.0, force=FORCE_GAINS
+    tasks,
+    approach=APPROACH,
+    law=LAW,
+    forward=FORWARD,
+    damping=UNDAMPED,
+    touch=TOUCH,
+    position=0.0,
+    force=FORCE_GAINS,
+    adapting=None,
 ):
     """The task controller under test, above the first point."""
     start = (*tasks[0].point, approach.height)
     gains = Gains(position)
-    return TaskController(law, gains, force, forward, damping, touch, program(approach, tasks), start)
+    return TaskController(
+        law, gains, force, forward, damping, touch, program(approach, tasks), start, adapting=adapting
+    )
 
 
 class World(NamedTuple):

@@ -6,7 +6,19 @@ import annotated_types
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from twin.experiment import change, contact, experiment, fault, measure, monitor, reference, schema, stand_in, task
+from twin.experiment import (
+    change,
+    contact,
+    experiment,
+    fault,
+    measure,
+    monitor,
+    reference,
+    schema,
+    stand_in,
+    task,
+    tissue,
+)
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Plant, Robot
 
@@ -26,6 +38,9 @@ TABLES: dict[str, type[Section]] = {
     "[controller]": schema.Controller,
     "[controller.position]": schema.PositionLoop,
     "[controller.force]": schema.ForceLoop,
+    "[[controller.force.schedule]]": tissue.ScheduledGains,
+    "[controller.tissue]": tissue.Tissue,
+    "[controller.breath]": tissue.Breath,
     "[controller.touch]": schema.Touch,
     "[controller.feed_forward]": schema.FeedForward,
     "[controller.damping]": schema.Damping,

@@ -27,6 +27,9 @@ def tune(
     stiffness: Annotated[
         str | None, typer.Option("--stiffness-N-per-m", metavar="LOW:HIGH", help="Stiffness of what is pressed on.")
     ] = None,
+    schedule: Annotated[
+        bool, typer.Option("--schedule", help="Gains over the stiffness besides, 300:5000 if none is given.")
+    ] = False,
     drive: Annotated[
         list[str] | None, typer.Option(metavar="FMU", help="A drive they have to do for; may be repeated.")
     ] = None,
@@ -61,5 +64,6 @@ def tune(
         "body": body,
         "settings": settings or [],
         "out": out,
+        "schedule": schedule,
     }
     ask("twin.studies.tune.study:tune", asked, as_json, isolate)

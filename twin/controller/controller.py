@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.compiled.function import carray, njit
+from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
 from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
@@ -127,8 +128,9 @@ def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
         accept(pids[2], iz)
 
 
-@step_function(MEMORY, INPUTS, OUTPUTS)
-def step(m, t, h, u, y):
+@njit(cache=True, inline="always")
+def control(m, t, h, u, y, shift):
+    """A call of the law, its z reference shifted by `shift` (m) besides."""
     times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
     p_ref_B = y.p_ref_B
     p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
@@ -136,9 +138,27 @@ def step(m, t, h, u, y):
     if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
     y.dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0
-    y.p_cmd_B[0], y.p_cmd_B[1], y.p_cmd_B[2] = p_ref_B[0], p_ref_B[1], p_ref_B[2] + y.dp_z
+    y.p_cmd_B[0], y.p_cmd_B[1], y.p_cmd_B[2] = p_ref_B[0], p_ref_B[1], p_ref_B[2] + y.dp_z + shift
     motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
     y.triggered, y.F_z, y.F_z_ref = m.triggered, m.F_z, m.law.F_z_ref
+
+
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
+    control(m, t, h, u, y, 0.0)
+    return 0
+
+
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+
+
+@step_function(ADAPTIVE_MEMORY, INPUTS, (*OUTPUTS, *ADAPTIVE_OUTPUTS))
+def adaptive_step(m, t, h, u, y):
+    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
+    for i in range(3):
+        m.lead[i] = m.law.N * u.J[3 * i + 2] * m.adaptive.v_shift
+    control(m, t, h, u, y, m.adaptive.shift)
+    tell(m.adaptive, m.force, m.triggered, y)
     return 0
 
 
@@ -150,6 +170,7 @@ class Controller(NativeComponent):
         position, force: gains of the two loops; position acts on m and gives m/s, force acts on N and gives m.
         times, points: way points of the reference, (n,) s ascending and (n, 3) m.
         period: in ticks.
+        adapting: what it does besides; None: nothing.
     """
 
     def __init__(
@@ -160,12 +181,20 @@ class Controller(NativeComponent):
         times: Sequence[float],
         points: Sequence[Sequence[float]],
         period: int = 1,
+        adapting: Adapting | None = None,
     ):
         times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
-        memory = memory_of(MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
+        memory = memory_of(
+            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+        )
         memory["way_points"] = len(times_)
         kept = {"times": times_, "points": points_}
-        super().__init__("controller", INPUTS, OUTPUTS, True, step, memory, period=period, pointers=kept)
+        chosen = step
+        outputs: tuple[Port, ...] = OUTPUTS
+        if adapting:
+            chosen, outputs = adaptive_step, (*OUTPUTS, *ADAPTIVE_OUTPUTS)
+            kept |= adapting.fill(memory["adaptive"][0])
+        super().__init__("controller", INPUTS, outputs, True, chosen, memory, period=period, pointers=kept)
 
 
 NEVER = math.inf

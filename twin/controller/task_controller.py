@@ -11,6 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
+from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
 from twin.controller.controller import INPUTS as ESTIMATES
 from twin.controller.controller import LAW, OUTPUTS, Law, force_correction, motor_speeds
 from twin.controller.damping import DAMPER, Damping, damp, damper
@@ -19,6 +20,7 @@ from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
 from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
+from twin.controller.taps import learn_taps
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
@@ -69,8 +71,10 @@ _phases_at = pointer_to(PHASE)
 
 
 @njit(cache=True)
-def fed_forward(m, phase, J, t, h):
-    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`."""
+def fed_forward(m, phase, J, t, h, v_shift):
+    """Motor speeds (rad/s) into `m.lead` for the reference's motion and the springs' wind-up, ahead of `t` by `lag`,
+    and for a velocity `v_shift` (m/s) in z besides.
+    """
     machine, forward = m.machine, m.forward
     elapsed = t - machine.entered
     if elapsed >= 0.0:
@@ -79,7 +83,7 @@ def fed_forward(m, phase, J, t, h):
         # the machine turns round before the next call and has set the mean speed until then
         m.v[0], m.v[1], m.v[2] = machine.v[0], machine.v[1], machine.v[2]
     for i in range(3):
-        m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * m.v[2])
+        m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * (m.v[2] + v_shift))
     if phase.force_on:
         F_x, F_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
         motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag + h, m.p, m.v)
@@ -89,8 +93,9 @@ def fed_forward(m, phase, J, t, h):
             m.lead[i] += tau[i] / (h * forward.k_s * m.law.N * forward.eta)
 
 
-@step_function(MEMORY, TASK_INPUTS, TASK_OUTPUTS)
-def step(m, t, h, u, y):
+@njit(cache=True, inline="always")
+def control(m, t, h, u, y, shift, v_shift):
+    """A call of machine and law, its z reference shifted by `shift` (m) besides, which moves at `v_shift` (m/s)."""
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
     share = low_pass_share(m.law.corner, h)
     before = m.F_z
@@ -105,14 +110,36 @@ def step(m, t, h, u, y):
     else:
         m.dp_z = 0.0
         rest(m.force)
-    fed_forward(m, phase, u.J, t, h)
+    fed_forward(m, phase, u.J, t, h, v_shift)
     damp(m.damper, m.law.N * m.forward.eta, u.tau_l, h, m.lead)
     for i in range(3):
         y.p_ref_B[i], y.v_ref_B[i], y.p_cmd_B[i] = machine.p[i], machine.v[i], machine.p[i]
     y.p_cmd_B[2] += m.dp_z
+    y.p_cmd_B[2] += shift
     motor_speeds(m.law, m.position, u.J, u.p_B, y.p_cmd_B, m.lead, h, y.omega_ref)
     y.dp_z, y.triggered, y.F_z, y.F_z_ref = m.dp_z, phase.force_on, m.F_z, machine.F_ref
     y.task, y.phase = phase.task, phase.kind
+
+
+@step_function(MEMORY, TASK_INPUTS, TASK_OUTPUTS)
+def step(m, t, h, u, y):
+    control(m, t, h, u, y, 0.0, 0.0)
+    return 0
+
+
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+
+
+@step_function(ADAPTIVE_MEMORY, TASK_INPUTS, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
+def adaptive_step(m, t, h, u, y):
+    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.machine.F_ref)
+    if m.adaptive.taps.share > 0.0 and m.machine.index >= 0:
+        phases = carray(_phases_at(m.phases), m.count)
+        learn_taps(
+            m.adaptive.taps, m.adaptive.tissue, m.machine, phases[m.machine.index], t, h, u.p_B[2], -u.F_ee_B[2], u.J
+        )
+    control(m, t, h, u, y, m.adaptive.shift, m.adaptive.v_shift)
+    tell(m.adaptive, m.force, y.triggered, y)
     return 0
 
 
@@ -126,6 +153,7 @@ class TaskController(NativeComponent):
         phases: the program; the last one holds for ever.
         start: where the platform is at the beginning (3,), m.
         period: in ticks.
+        adapting: what it does besides; None: nothing.
     """
 
     def __init__(
@@ -139,14 +167,21 @@ class TaskController(NativeComponent):
         phases: Sequence[Phase],
         start: Sequence[float],
         period: int = 1,
+        adapting: Adapting | None = None,
     ):
         table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
-        memory = memory_of(MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3)
+        memory = memory_of(
+            ADAPTIVE_MEMORY if adapting else MEMORY, law=tuple(law), force=loop(force), position=[loop(position)] * 3
+        )
         memory["forward"][0], memory["damper"][0] = tuple(feed_forward), damper(damping)
         memory["count"] = len(table)
         machine = memory[0]["machine"]
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
-        kept = {"phases": table}
-        super().__init__("controller", TASK_INPUTS, TASK_OUTPUTS, True, step, memory, period=period, pointers=kept)
+        kept, chosen = {"phases": table}, step
+        outputs: tuple[Port, ...] = TASK_OUTPUTS
+        if adapting:
+            chosen, outputs = adaptive_step, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS)
+            kept |= adapting.fill(memory["adaptive"][0])
+        super().__init__("controller", TASK_INPUTS, outputs, True, chosen, memory, period=period, pointers=kept)

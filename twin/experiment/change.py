@@ -23,6 +23,10 @@ CHANGEABLE: dict[str, tuple[type[Section], str]] = {
 what they may be."""
 
 
+SCHEDULED = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
+"""What may not, where [controller.force] has a schedule of them."""
+
+
 class ChangeTable(Section):
     """[[change]]: a value of [controller] that changes while the experiment runs."""
 
@@ -60,6 +64,8 @@ def changeable(tables: Mapping[str, Any]) -> dict[str, float]:
     for key, (table, _) in CHANGEABLE.items():
         number = at(tables, key)
         acts = table is not ForceLoop or at(tables, "controller.mode") == "force_position"
+        # a schedule sets these itself
+        acts = acts and not (at(tables, "controller.force.schedule") and key in SCHEDULED)
         if acts and number is not None:
             found[key] = number
     return found

@@ -90,6 +90,9 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
     if kind == "extra_forbidden":
         return f"{where} {unknown(key, keys(owner))}"
     if kind == "missing":
+        if place and isinstance(got, Mapping):
+            # an array of tables within a table
+            return f"[{'.'.join(tables)} {' '.join(str(int(p) + 1) for p in place)}] missing key '{key}'"
         if place:
             return f"{where} {key}: {_shown(detail['input'])} has too few values"
         return f"{where} missing key '{key}'"
@@ -100,6 +103,8 @@ def _sentence(detail: Any, model: type[BaseModel], table: str) -> str:
         return f"{shown}: expected a number {sign} {detail['ctx'][name]:g}"
     if kind == "literal_error":
         return f"{shown}: expected {detail['ctx']['expected']}"
+    if kind == "value_error" and key and isinstance(got, Mapping):
+        return f"[{'.'.join([*tables, key])}] {detail['ctx']['error']}"
     if kind == "value_error":
         # a mistake between keys has no key of its own
         return f"{shown}: {detail['ctx']['error']}" if key else f"{where} {detail['ctx']['error']}"

@@ -8,6 +8,7 @@ from pydantic_core import PydanticCustomError
 
 from twin.experiment.quantity import Section, quantity
 from twin.experiment.robot import Model
+from twin.experiment.tissue import Breath, ScheduledGains, Tissue, order_refused
 
 
 class Scale(Section):
@@ -187,6 +188,24 @@ class ForceLoop(Section):
     derivative_filter: float = quantity("derivative_filter_Hz", "low-pass of the derivative; 0: none", 0.0, ge=0)
     limit: float = quantity("limit_mm", "largest shift of the z reference", gt=0)
     filter: float = quantity("filter_Hz", "low-pass of the estimated force; 0: none", ge=0)
+    schedule: tuple[ScheduledGains, ...] = Field(
+        (),
+        description="gains over the stiffness that [controller.tissue] estimates, softest first; without it, these",
+        examples=[[
+            {"stiffness_N_per_m": 600.0, "kp_mm_per_N": 2.0, "ki_mm_per_N_s": 30.0},
+            {"stiffness_N_per_m": 1200.0, "kp_mm_per_N": 1.5, "ki_mm_per_N_s": 15.0},
+        ]],
+    )  # fmt: skip
+    follow: float = Field(
+        1.0, ge=0, le=1, description="with a schedule: share of a change of the reference that is fed forward"
+    )
+    rate: float = quantity("rate_per_s", "with a schedule: largest relative change of the gains", 2.0, gt=0, le=100)
+
+    @model_validator(mode="after")
+    def _softest_first(self) -> "ForceLoop":
+        if refusal := order_refused(self.schedule):
+            raise ValueError(f"schedule: {refusal}")
+        return self
 
 
 class Touch(Section):
@@ -196,6 +215,12 @@ class Touch(Section):
     patience: float = quantity("patience_ms", "how long contact may be lost while pressing", gt=0)
     turn: float = quantity("turn_ms", "how long before its lowest point the first tap turns round", ge=0, le=100)
     learning: float = Field(ge=0, le=1, description="share of a tap's depth error that the next one corrects")
+    force_learning: float = Field(
+        0.0,
+        ge=0,
+        le=1,
+        description="share of a tap's force error that the next one corrects; needs [controller.tissue]",
+    )
 
 
 class FeedForward(Section):
@@ -232,4 +257,6 @@ class Controller(Section):
     touch: Touch | None = None
     feed_forward: FeedForward | None = None
     damping: Damping | None = None
+    tissue: Tissue | None = None
+    breath: Breath | None = None
     model: Model

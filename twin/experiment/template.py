@@ -139,6 +139,10 @@ class _Page:
                 lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
             elif inner is Model:
                 lines += ["", f"# {BELIEVED}", f"#[{path}]"]
+            elif inner is not None and get_origin(info.annotation) is tuple:
+                entries = at(self._own.values, path)
+                for entry in entries or (info.examples or [()])[0]:
+                    lines += self.item(path, inner, entry, "" if entries else "#", {})
             elif inner is not None:
                 lines += self.table(path, inner)
         return lines

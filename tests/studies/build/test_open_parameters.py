@@ -21,6 +21,12 @@ SHIFTED = (
     "contact.radius_mm=80", "contact.tilt_deg=3", "contact.height_mm=-93", "plant.spring_stop_deg=2",
 )  # fmt: skip
 DEEP = ("contact.height_mm=-85.5", "plant.eta_rate_rad_per_s=0.5", "plant.eta=0.9")
+ADAPTIVE = (
+    "contact.height_mm=-87", "approach.height_mm=-78", "controller.touch.force_learning=0.4",
+    "controller.tissue.window_s=0.4", "controller.breath.rate_per_min=14", "monitor.enabled=false",
+    "controller.force.schedule=[{stiffness_N_per_m=800,kp_mm_per_N=1.5,ki_mm_per_N_s=18},"
+    "{stiffness_N_per_m=2000,kp_mm_per_N=1.8,ki_mm_per_N_s=11}]",
+)  # fmt: skip
 WATCHED = ("monitor={command_limit_rad_per_s=7.0}", "contact.height_mm=-86")
 
 
@@ -36,6 +42,7 @@ def another(parameter: Parameter, n: int) -> list[float]:
     [
         (BREATHING, "plant", SHIFTED),
         (MASSAGE, "computer", DELAYED),
+        pytest.param(MASSAGE, "computer", ADAPTIVE, marks=pytest.mark.endurance),
         pytest.param(FIG4, "plant", DEEP, marks=pytest.mark.endurance),
         pytest.param(FIG4, "computer", WATCHED, marks=pytest.mark.endurance),
     ],

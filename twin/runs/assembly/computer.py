@@ -18,6 +18,7 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.task import Approach, Task
 from twin.monitor.component import POWER, SafetyMonitor
+from twin.runs.assembly.adapting import adapting
 from twin.runs.assembly.beliefs import belief, monitor_belief, monitor_limits
 from twin.runs.assembly.build import Build, Makers
 
@@ -56,9 +57,9 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     )
     position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
     force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
-    ticks = experiment.controller_ticks
+    ticks, besides = experiment.controller_ticks, adapting(experiment)
     if experiment.reference is not None and program is None:
-        return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks)
+        return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks, besides)
     if program is None:
         assert experiment.approach is not None and c.touch is not None
         program = program_of(experiment.approach, c.touch.contact, experiment.tasks)
@@ -73,6 +74,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         program,
         experiment.start,
         ticks,
+        besides,
     )
 
 

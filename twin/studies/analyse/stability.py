@@ -163,6 +163,13 @@ def stability(experiment: Experiment, tried: bool = False) -> Stability:
         ComponentFailed: a drive failed while it was measured.
     """
     refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
+    if schedule := experiment.controller.force.schedule:
+        one = schedule[0]
+        raise InputRefused(
+            f"{experiment.name}: its gains come from [controller.force] schedule; twin analyse knows one set. Of point "
+            f"1: --set controller.force.schedule=[] --set controller.force.kp_mm_per_N={1e3 * one.kp:g} --set "
+            f"controller.force.ki_mm_per_N_s={1e3 * one.ki:g} --set contact.stiffness_N_per_m={one.stiffness:g}"
+        )
     points, problems = operating_points(experiment)
     shared = Linearised(experiment, points)
     judged = [judged_point(shared.at(point)) for point in points]

@@ -18,18 +18,12 @@ from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Model, Plant, Robot
-from twin.experiment.schema import (
-    Controller,
-    Damping,
-    FeedForward,
-    ForceLoop,
-    PositionLoop,
-    Scale,
-    Touch,
-)
+from twin.experiment.schema import Controller, Damping, FeedForward, ForceLoop, PositionLoop, Scale, Touch
+from twin.experiment.tissue import Breath, Tissue
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.tunable import PLACES as TUNABLES
+from twin.studies.build.adaptive import besides, senses
 from twin.studies.build.fault_numbers import fault_beside, fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
@@ -49,6 +43,8 @@ _TABLES: dict[str, type[Section]] = {
     "controller.touch": Touch,
     "controller.feed_forward": FeedForward,
     "controller.damping": Damping,
+    "controller.tissue": Tissue,
+    "controller.breath": Breath,
 }
 
 
@@ -97,9 +93,11 @@ class Parameter(NamedTuple):
 def parameters(part: RobotPart) -> list[Parameter]:
     """All of them, in the order of the tables of the file."""
     found: dict[str, list[Destination]] = {}
+    worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
     for component in part.components:
         for key, destination in _OF.get(component.name, _nothing)(part, component.memory[0:1]):
-            found.setdefault(key, []).append(destination)
+            if key not in worked_out:
+                found.setdefault(key, []).append(destination)
         fault = fault_of(part.experiment, component.name)
         for attribute, memory, times in fault_numbers(part.experiment, fault, component) if fault else ():
             found[f"{component.name}.{attribute}"] = [Destination(component.name, memory, times=times)]
@@ -214,6 +212,8 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
         for name in ("kp", "ki", "kd"):
             yield f"controller.{loop}.{name}", Destination("controller", memory[loop][name])
         yield f"controller.{loop}.derivative_filter", Destination("controller", memory[loop]["derivative_corner"])
+    if c.tissue is not None:
+        yield from ((key, Destination("controller", to, times=n)) for key, to, n in besides(c, memory["adaptive"]))
     if part.experiment.reference is not None:
         led = {"reference": "F_z_ref", "trigger": "trigger_force", "trigger_time": "trigger_time"}
         if c.mode != "force_position":
@@ -258,7 +258,7 @@ _FIXED = {
     "controller": (
         "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
         "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
-        "[approach]", "[[task]]",
+        "[approach]", "[[task]]", "controller.force.schedule",
     ),
     "delay": ("controller.delay_ticks",),
     "monitor": ("[monitor]",),
@@ -277,6 +277,8 @@ def fixed(part: RobotPart, offered: list[Parameter]) -> list[str]:
             said = (f"{component.name}.{key}" for key in _said(experiment, component.name))
             keys |= dict.fromkeys((*said, *fault_beside(fault)))
         keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
+    if senses(part):
+        keys["[controller.model]"] = None
     return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
 
 

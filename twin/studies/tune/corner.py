@@ -11,7 +11,7 @@ from twin.studies.analyse.linear.drive_model import Matrix
 from twin.studies.analyse.linear.margins import LOWEST, Complex, response
 from twin.studies.analyse.linear.sampled_law import ESTIMATED, LOOPS
 from twin.studies.analyse.linear.sampled_robot import TRUE
-from twin.studies.analyse.linear_point import Linearised, LinearPoint
+from twin.studies.analyse.linear_point import Linearised
 from twin.studies.analyse.nudge import undisturbed
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points
 from twin.studies.tune.gains import LawGains, with_gains
@@ -90,12 +90,13 @@ def corners(
     for experiment in experiments:
         shared = Linearised(with_gains(experiment, UNITY), points)
         drives.append(shared)
-        found += [_opened(experiment, shared.labels[0], shared.at(point)) for point in points]
+        found += [opened(experiment, shared, point) for point in points]
     return found, problems, drives
 
 
-def _opened(experiment: Experiment, drive: str, linear: LinearPoint) -> Corner:
-    loops = linear.loops
+def opened(experiment: Experiment, shared: Linearised, point: OperatingPoint) -> Corner:
+    """The corner of `experiment` at `point`, with what all points of it share."""
+    loops = shared.at(point).loops
     outputs = [loops.output_labels.index(name) for name in (*ESTIMATED, *TRUE)]
     rows = loops.C[outputs]
     # the pressing force is -F_ee_B_z
@@ -103,7 +104,7 @@ def _opened(experiment: Experiment, drive: str, linear: LinearPoint) -> Corner:
     system = loops[outputs[:4], : len(LOOPS[:3])]
     omega = np.geomspace(LOWEST, 0.999 * np.pi / loops.dt, FREQUENCIES)
     P = response(system, omega)
-    return Corner(experiment, drive, linear.point, loops.A, loops.B[:, :3], rows, loops.dt, omega, P)
+    return Corner(experiment, shared.labels[0], point, loops.A, loops.B[:, :3], rows, loops.dt, omega, P)
 
 
 def at_stiffness(corner: Corner) -> Experiment:

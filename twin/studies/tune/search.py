@@ -5,7 +5,7 @@ a seed it finds the same gains every time. What is compared are gains of three d
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -82,16 +82,30 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
     return price + sum(math.log(max(error, 1e-3)) for error in largest.values())
 
 
-def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains) -> LawGains:
-    """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it."""
+def best_gains(
+    corners: Sequence[Corner],
+    goals: Goals,
+    start: LawGains,
+    laws: str = "both",
+    allowed: Callable[[LawGains], bool] = lambda gains: True,
+) -> LawGains:
+    """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it.
+
+    Args:
+        laws: "both", or "force": kp of the position law stays as in `start`, too.
+        allowed: which gains come into question at all.
+    """
     force = any(corner.point.force_on for corner in corners)
-    bounds = [(math.log10(low), math.log10(high)) for low, high in (BOUNDS if force else BOUNDS[:1])]
+    first, last = (1 if laws == "force" else 0), (len(BOUNDS) if force else 1)
+    bounds = [(math.log10(low), math.log10(high)) for low, high in BOUNDS[first:last]]
 
     def gains(logarithms: np.ndarray) -> LawGains:
-        return rounded(LawGains(*(float(10.0**x) for x in logarithms), *start[len(logarithms) :]))
+        return rounded(LawGains(*start[:first], *(float(10.0**x) for x in logarithms), *start[last:]))
 
     def judged(logarithms: np.ndarray) -> float:
         tried, predictions = gains(logarithms), []
+        if not allowed(tried):
+            return 2.0 * PRICES["stability"]
         for corner in corners:
             predictions.append(predicted(corner, tried))
             if not predictions[-1].stable:

@@ -126,7 +126,7 @@ def _run(corner: Corner, gains: LawGains, stepped: bool) -> Matrix:
         tasks=(),
         approach=None,
         reference=reference,
-        controller=c.model_copy(update={"mode": mode, "force": force}),
+        controller=c.model_copy(update={"mode": mode, "force": force, "tissue": None, "breath": None}),
     )
     rest, over = (round(time / experiment.cosim.tick) for time in (REST, HORIZON))
     pressed, risen = "plant.F_ee_B", "plant.p_B"

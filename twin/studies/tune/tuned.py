@@ -111,6 +111,11 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
     """
     first = experiments[0]
     refuse_other_parts(first, "twin tune", ("controller", "estimator"))
+    if first.controller.force.schedule:
+        raise InputRefused(
+            f"{first.name}: its gains come from [controller.force] schedule; twin tune finds one set, so "
+            "--set controller.force.schedule=[], or --schedule for a schedule"
+        )
     goals.refuse_period(first.controller.period)
     start = gains_of(first)
     found, problems, drives = corners(experiments, stiffness)

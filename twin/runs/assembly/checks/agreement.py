@@ -7,6 +7,7 @@ from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.reference import WayPoints
 from twin.experiment.tables import Tables
 from twin.runs.assembly.beliefs import geometry_of, monitor_belief
+from twin.runs.assembly.checks.adapting import adapting_mistakes
 from twin.runs.assembly.checks.monitor import contradictions
 from twin.runs.assembly.checks.reach import reference_mistakes
 from twin.runs.assembly.checks.tasks import Situation, task_mistakes
@@ -34,6 +35,7 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
         mistakes += contradictions(
             checked["monitor"], monitor_belief(checked["robot"]), computer.period, computer.speed_limit
         )
+    mistakes += _adapting_mistakes(tables, reference)
     if tables.tasks and {"plant", "contact", "approach", "controller", "head"} <= checked.keys():
         monitor = checked.get("monitor")
         situation = Situation(
@@ -46,6 +48,18 @@ def disagreements(tables: Tables, reference: WayPoints | None, named: Collection
         )
         mistakes += task_mistakes(situation, tables.tasks, tables.duration)
     return mistakes
+
+
+def _adapting_mistakes(tables: Tables, reference: WayPoints | None) -> list[str]:
+    """What the controller does besides the paper's law, where it is twin's own."""
+    checked = tables.by_name
+    computer = checked.get("controller")
+    if computer is None or computer.force is None:
+        return []
+    start = reference.p[0] if reference is not None else None
+    if tables.tasks and "approach" in checked:
+        start = (*next(iter(tables.tasks.values())).point, checked["approach"].height)
+    return list(adapting_mistakes(computer, checked.get("plant"), start))
 
 
 def _moved_twice(tables: Tables, named: Collection[str]) -> list[str]:

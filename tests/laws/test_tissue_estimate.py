@@ -1,0 +1,46 @@
+"""The stiffness that the controller estimates while pressing, against that of the body as it is."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from twin.plant.contact_law import elastic_force
+from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.trace import run_in_memory
+
+BODIES = sorted(path.stem for path in Path("experiments/bodies").glob("*.toml"))
+NOISY = ["robot.motor_noise_deg=0.02", "robot.joint_noise_deg=0.01"]
+SHIFTED = ["contact.shift.by_mm=[0,0,3]", "contact.shift.start_s=6", "contact.shift.rise_s=0.6"]
+
+
+def estimated(body, settings=()):
+    """(true stiffness (N/m), estimate, its standard error, force (N)) at each call at which there is an estimate."""
+    told = ["controller.tissue.dither_N=0.15", "monitor.enabled=false", *settings]
+    experiment = load_experiment("experiments/pressing.toml", told, body=body)
+    run = run_in_memory(experiment)
+    moved = run["body.s_B"][:, 2] if "body.s_B" in run.fields() else 0.0
+    plant, every = plant_parameters(experiment.plant, experiment.contact), experiment.controller_ticks
+    # pressed on its apex: as deep as it is low
+    depths = (plant.z_s + moved - run["plant.p_B"][:, 2])[::every]
+    true = np.array([(elastic_force(plant, d + 1e-6) - elastic_force(plant, d - 1e-6)) / 2e-6 for d in depths])
+    F = -run["plant.F_ee_B"][::every, 2]
+    there = run["controller.triggered"] & (run["controller.k_hat"] > 0.0) & (F > 0.8)
+    return true[there], run["controller.k_hat"][there], run["controller.k_std"][there], F[there]
+
+
+@pytest.mark.parametrize(("body", "settings"), [
+    *((body, []) for body in ("back", "belly", "scale", "shoulder")), ("back", NOISY), ("belly", SHIFTED),
+    *(pytest.param(body, how, marks=pytest.mark.endurance) for body in BODIES for how in ([], NOISY, SHIFTED)),
+])  # fmt: skip
+def test_the_estimate_is_within_its_own_doubt_of_the_true_stiffness_and_on_the_whole_close(body, settings):
+    true, k_hat, k_std, F = estimated(body, settings)
+    off = np.abs(k_hat - true)
+    # a body that stiffens is estimated some tenths of a second late
+    assert np.mean(off < 2.0 * k_std) > 0.95
+    assert np.median(off / true) < 0.15
+    # and the doubt is not so large that it says nothing
+    assert np.median(k_std / k_hat) < 0.2
+    holding = F > 7.5
+    assert np.median(off[holding] / true[holding]) < 0.2

@@ -1,0 +1,279 @@
+"""How stiff the tissue under the head is, found while pressing: recursive least squares with exponential forgetting.
+
+Force and height while pressing are F = k (p_0 - z) - c dz/dt, with p_0 the height of a surface that nobody has told us
+of and that breathes. Both pass the same band-pass, which leaves nothing of p_0, for breath is slow; what is left obeys
+
+    F_f = -k z_f - c v_f,                                                                                        (K1)
+
+linear in k and c. The force of statics lacks the platform's inertia, which is added before: F = F_est + m d2z/dt2. The
+normal equations of (K1) are kept with forgetting (Ljung 1999, System Identification, Sec. 11.2), which is recursive
+least squares in its information form. They are left as they are where the height moves by no more than encoders round.
+
+Where nothing moves by itself the reference is moved: a sine in the middle of the band, as long as k is not known well
+enough.
+"""
+
+import math
+from typing import NamedTuple
+
+from twin.compiled.function import njit
+from twin.cosim.record import record, record_of
+
+DAMPING = 0.5
+"""Of each of the two stages of the band-pass: 1/Q. Less would take longer to settle, more would let breath through."""
+STAGES = 2
+SETTLING = 3.0
+"""Time constants of a stage, Q/(pi f), after which what the start of contact has left in the filters is gone."""
+EXCITED = 10.0
+"""Rms of the band-passed height over that of the rounding noise in it, from which on something moves."""
+DRIFT = 0.03
+"""Share of k_hat by which the tissue may change in a second in which nothing is learnt."""
+CHANGE = 0.7
+"""Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
+LARGEST = 5e-4
+"""Largest amplitude of the dither (m)."""
+LOWEST, HIGHEST = 50.0, 20000.0
+"""Bounds of k_hat (N/m): softer than any body, stiffer than what these springs can tell from rigid."""
+
+
+class Sensing(NamedTuple):
+    """Settings, SI.
+
+    Attributes:
+        frequency: middle of the band, and of the dither (Hz).
+        window: time constant of forgetting (s).
+        dither: amplitude of the force that the dither makes on the stiffness that is believed (N); 0: none.
+        enough: standard error over k_hat below which the dither ends.
+        doubtful: that from which on it begins anew.
+        contact: pressing force below which nothing is learnt (N).
+        mass, inertia: of the platform (kg), and of what turns with a joint (kg m^2).
+        joint_spring: torque on a joint per angle of it with the motors held (N m/rad).
+        angle_rounding, torque_rounding: rms of what rounding makes of a joint's angle (rad) and torque (N m).
+    """
+
+    frequency: float
+    window: float
+    dither: float
+    enough: float
+    doubtful: float
+    contact: float
+    mass: float
+    inertia: float
+    joint_spring: float
+    angle_rounding: float
+    torque_rounding: float
+
+
+STAGE = record(fast="f8", slow="f8")
+TISSUE = record_of(
+    Sensing,
+    g="f8",
+    keep="f8",
+    in_band="f8",
+    squares="f8",
+    moving="f8",
+    spring="f8",
+    noise="f8",
+    F_noise="f8",
+    z=(STAGE, (STAGES,)),
+    F=(STAGE, (STAGES,)),
+    z_0="f8",
+    F_0="f8",
+    z_1="f8",
+    z_2="f8",
+    F_1="f8",
+    since="f8",
+    pressing="i8",
+    power="f8",
+    n="f8",
+    zzF="f8",
+    zz="f8",
+    zv="f8",
+    vv="f8",
+    zF="f8",
+    vF="f8",
+    FF="f8",
+    known="i8",
+    k="f8",
+    c="f8",
+    error="f8",
+    F_k="f8",
+    age="f8",
+    std="f8",
+    excited="i8",
+    dithering="i8",
+    phase="f8",
+)
+"""Settings and state.
+
+g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls
+per independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the
+Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of
+rounding in the band, of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began from. z_1, z_2, F_1:
+of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz .. FF: the
+normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
+made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither
+(rad).
+"""
+
+
+@njit(cache=True)
+def _prepare(m, h):
+    m.g = math.tan(math.pi * m.frequency * h)
+    m.keep = math.exp(-h / m.window)
+    # noise bandwidth of two equal stages: pi/4 f/Q
+    m.in_band = 1.0 / (0.5 * math.pi * m.frequency * DAMPING * h)
+
+
+@njit(cache=True, error_model="numpy")
+def take_pose(m, J):
+    """What of the robot itself depends on its pose, from the Jacobian `J` (9,) there."""
+    m.squares = J[2] * J[2] + J[5] * J[5] + J[8] * J[8]
+    m.moving = m.mass + m.inertia * m.squares
+    m.spring = m.joint_spring * m.squares
+    m.noise = m.angle_rounding / math.sqrt(m.squares * m.in_band)
+    m.F_noise = m.torque_rounding * math.sqrt(m.squares / m.in_band)
+
+
+@njit(cache=True)
+def band_passed(stages, g, x):
+    """(what is left of `x` in the band, its derivative over 2 pi f), each of gain 1 in the middle.
+
+    Two state-variable filters by the trapezoidal rule, so the derivative is that of the output itself (Zavalishin 2012,
+    The Art of VA Filter Design, Ch. 4).
+    """
+    high = x
+    for i in range(STAGES):
+        stage = stages[i]
+        high = (x - (DAMPING + g) * stage.fast - stage.slow) / (1.0 + g * (DAMPING + g))
+        band = g * high + stage.fast
+        low = g * band + stage.slow
+        stage.fast, stage.slow = band + g * high, low + g * band
+        x = DAMPING * band
+    return x, DAMPING * high
+
+
+@njit(cache=True)
+def _begin(m, z, F):
+    """Contact begins, or is there again: the filters start from rest."""
+    for i in range(STAGES):
+        m.z[i].fast, m.z[i].slow, m.F[i].fast, m.F[i].slow = 0.0, 0.0, 0.0, 0.0
+    m.z_0, m.F_0, m.z_1, m.z_2, m.F_1 = z, F, z, z, F
+    m.power = 0.0
+
+
+@njit(cache=True)
+def _unlearn(m):
+    """The next estimate is of what comes, the last one stands until then."""
+    m.n, m.zzF, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+
+
+@njit(cache=True)
+def forget(m):
+    """What was learnt is of another place: nothing is known from now on."""
+    _unlearn(m)
+    m.known, m.dithering, m.phase, m.age = 0, 0, 0.0, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(m):
+    """k, c and the standard error of k from the normal equations, as of the mean force that they remember."""
+    det = m.zz * m.vv - m.zv * m.zv
+    # z and v of one swing are a quarter apart; where they are not, a swing has only begun
+    if det < 0.1 * m.zz * m.vv or m.n * m.keep < m.in_band:
+        return
+    k = -(m.zF * m.vv - m.vF * m.zv) / det
+    c = -(m.vF * m.zz - m.zF * m.zv) / det
+    if k < LOWEST:
+        # no tissue does that: something else moves height and force, a surface that jumps
+        m.error = max(m.error, m.k)
+        _unlearn(m)
+        return
+    left = max(m.FF + k * m.zF + c * m.vF, 0.0) / m.n
+    scatter = max(left, m.F_noise * m.F_noise) * m.in_band * m.vv / det
+    # rounding of the joints moves height and force together, as a spring would
+    rounding = (abs(k) + m.spring) * m.noise * m.noise * m.n / m.zz
+    error = math.sqrt(scatter + rounding * rounding) + max(k - HIGHEST, 0.0)
+    # worse than what is doubted of the last one, and no contradiction to it: no news
+    if m.known and error > m.std and abs(k - m.k) < 2.0 * (error + m.std):
+        return
+    m.k, m.c, m.error = min(k, HIGHEST), c / (2.0 * math.pi * m.frequency), error
+    m.known, m.F_k, m.age = 1, m.zzF / m.zz, 0.0
+
+
+@njit(cache=True, error_model="numpy")
+def sense(m, h, z, F, J, pressing):
+    """Learn from a call.
+
+    Args:
+        z, F, J: height (m), pressing force (N) and Jacobian (9,) as estimated, unfiltered.
+        pressing: whether the force loop acts.
+    """
+    if m.g == 0.0:
+        _prepare(m, h)
+    if pressing and not m.pressing:
+        forget(m)
+    m.pressing, m.excited = pressing, 0
+    if not pressing or F < m.contact:
+        m.since, m.dithering = 0.0, 0
+    else:
+        if m.since == 0.0:
+            _begin(m, z, F)
+            take_pose(m, J)
+        m.since += h
+        # the second difference is that of a call ago
+        inertia = m.moving * (z - 2.0 * m.z_1 + m.z_2) / (h * h)
+        z_f, v_f = band_passed(m.z, m.g, m.z_1 - m.z_0)
+        F_f, _ = band_passed(m.F, m.g, m.F_1 + inertia - m.F_0)
+        m.z_2, m.z_1, m.F_1 = m.z_1, z, F
+        # a few swings
+        m.power += min(2.0 * m.frequency * h, 1.0) * (z_f * z_f - m.power)
+        settled = m.since > SETTLING / (math.pi * m.frequency * DAMPING)
+        if settled and m.power > (EXCITED * m.noise) ** 2:
+            m.excited = 1
+            m.n = m.keep * m.n + 1.0
+            # what moved most tells most, and of the force that was there then
+            m.zzF = m.keep * m.zzF + z_f * z_f * F
+            m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
+            m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
+            m.vF, m.FF = m.keep * m.vF + v_f * F_f, m.keep * m.FF + F_f * F_f
+            _solve(m)
+    _doubt(m, h, F)
+
+
+@njit(cache=True, error_model="numpy")
+def _doubt(m, h, F):
+    """What may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
+    if not m.known:
+        m.std = HIGHEST
+        return
+    m.age += h
+    changed = CHANGE * abs(F - m.F_k) / max(F, m.F_k) if m.since > 0.0 else 0.0
+    older = DRIFT * m.age
+    m.std = min(math.sqrt(m.error * m.error + m.k * m.k * (changed * changed + older * older)), HIGHEST)
+
+
+@njit(cache=True, error_model="numpy")
+def dither(m, h):
+    """(shift of the reference (m), its rate (m/s)) of this call; 0 where the tissue is known well enough."""
+    if m.since == 0.0 or m.dither == 0.0:
+        return 0.0, 0.0
+    doubt = m.std / m.k if m.known else HIGHEST
+    if not m.dithering and doubt > m.doubtful:
+        m.dithering, m.phase = 1, 0.0
+        _unlearn(m)
+    omega = 2.0 * math.pi * m.frequency
+    if m.dithering:
+        m.phase += omega * h
+        # it ends with a whole swing
+        if m.phase >= 2.0 * math.pi:
+            m.phase -= 2.0 * math.pi
+            if doubt < m.enough:
+                m.dithering, m.phase = 0, 0.0
+                return 0.0, 0.0
+    else:
+        return 0.0, 0.0
+    # what is not known may be hard
+    k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
+    amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
+    return amplitude * math.sin(m.phase), amplitude * omega * math.cos(m.phase)

@@ -1,0 +1,230 @@
+"""Gains over the stiffness of the tissue: designed on the linear model point by point, tried in the co-simulation."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from twin.controller.schedule import SchedulePoint, gains_at, table_of
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.experiment.tissue import ScheduledGains, Tissue
+from twin.runs.assembly.checks.adapting import believed_loop, radius
+from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
+from twin.studies.tune.corner import Corner, opened
+from twin.studies.tune.gains import LawGains, with_gains
+from twin.studies.tune.goals import Goals
+from twin.studies.tune.prediction import Prediction, predicted
+from twin.studies.tune.search import Miss, best_gains, worst_misses
+from twin.studies.tune.trial import StepTrial, Whole, can_be_tried, contradiction, step_trial, whole_run
+from twin.studies.tune.tuned import Tuned
+
+RANGE = (300.0, 5000.0)
+"""Stiffness (N/m) where nobody says another."""
+STRIDE = 2.0
+"""Largest ratio of the stiffness of two neighbours."""
+DOUBT = 1.3
+"""Factor by which the estimate may be wrong either way: the tolerance of [controller.tissue]."""
+WORSE = 1.05
+"""Rms force with the schedule over that with one set from which on it is told."""
+
+
+@dataclass(frozen=True)
+class Point:
+    """A point of the schedule.
+
+    Attributes:
+        stiffness: N/m.
+        gains: there.
+        predictions: at the places that are pressed on, with each drive, on that stiffness.
+        misses: goals that the gains miss, on that stiffness or on one that is mistaken for it.
+        trials: simulated steps, by the number of the prediction; None: the run failed.
+        wholes: the experiment itself on it, with each drive: with the one set of gains, and with the schedule.
+    """
+
+    stiffness: float
+    gains: LawGains
+    predictions: list[Prediction]
+    misses: list[Miss]
+    trials: dict[int, StepTrial | None]
+    wholes: list[tuple[Whole, Whole]]
+
+    def ratio(self, drive: int) -> float:
+        """Rms force with the schedule over that with one set; NaN where one of them failed."""
+        fixed, scheduled = (whole.outcome.force_error if whole.outcome else None for whole in self.wholes[drive])
+        return scheduled / fixed if fixed and scheduled else float("nan")
+
+
+@dataclass(frozen=True)
+class Scheduled:
+    """What scheduling came to.
+
+    Attributes:
+        base: the one set for all, which is the safe one.
+        goals: of both.
+        points: softest first.
+        between: predictions half-way between two points.
+    """
+
+    base: Tuned
+    goals: Goals
+    points: list[Point]
+    between: list[Prediction]
+
+    @property
+    def contradictions(self) -> list[str]:
+        """What the co-simulation does not confirm, and where the gains between two points are not stable."""
+        told = [
+            f"between the points, {prediction.corner.name}: unstable"
+            for prediction in self.between
+            if not prediction.stable
+        ]
+        for point in self.points:
+            name = f"on {point.stiffness:.4g} N/m"
+            for i, trial in point.trials.items():
+                doubt = "the co-simulation failed"
+                doubt = doubt if trial is None else contradiction(trial, point.predictions[i], self.goals)
+                told += [f"{name}: {doubt}"] if doubt else []
+            for drive, (_, scheduled) in enumerate(point.wholes):
+                where = f"{name} with {Path(scheduled.drive).stem}"
+                if scheduled.outcome is None:
+                    told.append(f"{where}: the experiment itself fails")
+                elif point.ratio(drive) > WORSE:
+                    told.append(
+                        f"{where}: the force is off by {100 * point.ratio(drive):.0f} % of what it is with one set"
+                    )
+        return told
+
+    @property
+    def met(self) -> bool:
+        return not self.contradictions and not any(point.misses for point in self.points)
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON, SI."""
+        return {
+            "met": self.met,
+            "contradictions": self.contradictions,
+            "points": [
+                {
+                    "stiffness": point.stiffness,
+                    "kp": point.gains.force_kp,
+                    "ki": point.gains.force_ki,
+                    "sensitivity": max(found.sensitivity for found in point.predictions),
+                    "overshoot": max(found.answers["force"].overshoot for found in point.predictions if found.stable),
+                    "settling": max(found.answers["force"].settling for found in point.predictions if found.stable),
+                    "missed": [miss.goal for miss in point.misses],
+                    "runs": [
+                        {
+                            "drive": fixed.drive,
+                            "force_error_one_set": fixed.outcome and fixed.outcome.force_error,
+                            "force_error_scheduled": scheduled.outcome and scheduled.outcome.force_error,
+                        }
+                        for fixed, scheduled in point.wholes
+                    ],
+                }
+                for point in self.points
+            ],
+        }
+
+
+def ladder(low: float, high: float) -> list[float]:
+    """Stiffnesses (N/m) from `low` to `high`, with one ratio from each to the next, of at most `STRIDE`."""
+    steps = max(1, int(np.ceil(np.log(high / low) / np.log(STRIDE) - 1e-9)))
+    return [float(f"{K:.3g}") for K in np.geomspace(low, high, steps + 1)]
+
+
+def scheduled(base: Tuned) -> Scheduled:
+    """A schedule for the experiment of `base`, over the stiffness that its gains were found for.
+
+    Raises:
+        InputRefused: nothing is pressed on by force, or the range is a single stiffness.
+    """
+    goals, name = base.goals, base.experiments[0].name
+    places = _places(base)
+    if not places:
+        raise InputRefused(f"{name}: nothing is pressed on by force, so there is no stiffness to schedule over")
+    low, high = base.stiffness or RANGE
+    if low == high:
+        raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: one stiffness; a schedule needs a range")
+    found = []
+    for K in ladder(low, high):
+        mistaken = [*_corners(base, places, K / DOUBT, True), *_corners(base, places, K * DOUBT)]
+        designed_for = [*mistaken, *_corners(base, places, K)]
+        gains = best_gains(designed_for, goals, base.after.gains, "force", partial(_is_taken, base, K))
+        misses = worst_misses([predicted(corner, gains) for corner in designed_for], goals)
+        predictions = [predicted(corner, gains) for corner in _corners(base, places, K)]
+        tried = [i for i, corner in enumerate(predictions) if corner.stable and can_be_tried(corner.corner)]
+        trials = {i: step_trial(predictions[i].corner, gains) for i in tried}
+        found.append(Point(K, gains, predictions, misses, trials, []))
+    points = [replace(point, wholes=_wholes(base, found, point)) for point in found]
+    return Scheduled(base, goals, points, list(_between(base, places, found)))
+
+
+def _is_taken(base: Tuned, K: float, gains: LawGains) -> bool:
+    """Whether an experiment with these gains for the stiffness `K` is not refused."""
+    first = with_schedule(base.experiments[0], gains, ())
+    loop = believed_loop(first.controller, first.plant, first.start)
+    return radius(loop, K, gains.force_kp, gains.force_ki) < 1.0
+
+
+def with_schedule(experiment: Experiment, gains: LawGains, points: Sequence[Point]) -> Experiment:
+    """The same experiment with `gains` for the safe set, and the schedule; `values` still say what the file does."""
+    safe = with_gains(experiment, gains)
+    c = safe.controller
+    table = tuple(
+        ScheduledGains.model_construct(stiffness=point.stiffness, kp=point.gains.force_kp, ki=point.gains.force_ki)
+        for point in points
+    )
+    force = c.force.model_copy(update={"schedule": table})
+    return replace(
+        safe, controller=c.model_copy(update={"force": force, "tissue": c.tissue or Tissue.model_validate({})})
+    )
+
+
+def _places(base: Tuned) -> list[OperatingPoint]:
+    """Where the force law acts, once each, whatever the stiffness."""
+    found: dict[tuple[float, ...], OperatingPoint] = {}
+    for prediction in base.after.predictions:
+        point = prediction.corner.point
+        if point.force_on:
+            found.setdefault((*point.p_B, round(point.F_z, 6)), point)
+    return list(found.values())
+
+
+def _corners(base: Tuned, places: Sequence[OperatingPoint], K: float, undamped: bool = False) -> list[Corner]:
+    """Of each place with each drive; `undamped`: on a tissue that is a spring and nothing else."""
+    there = [on_stiffness(place, K) for place in places]
+    if undamped:
+        there = [replace(point, parameters=point.parameters._replace(damping=0.0, damper=0.0)) for point in there]
+    return [
+        opened(experiment, shared, point)
+        for experiment, shared in zip(base.experiments, base.drives, strict=True)
+        for point in there
+    ]
+
+
+def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[Point]) -> list[Prediction]:
+    table = table_of([SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points])
+    found = []
+    for below, above in pairwise(points):
+        K = float(np.sqrt(below.stiffness * above.stiffness))
+        gains = LawGains(base.after.gains.kp, *gains_at(table, 0, K)[:2])
+        found += [predicted(corner, gains) for corner in _corners(base, places, K)]
+    return found
+
+
+def _wholes(base: Tuned, points: Sequence[Point], at: Point) -> list[tuple[Whole, Whole]]:
+    """The experiment on the stiffness of `at`, with each drive; nobody watches, for what is soft is pressed in deep."""
+    done = []
+    for experiment, shared in zip(base.experiments, base.drives, strict=True):
+        contact = experiment.contact.model_copy(update={"stiffness": at.stiffness})
+        alone, label = replace(experiment, contact=contact, monitor=None), shared.labels[0]
+        fixed = whole_run(alone, label, base.after.gains)
+        # its own gains are the safe set already
+        followed = whole_run(with_schedule(alone, base.after.gains, points), label, base.after.gains)
+        done.append((fixed, followed))
+    return done
