@@ -21,6 +21,7 @@ from twin.experiment.robot import Model, Plant, Robot
 from twin.experiment.schema import (
     Controller,
     Damping,
+    EnergyTank,
     FeedForward,
     ForceLoop,
     PositionLoop,
@@ -49,6 +50,7 @@ _TABLES: dict[str, type[Section]] = {
     "controller.touch": Touch,
     "controller.feed_forward": FeedForward,
     "controller.damping": Damping,
+    "controller.energy_tank": EnergyTank,
 }
 
 
@@ -234,6 +236,20 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
     yield "controller.touch.learning", Destination("controller", machine["learning"])
 
 
+def _tank(part: RobotPart, memory: np.ndarray) -> Found:
+    c, tank = part.experiment.controller.energy_tank, memory["tank"]
+    assert c is not None
+    # the level at the start is the size
+    yield "controller.energy_tank.size", Destination("tank", tank["size"])
+    yield "controller.energy_tank.size", Destination("tank", memory["level"])
+    yield "controller.energy_tank.horizon", Destination("tank", tank["horizon"])
+    yield "controller.energy_tank.touch", Destination("tank", tank["touch"])
+    if c.release is not None:
+        yield "controller.energy_tank.release", Destination("tank", tank["release"])
+    for name in ("k_s", "N", "eta"):
+        yield f"controller.model.{name}", Destination("tank", tank[name])
+
+
 def _monitor(part: RobotPart, memory: np.ndarray) -> Found:
     for name in MonitorBelief._fields:
         yield f"robot.{_COUNTS.get(name, name)}", Destination("monitor", memory["belief"][name])
@@ -246,6 +262,7 @@ _OF = {
     "encoder": _encoder,
     "estimator": _estimator,
     "controller": _controller,
+    "tank": _tank,
     "monitor": _monitor,
 }
 
@@ -260,6 +277,7 @@ _FIXED = {
         "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
         "[approach]", "[[task]]",
     ),
+    "tank": ("controller.period_ms",),
     "delay": ("controller.delay_ticks",),
     "monitor": ("[monitor]",),
 }  # fmt: skip
