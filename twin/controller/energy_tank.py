@@ -1,15 +1,17 @@
 """An energy tank behind the controller: what the robot gives to whatever it touches comes out of a store of known size.
 
 The observer adds up the energy that has gone through the head as the estimator feels it, F_ee.dp (Hannaford and Ryu
-2002), as long as something is touched. What the springs hold of the force is as good as given, for the body gets it if it
-yields; both are taken from the store. A valve then scales the commanded motor speeds so that the store lasts for another
-`horizon` even against a wall, where the force grows by the springs' stiffness: with tau the joint torques of the force,
+2002), as long as something is touched. What the springs hold of the force is as good as given, for the body gets it if
+it yields; both are taken from the store. A valve then scales the commanded motor speeds so that the store lasts for
+another `horizon` T even against a wall, where the force grows by the springs' stiffness: with tau the joint torques of
+the force,
 
     s P T + s^2 Q T^2/2 <= what is left,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
 
-What the motors will still do with their lag is taken off before. So the closer the store is to empty the slower the robot
-presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Energy that comes back fills the store, up to its size. A message that is late tells
-nothing of the energy that goes meanwhile: the motors stand still until the next one.
+What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
+presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Energy that comes back
+fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the motors
+stand still until the next one.
 """
 
 import math
@@ -18,7 +20,7 @@ from typing import NamedTuple
 from numba import njit
 
 from twin.controller.controller import OMEGA_REF
-from twin.controller.pid import low_pass_share
+from twin.controller.feed_forward import load_torques
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
@@ -66,19 +68,9 @@ class Tank(NamedTuple):
 TANK = record_of(Tank)
 COASTING = 1.0 / 3.0
 """Of the horizon: how long motors go on as they were told before."""
-MEMORY = record(tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8")
-
-
-@njit(cache=True, error_model="numpy")
-def torques_of(J, F, tau):
-    """Joint torques `tau` (3,) of the force `F` (3,) on the environment: J^T tau = F, by Cramer's rule."""
-    a, b, c = J[0], J[3], J[6]
-    d, e, f = J[1], J[4], J[7]
-    g, h, i = J[2], J[5], J[8]
-    share = 1.0 / (a * (e * i - f * h) - b * (d * i - f * g) + c * (d * h - e * g))
-    tau[0] = share * (F[0] * (e * i - f * h) - b * (F[1] * i - f * F[2]) + c * (F[1] * h - e * F[2]))
-    tau[1] = share * (a * (F[1] * i - f * F[2]) - F[0] * (d * i - f * g) + c * (d * F[2] - F[1] * g))
-    tau[2] = share * (a * (e * F[2] - F[1] * h) - b * (d * F[2] - F[1] * g) + F[0] * (d * h - e * g))
+MEMORY = record(
+    tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8"
+)
 
 
 @njit(cache=True, error_model="numpy")
@@ -119,7 +111,7 @@ def step(m, t, h, u, y):
             m.level = min(m.level - gone, tank.size)
         elif m.untouched >= tank.release:
             m.level = tank.size
-        torques_of(u.J, m.F, m.tau)
+        m.tau[0], m.tau[1], m.tau[2] = load_torques(u.J, m.F[0], m.F[1], m.F[2])
     stored = power = force = power_on = force_on = 0.0
     for i in range(3):
         stored += 0.5 * m.tau[i] * m.tau[i] / (tank.k_s * tank.N * tank.N * tank.eta)
@@ -132,7 +124,7 @@ def step(m, t, h, u, y):
     share = passed_on(m.level - stored - coasting, tank.horizon, power, force) if m.age <= tank.late else 0.0
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
-        m.omega[i] += low_pass_share(1.0 / (2.0 * math.pi * on), h) * (y.omega_ref[i] - m.omega[i])
+        m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
     return 0
 

@@ -21,6 +21,7 @@ SHIFTED = (
     "contact.radius_mm=80", "contact.tilt_deg=3", "contact.height_mm=-93", "plant.spring_stop_deg=2",
 )  # fmt: skip
 DEEP = ("contact.height_mm=-86", "plant.eta_rate_rad_per_s=0.5", "plant.eta=0.9")
+TANK = ("controller.energy_tank={size_J=0.02,release_s=0.5}", "contact.height_mm=-86")
 WATCHED = ("monitor={command_limit_rad_per_s=7.0}", "contact.height_mm=-86")
 
 
@@ -38,6 +39,7 @@ def another(parameter: Parameter, n: int) -> list[float]:
         (MASSAGE, "computer", DELAYED),
         pytest.param(FIG4, "plant", DEEP, marks=pytest.mark.endurance),
         pytest.param(FIG4, "computer", WATCHED, marks=pytest.mark.endurance),
+        pytest.param(FIG4, "computer", TANK, marks=pytest.mark.endurance),
     ],
 )
 def test_all_parameters_at_once_do_what_the_experiment_with_them_does(

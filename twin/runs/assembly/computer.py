@@ -118,7 +118,14 @@ def tanks(build: Build) -> Makers:
     release = NEVER if c.energy_tank.release is None else c.energy_tank.release
     late = LATE * ticks * build.experiment.cosim.tick
     tank = Tank(
-        c.energy_tank.size, c.energy_tank.horizon, c.energy_tank.touch, release, late, c.model.k_s, c.model.N, c.model.eta
+        c.energy_tank.size,
+        c.energy_tank.horizon,
+        c.energy_tank.touch,
+        release,
+        late,
+        c.model.k_s,
+        c.model.N,
+        c.model.eta,
     )
     return {"tank": lambda: EnergyTank(tank, ticks)}
 
