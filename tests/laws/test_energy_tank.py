@@ -1,5 +1,7 @@
 """What a body gets never exceeds the tank: without faults, and with those of commands, messages and gains."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from numpy.typing import NDArray
@@ -7,8 +9,10 @@ from numpy.typing import NDArray
 from tests.laws.runs import EXPERIMENTS
 from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import CATALOGUE
+from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
-from twin.runs.trace import Trace, run_in_memory
+from twin.runs.loop import simulate
+from twin.runs.trace import Trace
 
 SIZE = 0.06
 TANK = f"controller.energy_tank.size_J={SIZE}"
@@ -25,8 +29,11 @@ ONSETS = (0.5, 2.0, 4.0, 5.53)
 
 
 def pressed(*settings: str, body: str | None = None, name: str = "pressing") -> Trace:
-    experiment = load_experiment(EXPERIMENTS / f"{name}.toml", settings, None, body)
-    return run_in_memory(experiment)
+    """A run; one that a component ends until then."""
+    experiment, run = load_experiment(EXPERIMENTS / f"{name}.toml", settings, None, body), Trace()
+    with assemble(experiment) as assembly:
+        simulate(assembly, experiment.duration_ticks, [run])
+    return run
 
 
 def energy(run: Trace) -> NDArray[np.float64]:
@@ -74,6 +81,29 @@ def test_no_body_gets_more_than_the_tank_holds_with_any_fault_of_commands_messag
         fault: given for fault in faults() if (given := most_given(pressed(TANK, ALONE, fault, body=body))) > SIZE
     }
     assert too_much == {}
+
+
+def past_it(root: Path) -> list[list[str]]:
+    """The cells of the table of docs/passivity.md."""
+    behind = (root / "docs" / "passivity.md").read_text().partition("tests/laws/test_energy_tank.py -->\n")[2]
+    lines = behind.strip().partition("\n\n")[0].splitlines()
+    return [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[2:]]
+
+
+@pytest.mark.endurance
+def test_what_gets_past_it_is_what_the_page_says(root: Path):
+    rows = past_it(root)
+    assert len(rows) == 10
+    for kind, magnitude, onset, body, *stated in rows:
+        name = kind.strip("`")
+        fault = f'fault=[{{kind="{name}", onset_s={onset}, {CATALOGUE[name].magnitude_key}={magnitude}}}]'
+        press = {"scale": None}.get(body, body)
+        ways: tuple[list[str], ...] = ([TANK, ALONE], [ALONE], [TANK], [])
+        found = [most_given(pressed(*own, fault, body=press)) for own in ways]
+        # three decimals, and what another processor rounds
+        np.testing.assert_allclose(
+            found, [float(cell) for cell in stated], rtol=0.02, atol=0.001, err_msg=f"{name}, {body}"
+        )
 
 
 def test_without_a_tank_some_of_them_give_a_body_far_more():
