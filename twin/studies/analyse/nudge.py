@@ -43,7 +43,7 @@ HUM = 3.0
 LOUDEST = 1e-3
 """m. A larger swing is no hum."""
 GAINS = ("kp", "ki", "kd")
-NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0}
+NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "energy_tank": None}
 
 
 class Aftermath(NamedTuple):
