@@ -91,6 +91,15 @@ def test_a_command_passes_unchanged_as_long_as_there_is_plenty():
     assert found["share"] == 1.0 and np.array_equal(found["omega_ref"], omega)
 
 
+def test_pressing_harder_it_passes_on_what_lasts_for_the_horizon():
+    found = told(tank(size=0.05), 1, 0.0, 4.0, (0.0, 0.0, -4.0))
+    # 0.02 J in the springs leave 0.03; 0.4 N m at 2 rad/s of the joint, and 1 N m/rad times 4 rad/s squared
+    P, Q, T = 0.8, 16.0, 0.1
+    share = (math.sqrt(P * P + 2.0 * Q * 0.03) - P) / (Q * T)
+    assert found["share"] == pytest.approx(share, rel=1e-9)
+    assert found["omega_ref"][2] == pytest.approx(-4.0 * share, rel=1e-9)
+
+
 def test_in_the_air_it_bounds_the_speed_by_what_a_wall_would_take():
     found = told(tank(), 1, 0.0, 0.0, (0.0, 0.0, 100.0))
     speed = found["omega_ref"][2] / (SETTINGS.N * J[2, 2])

@@ -5,8 +5,9 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.studies.analyse.linear.hand import DRIFT
-from twin.studies.analyse.passivity import Passivity, largest_passive, passivity
+from twin.studies.analyse.passivity import Passivity, passivity
 from twin.studies.analyse.passivity_text import passivity_text
+from twin.studies.analyse.z_width import largest_passive
 
 
 @pytest.fixture(scope="module")

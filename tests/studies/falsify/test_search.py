@@ -67,6 +67,7 @@ def test_bodies_take_turns_and_the_worst_one_is_found():
 
     search = Search(space("breathing", bodies=(None, "back")), on_body, 20, (5_500, 500))
     search.go()
+    assert [wrong.body for wrong in search.tried][:2] == [None, "back"]
     assert search.worst["breathing"][0].body == "back"
 
 

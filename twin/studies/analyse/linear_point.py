@@ -1,6 +1,8 @@
 """An experiment's loops at each operating point, linear and sampled as the co-simulation steps them."""
 
+import copy
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -77,6 +79,12 @@ class Linearised:
         settings = self.settings(point.force_on)
         law = linear_law(settings, self.estimation(point))
         return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_in(settings), 1.0))
+
+    def of(self, experiment: Experiment) -> Self:
+        """The same for `experiment`, which has the same drives."""
+        other = copy.copy(self)
+        other.experiment = experiment
+        return other
 
     def settings(self, force_on: bool) -> Settings:
         """Of the controller, with its force loop on or off."""

@@ -8,8 +8,9 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 
 from twin.studies.analyse.linear.hand import AXES, power_share
 from twin.studies.analyse.map import SHADES, UNSTABLE
-from twin.studies.analyse.passivity import Passivity, Width
+from twin.studies.analyse.passivity import Passivity
 from twin.studies.analyse.text import point_name
+from twin.studies.analyse.z_width import Width
 from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, picture
 
 COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))

@@ -1,9 +1,10 @@
 """A robot in the hand as text of at most 80 columns: the verdict, then each operating point."""
 
 from twin.studies.analyse.linear.hand import AXES
-from twin.studies.analyse.passivity import MASSES, Band, Passivity, PointPassivity, Width
+from twin.studies.analyse.passivity import MASSES, Band, Passivity, PointPassivity
 from twin.studies.analyse.passivity_trial import INSIDE, OUTSIDE, PassivityTrial
 from twin.studies.analyse.text import point_name
+from twin.studies.analyse.z_width import Width
 from twin.studies.lines import wrapped
 
 

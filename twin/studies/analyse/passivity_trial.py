@@ -86,10 +86,8 @@ def _carrying(point: OperatingPoint, mass: float) -> OperatingPoint:
 
 def _growth(shared: Linearised, point: OperatingPoint, mass: float) -> float:
     """1/s, of the linear model with `mass` (kg) more on the platform; infinite where it cannot rest."""
-    heavy = Linearised.__new__(Linearised)
-    heavy.__dict__.update(vars(shared) | {"experiment": _loaded(shared.experiment, mass)})
     try:
-        linear = heavy.at(_carrying(point, mass))
+        linear = shared.of(_loaded(shared.experiment, mass)).at(_carrying(point, mass))
     except InputRefused:
         return np.inf
     poles = closed_poles(linear.loops, linear.gains)
