@@ -18,16 +18,7 @@ from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Model, Plant, Robot
-from twin.experiment.schema import (
-    Controller,
-    Damping,
-    EnergyTank,
-    FeedForward,
-    ForceLoop,
-    PositionLoop,
-    Scale,
-    Touch,
-)
+from twin.experiment.schema import Controller, Damping, EnergyTank, FeedForward, ForceLoop, PositionLoop, Scale, Touch
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.tunable import PLACES as TUNABLES
@@ -52,7 +43,6 @@ _TABLES: dict[str, type[Section]] = {
     "controller.damping": Damping,
     "controller.energy_tank": EnergyTank,
 }
-
 
 Limits = tuple[float | None, float | None, float | None, float | None]
 UNLIMITED: Limits = (None, None, None, None)
@@ -239,13 +229,10 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
 def _tank(part: RobotPart, memory: np.ndarray) -> Found:
     c, tank = part.experiment.controller.energy_tank, memory["tank"]
     assert c is not None
-    # the level at the start is the size
-    yield "controller.energy_tank.size", Destination("tank", tank["size"])
+    for name in ("size", "horizon", "touch", *(["release"] if c.release is not None else [])):
+        yield f"controller.energy_tank.{name}", Destination("tank", tank[name])
+    # and so much is in it at the start
     yield "controller.energy_tank.size", Destination("tank", memory["level"])
-    yield "controller.energy_tank.horizon", Destination("tank", tank["horizon"])
-    yield "controller.energy_tank.touch", Destination("tank", tank["touch"])
-    if c.release is not None:
-        yield "controller.energy_tank.release", Destination("tank", tank["release"])
     for name in ("k_s", "N", "eta"):
         yield f"controller.model.{name}", Destination("tank", tank[name])
 
