@@ -227,9 +227,8 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
 
 
 def _tank(part: RobotPart, memory: np.ndarray) -> Found:
-    c, tank = part.experiment.controller.energy_tank, memory["tank"]
-    assert c is not None
-    for name in ("size", "horizon", "touch", *(["release"] if c.release is not None else [])):
+    tank = memory["tank"]
+    for name in ("size", "horizon", "touch", *(["release"] if np.isfinite(tank["release"]).all() else [])):
         yield f"controller.energy_tank.{name}", Destination("tank", tank[name])
     # and so much is in it at the start
     yield "controller.energy_tank.size", Destination("tank", memory["level"])
