@@ -230,8 +230,7 @@ def _tank(part: RobotPart, memory: np.ndarray) -> Found:
     tank = memory["tank"]
     for name in ("size", "horizon", "touch", *(["release"] if np.isfinite(tank["release"]).all() else [])):
         yield f"controller.energy_tank.{name}", Destination("tank", tank[name])
-    # and so much is in it at the start
-    yield "controller.energy_tank.size", Destination("tank", memory["level"])
+    yield "controller.energy_tank.size", Destination("tank", memory["level"])  # at the start it is full
     for name in ("k_s", "N", "eta"):
         yield f"controller.model.{name}", Destination("tank", tank[name])
 
