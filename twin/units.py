@@ -71,6 +71,7 @@ ATOMS = {
     "N": Unit(FORCE),
     "gf": Unit(FORCE, _KGF / 1000),
     "Nm": Unit(TORQUE),
+    "J": Unit(TORQUE),
     "A": Unit(CURRENT),
     "V": Unit(VOLTAGE),
     "W": Unit(POWER),
@@ -84,7 +85,7 @@ ATOMS = {
 _PREFIXES: dict[str, Fraction] = {"k": Fraction(1000), "c": Fraction(1, 100), "m": Fraction(1, 1000)}
 _PREFIXES |= {small: Fraction(1, 10**6) for small in ("u", "\N{MICRO SIGN}", "\N{GREEK SMALL LETTER MU}")}
 _PREFIXES["n"] = Fraction(1, 10**9)
-_PREFIXED = ("m", "s", "g", "N", "gf", "Nm", "A", "V", "W", "rad", "Hz")
+_PREFIXED = ("m", "s", "g", "N", "gf", "Nm", "J", "A", "V", "W", "rad", "Hz")
 ATOMS |= {
     prefix + name: ATOMS[name]._replace(factor=ATOMS[name].factor * scale)
     for prefix, scale in _PREFIXES.items()

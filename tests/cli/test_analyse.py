@@ -38,3 +38,17 @@ def test_an_experiment_without_an_operating_point_is_exit_code_2(root: Path, tmp
     done = twin("analyse", root / AIR, *weightless, "--set", "plant.I_r_kg_m2=1e-5", cwd=tmp_path)
     assert done.returncode == 2
     assert "no linear model at (0, 0, -85) mm" in done.stderr and "Traceback" not in done.stderr
+
+
+def test_in_the_hand_it_says_where_it_is_passive_and_draws_it(root: Path, tmp_path: Path):
+    done = twin("analyse", root / AIR, "--passivity", "--no-try", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    lines = done.stdout.splitlines()
+    assert lines[0].startswith("step_z_air  passive in the hand at 0 of ") and max(map(len, lines)) <= 80
+    # nothing presses, and nothing was tried
+    assert "renders" not in done.stdout and "carries" not in done.stdout
+    folder = tmp_path / "results/analysis/step_z_air"
+    with Image.open(folder / "passivity.png") as image:
+        assert image.width >= 500
+    facts = json.loads((folder / "passivity.json").read_text())
+    assert facts["z_width"] is None and facts["points"][0]["not_passive"]["x"]["least"] < 0.0

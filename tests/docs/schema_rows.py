@@ -44,6 +44,7 @@ TABLES: dict[str, type[Section]] = {
     "[controller.touch]": schema.Touch,
     "[controller.feed_forward]": schema.FeedForward,
     "[controller.damping]": schema.Damping,
+    "[controller.energy_tank]": schema.EnergyTank,
     "a part of another make": stand_in.StandIn,
     "[reference]": reference.Reference,
     "[reference.circle]": reference.Circle,

@@ -22,10 +22,17 @@ def test_a_measure_is_read():
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_is_read(kind: str):
     fields = KINDS[kind].model_fields
+    told = STEP | {"formula": "always (plant.p_B[2] <= 0 mm)"}
     _, mistakes = checked(
-        {"kind": kind, **{key: STEP[key] for key in ("name", "signal", "reference") if key in fields}}
+        {key: told[key] for key in ("name", "signal", "reference", "formula") if key in fields} | {"kind": kind}
     )
     assert mistakes == []
+
+
+def test_a_formula_that_is_none_is_told_with_where():
+    _, (mistake,) = checked({"kind": "requirement", "name": "low", "formula": "always (plant.z <= 3 Newton)"})
+    assert mistake.startswith("[measure 1] formula = ")
+    assert "unit 'Newton': no such unit; expected one such as N, mm" in mistake
 
 
 @pytest.mark.parametrize(

@@ -38,7 +38,7 @@ def test_a_class_is_found_beside_the_file_and_takes_the_gains_of_the_files_below
     assert (table.file, table.class_name, table.label) == (mine, "Controller", "mine.py:Controller")
     assert table.parameters == {"k.p": 3.0}
     assert loaded.values["controller"].keys() == {"python", "parameters", *KEPT["controller"]} - {
-        "delay_ticks", "bus_delay_ticks", "dead_zone_deg"
+        "delay_ticks", "bus_delay_ticks", "dead_zone_deg", "energy_tank"
     }  # fmt: skip
     assert loaded.controller.period == 0.002
     assert not [key for key in loaded.origins if key.startswith(("controller.force", "controller.position"))]

@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 
 from twin.studies.analyse.linear import disk
-from twin.studies.metrics import step
+from twin.studies.metrics import distance, step
 from twin.studies.sweep.statistics import claims, sobol_indices
 from validation.yardstick import Yardstick
-from validation.yardsticks import python_control, scipy_stats
+from validation.yardsticks import python_control, scipy_stats, temporal_logic
 
 
 def worst(yardstick: Yardstick) -> float:
@@ -58,3 +58,12 @@ def test_indices_and_intervals_hold_and_others_do_not(monkeypatch: pytest.Monkey
     assert worst(published) > published.bound and worst(scipys) > scipys.bound
     monkeypatch.setattr(claims, "wilson_interval", lambda k, n: interval(k, n + 1))
     assert worst(newcombe) > newcombe.bound
+
+
+def test_distances_of_temporal_logic_are_rtamts_and_others_are_not(monkeypatch: pytest.MonkeyPatch):
+    pytest.importorskip("rtamt")
+    (one,) = temporal_logic.YARDSTICKS
+    assert worst(one) <= one.bound
+    right = distance._largest
+    monkeypatch.setattr(distance, "_largest", lambda x, first, last: right(x, first, last and last + 1))
+    assert worst(one) > one.bound

@@ -28,6 +28,13 @@ def analyse(
             help="Try the gain limits in the co-simulation; look there for those that do not hold.",
         ),
     ] = True,
+    passivity: Annotated[
+        bool,
+        typer.Option(
+            "--passivity",
+            help="Instead: what a hand feels of the robot, where it is passive, and the stiffness that it renders.",
+        ),
+    ] = False,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -49,4 +56,5 @@ def analyse(
         "tried": tried,
         "out": out,
     }
-    ask("twin.studies.analyse.study:analyse", asked, as_json, isolate)
+    study = "passivity_study:in_the_hand" if passivity else "study:analyse"
+    ask(f"twin.studies.analyse.{study}", asked, as_json, isolate)

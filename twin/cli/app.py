@@ -18,6 +18,7 @@ from twin.cli import (
     doctor,
     drive,
     export,
+    falsify,
     faults,
     identify,
     init,
@@ -60,6 +61,7 @@ app.command("run", cls=run.Command)(run.run)
 app.command("compare")(compare.compare)
 app.command("check")(check.check)
 app.command("faults")(faults.faults)
+app.command("falsify")(falsify.falsify)
 app.add_typer(sweep.app, name="sweep")
 app.command("report")(report.report)
 app.command("replay")(replay.replay)

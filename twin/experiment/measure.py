@@ -8,6 +8,7 @@ from pydantic.config import JsonDict
 
 from twin.experiment.mistakes import checked_kind, numbered
 from twin.experiment.quantity import Section, quantity
+from twin.experiment.requirement import requirement
 
 SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
 _NAME = re.compile(r"[a-z0-9_]+")
@@ -99,9 +100,25 @@ class Effort(Window):
     kind: Literal["effort"]
 
 
-Measure = Step | Tracking | Lag | Spread | Onset | Path | Effort
+class Required(Window):
+    """[[measure]] kind = "requirement": how far the run is from violating a formula."""
+
+    kind: Literal["requirement"]
+    formula: str = Field(
+        examples=["always (|plant.F_ee_B| <= 18 N)"], description="what has to hold; docs/falsify.md has the words"
+    )
+
+    @field_validator("formula")
+    @classmethod
+    def _spelt(cls, formula: str) -> str:
+        requirement(formula)
+        return formula
+
+
+Measure = Step | Tracking | Lag | Spread | Onset | Path | Effort | Required
 KINDS: dict[str, type[Measure]] = {
     "step": Step, "tracking": Tracking, "lag": Lag, "spread": Spread, "onset": Onset, "path": Path, "effort": Effort,
+    "requirement": Required,
 }  # fmt: skip
 
 

@@ -23,7 +23,7 @@ KEPT = {
     "estimator": (),
     "controller": (
         "period_ms", "delay_ticks", "bus_delay_ticks", "speed_limit_rad_per_s", "gravity_compensation", "dead_zone_deg",
-        "model",
+        "energy_tank", "model",
     ),
     "monitor": ("enabled", "period_ms"),
     "scale": ("period_ms",),

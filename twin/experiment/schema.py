@@ -237,6 +237,19 @@ class Damping(Section):
     corner: float = quantity("corner_Hz", "swings slower than this are not damped", gt=0)
 
 
+class EnergyTank(Section):
+    """[controller.energy_tank]: a store of energy, out of which comes what the robot gives to what it touches."""
+
+    size: float = quantity("size_J", "energy that may go into what is touched", gt=0, examples=[0.15])
+    horizon: float = quantity(
+        "horizon_ms", "how long it has to last whatever happens: longer than delays and the drives' lag", 100.0, gt=0
+    )
+    touch: float = quantity("touch_N", "estimated force from which on something is touched", 0.6, gt=0)
+    release: float | None = quantity(
+        "release_s", "after so long without touch it is full again; without it never", None, gt=0, examples=[0.5]
+    )
+
+
 class Controller(Section):
     """[controller]: the robot's computer. `touch`, `feed_forward` and `damping` belong to tasks."""
 
@@ -259,4 +272,5 @@ class Controller(Section):
     damping: Damping | None = None
     tissue: Tissue | None = None
     breath: Breath | None = None
+    energy_tank: EnergyTank | None = None
     model: Model

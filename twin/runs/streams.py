@@ -30,3 +30,8 @@ def streams_of(system: System, shortest: int = 1) -> list[RowStream]:
         columns = slice(int(system.y_start[c]), int(system.y_start[c + 1]))
         streams.append(RowStream(Topic(name, fields, max(shortest, component.period)), columns))
     return streams
+
+
+def fields_of(system: System) -> dict[str, Field]:
+    """`topic.field` -> the field, of all that a recording of `system` has."""
+    return {f"{s.topic.name}.{field.name}": field for s in streams_of(system) for field in s.topic.fields}

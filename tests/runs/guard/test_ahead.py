@@ -41,9 +41,7 @@ def test_who_asks_for_another_job_gets_a_new_one_and_none_waits_any_more():
         ([], False),
     ],
 )
-def test_what_looks_like_a_run_begins_one(
-    monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool
-):
+def test_what_looks_like_a_run_begins_one(monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool):
     monkeypatch.setattr("sys.argv", ["twin", *words])
     with run_expected():
         waiting = list(ahead._waiting.values())

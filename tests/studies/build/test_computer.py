@@ -141,7 +141,7 @@ def test_every_output_is_that_of_the_recording_bit_for_bit(written: Callable[...
 
 
 def test_all_parameters_at_once_do_what_the_experiment_with_them_does(written: Callable[..., Path]) -> None:
-    settings = ("controller.delay_ticks=1",)
+    settings = ("controller.delay_ticks=1", "controller.energy_tank={size_J=0.15,release_s=0.5}")
     open_ones = parameters(part_of(load_experiment(MASSAGE, settings), PART))
     assigned = {p.key: another(p, n) for n, p in enumerate(open_ones)}
     said = [f"{key}={value if len(value) > 1 else value[0]}" for key, value in assigned.items()]

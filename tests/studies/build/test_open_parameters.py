@@ -27,6 +27,7 @@ ADAPTIVE = (
     "controller.force.schedule=[{stiffness_N_per_m=800,kp_mm_per_N=1.5,ki_mm_per_N_s=18},"
     "{stiffness_N_per_m=2000,kp_mm_per_N=1.8,ki_mm_per_N_s=11}]",
 )  # fmt: skip
+TANK = ("controller.energy_tank={size_J=0.02,release_s=0.5}", "contact.height_mm=-86")
 WATCHED = ("monitor={command_limit_rad_per_s=7.0}", "contact.height_mm=-86")
 
 
@@ -45,6 +46,7 @@ def another(parameter: Parameter, n: int) -> list[float]:
         pytest.param(MASSAGE, "computer", ADAPTIVE, marks=pytest.mark.endurance),
         pytest.param(FIG4, "plant", DEEP, marks=pytest.mark.endurance),
         pytest.param(FIG4, "computer", WATCHED, marks=pytest.mark.endurance),
+        pytest.param(FIG4, "computer", TANK, marks=pytest.mark.endurance),
     ],
 )
 def test_all_parameters_at_once_do_what_the_experiment_with_them_does(

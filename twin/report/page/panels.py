@@ -97,7 +97,9 @@ def commanded_speed(joint: int) -> Reader:
     """Reads what the drive is told, rad/s: by the last of the components between controller and drives."""
 
     def samples(run: ReportRun) -> Samples | None:
-        last = next((name for name in ("bus", "monitor", "delay") if run.has(f"{name}.omega_ref")), "controller")
+        last = next(
+            (name for name in ("bus", "monitor", "delay", "tank") if run.has(f"{name}.omega_ref")), "controller"
+        )
         return series(f"{last}.omega_ref", joint)(run)
 
     return samples

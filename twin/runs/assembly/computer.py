@@ -7,6 +7,7 @@ import numpy as np
 from twin.controller import program as programs
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
 from twin.controller.damping import Damping
+from twin.controller.energy_tank import EnergyTank, Tank
 from twin.controller.estimator import Estimator
 from twin.controller.feed_forward import FeedForward
 from twin.controller.phase import Phase
@@ -29,6 +30,8 @@ PROGRAMS: dict[str, type[programs.Task]] = {
     "push": programs.Pushing,
 }
 """By the kind of a [[task]], whose keys they have, too."""
+LATE = 1.5
+"""Periods of the controller after which a message of the encoders is late."""
 
 
 def estimator(experiment: Experiment) -> Estimator:
@@ -107,6 +110,26 @@ def references(build: Build) -> Makers:
     if reference is None:
         raise InputRefused(f"{other.label}: takes p_ref_B, and tasks have no way points; it needs a [reference]")
     return {"reference": lambda: WayPointReference(reference.t, reference.p, ticks)}
+
+
+def tanks(build: Build) -> Makers:
+    """What makes the energy tank behind the controller, if it has one."""
+    c, ticks = build.experiment.controller, build.experiment.controller_ticks
+    if c.energy_tank is None:
+        return {}
+    release = NEVER if c.energy_tank.release is None else c.energy_tank.release
+    late = LATE * ticks * build.experiment.cosim.tick
+    tank = Tank(
+        c.energy_tank.size,
+        c.energy_tank.horizon,
+        c.energy_tank.touch,
+        release,
+        late,
+        c.model.k_s,
+        c.model.N,
+        c.model.eta,
+    )
+    return {"tank": lambda: EnergyTank(tank, ticks)}
 
 
 def delays(build: Build) -> Makers:

@@ -42,7 +42,7 @@ def _source(text: str) -> Source:
     return row, port
 
 
-COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "controller.omega_ref")
+COMMAND = ("bus.omega_ref", "monitor.omega_ref", "delay.omega_ref", "tank.omega_ref", "controller.omega_ref")
 """What the drives are told: the last word on the way from the controller."""
 POWER = ("bus.power", "monitor.power")
 """Whether they may have power."""
@@ -60,6 +60,11 @@ ROBOT = (
         "controller", computer.controllers,
         p_ref_B="reference.p_ref_B",
         p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
+    ),
+    _row(
+        "tank", computer.tanks,
+        omega_ref=COMMAND[4:], p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", valid="estimator.valid",
+        sample="encoder.sample",
     ),
     _row("delay", computer.delays, omega_ref=COMMAND[3:]),
     _row(

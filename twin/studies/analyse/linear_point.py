@@ -1,6 +1,8 @@
 """An experiment's loops at each operating point, linear and sampled as the co-simulation steps them."""
 
+import copy
 from dataclasses import dataclass, field
+from typing import Self
 
 import numpy as np
 
@@ -74,12 +76,18 @@ class Linearised:
         """The loops at `point`."""
         plant = linear_plant(point.parameters, point.x, point.theta_m)
         robot = period_map(tick_map(plant, self.drives, self.stepping), self.stepping)
-        settings = self._settings(point.force_on)
-        law = linear_law(settings, self._estimation(point))
-        closed = LOOPS if any(settings.force[:3]) else LOOPS[:3]
-        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed, 1.0))
+        settings = self.settings(point.force_on)
+        law = linear_law(settings, self.estimation(point))
+        return LinearPoint(point, open_loops(robot, law), dict.fromkeys(closed_in(settings), 1.0))
 
-    def _settings(self, force_on: bool) -> Settings:
+    def of(self, experiment: Experiment) -> Self:
+        """The same for `experiment`, which has the same drives."""
+        other = copy.copy(self)
+        other.experiment = experiment
+        return other
+
+    def settings(self, force_on: bool) -> Settings:
+        """Of the controller, with its force loop on or off."""
         c = self.experiment.controller
         damping = c.damping if self.experiment.tasks else None
         return Settings(
@@ -92,7 +100,8 @@ class Linearised:
             period=self.stepping.period * self.stepping.tick,
         )
 
-    def _estimation(self, point: OperatingPoint) -> Estimation:
+    def estimation(self, point: OperatingPoint) -> Estimation:
+        """What the controller's estimator makes of the angles near `point`."""
         plant, parameters = self.experiment.plant, point.parameters
         geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
         angles = np.concatenate([point.theta_m, joint_angles(geometry, point.p_B)])
@@ -103,6 +112,11 @@ class Linearised:
         standing = -gains[:, 1] / gains[:, 0] * _loads(point)
         compensation = self.experiment.controller.gravity_compensation
         return estimation(belief(self.experiment), compensation, read, standing)
+
+
+def closed_in(settings: Settings) -> tuple[str, ...]:
+    """Those of `LOOPS` that a controller with these `settings` closes."""
+    return LOOPS if any(settings.force[:3]) else LOOPS[:3]
 
 
 def _loads(point: OperatingPoint) -> np.ndarray:

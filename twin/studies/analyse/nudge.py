@@ -43,7 +43,7 @@ HUM = 3.0
 LOUDEST = 1e-3
 """m. A larger swing is no hum."""
 GAINS = ("kp", "ki", "kd")
-NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "tissue": None, "breath": None}
+NO_LIMIT = {"speed_limit": 1000.0, "dead_zone": 0.0, "tissue": None, "breath": None, "energy_tank": None}
 
 
 class Aftermath(NamedTuple):
@@ -68,17 +68,28 @@ def aftermath(experiment: Experiment, point: OperatingPoint, law: str, factor: f
     Raises:
         InputRefused: a drive FMU does not fit.
     """
-    nudged = held(experiment, point, nudge)
+    p_B, tick = nudged_path(experiment, point, law, factor, nudge), experiment.cosim.tick
+    width, before = round(WINDOW / tick), round(NUDGED / tick)
+    if len(p_B) <= round(OVER / tick):
+        return Aftermath(0.0, np.inf)
+    return Aftermath(swing(p_B[before - width : before]), swing(p_B[-width:]))
+
+
+def nudged_path(
+    experiment: Experiment, point: OperatingPoint, law: str, factor: float, nudge: float, over: float = OVER
+) -> Matrix:
+    """The platform's way (n, 3) in m, tick by tick until `over` (s); shorter if it went far off or a component failed.
+
+    Args: as of `aftermath`.
+    """
+    nudged = replace(held(experiment, point, nudge), duration_ticks=round(over / experiment.cosim.tick))
     substitutes = {"controller": holding_controller(nudged, point)} if experiment.tasks else {}
     with assemble(nudged, substitutes) as assembly:
         system = assembly.system
         path, raising = Trace(only=["plant.p_B"]), _Raising(system, point, law, factor, nudge)
         simulate(assembly, nudged.duration_ticks, [raising, path], max(1, round(SLICE / system.tick)))
-    p_B, tick = path["plant.p_B"], experiment.cosim.tick
-    width, before = round(WINDOW / tick), round(NUDGED / tick)
-    if raising.enough or len(p_B) <= round(OVER / tick):
-        return Aftermath(0.0, np.inf)
-    return Aftermath(swing(p_B[before - width : before]), swing(p_B[-width:]))
+    # what ends in the slice in which it goes far off has been seen to its end, too
+    return path["plant.p_B"][: -1 if raising.enough else None]
 
 
 def swing(p_B: Matrix) -> float:

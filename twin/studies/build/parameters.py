@@ -18,7 +18,7 @@ from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.quantity import Section
 from twin.experiment.robot import Model, Plant, Robot
-from twin.experiment.schema import Controller, Damping, FeedForward, ForceLoop, PositionLoop, Scale, Touch
+from twin.experiment.schema import Controller, Damping, EnergyTank, FeedForward, ForceLoop, PositionLoop, Scale, Touch
 from twin.experiment.tissue import Breath, Tissue
 from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
@@ -45,8 +45,8 @@ _TABLES: dict[str, type[Section]] = {
     "controller.damping": Damping,
     "controller.tissue": Tissue,
     "controller.breath": Breath,
+    "controller.energy_tank": EnergyTank,
 }
-
 
 Limits = tuple[float | None, float | None, float | None, float | None]
 UNLIMITED: Limits = (None, None, None, None)
@@ -234,6 +234,15 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
     yield "controller.touch.learning", Destination("controller", machine["learning"])
 
 
+def _tank(part: RobotPart, memory: np.ndarray) -> Found:
+    tank = memory["tank"]
+    for name in ("size", "horizon", "touch", *(["release"] if np.isfinite(tank["release"]).all() else [])):
+        yield f"controller.energy_tank.{name}", Destination("tank", tank[name])
+    yield "controller.energy_tank.size", Destination("tank", memory["level"])  # at the start it is full
+    for name in ("k_s", "N", "eta"):
+        yield f"controller.model.{name}", Destination("tank", tank[name])
+
+
 def _monitor(part: RobotPart, memory: np.ndarray) -> Found:
     for name in MonitorBelief._fields:
         yield f"robot.{_COUNTS.get(name, name)}", Destination("monitor", memory["belief"][name])
@@ -246,6 +255,7 @@ _OF = {
     "encoder": _encoder,
     "estimator": _estimator,
     "controller": _controller,
+    "tank": _tank,
     "monitor": _monitor,
 }
 
@@ -260,6 +270,7 @@ _FIXED = {
         "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
         "[approach]", "[[task]]", "controller.force.schedule",
     ),
+    "tank": ("controller.period_ms",),
     "delay": ("controller.delay_ticks",),
     "monitor": ("[monitor]",),
 }  # fmt: skip

@@ -26,8 +26,8 @@ COMMANDS = (Port("omega_ref", JOINTS, "rad/s"), Port("tau_load", JOINTS, "N m"))
 SHAFTS = (Port("theta_m", JOINTS, "rad"),)
 PARTS = {
     "plant": ("body", "scale", "plant"),
-    "computer": ("latency", "encoder", "estimator", "controller", "delay", "monitor"),
-    "controls": ("estimator", "controller", "delay", "monitor"),
+    "computer": ("latency", "encoder", "estimator", "controller", "tank", "delay", "monitor"),
+    "controls": ("estimator", "controller", "tank", "delay", "monitor"),
 }
 """Parts of several components, as far as an experiment has them; any other component is one by its name. The bus is not
 the computer's: where all exchange their values between steps, these take the time that it takes."""

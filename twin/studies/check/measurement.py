@@ -11,6 +11,7 @@ from twin.experiment import measure as measures
 from twin.experiment.experiment import Experiment
 from twin.studies.check.metric import SHARE, Metric, floor_of
 from twin.studies.check.signals import Signals
+from twin.studies.metrics.distance import checked_requirement, distance
 from twin.studies.metrics.effort import travel, work
 from twin.studies.metrics.response import within
 from twin.studies.metrics.step import step_info
@@ -209,6 +210,26 @@ def _effort(measure: measures.Effort, signals: Signals, inside: NDArray[np.bool_
     }
 
 
+@dataclass(frozen=True)
+class _Part:
+    """What of a run is `inside` a window."""
+
+    signals: Signals
+    inside: NDArray[np.bool_]
+
+    @property
+    def tick(self) -> float:
+        return self.signals.run.tick
+
+    def held(self, key: str) -> NDArray:
+        return self.signals.run.held(key)[self.inside]
+
+
+def _required(measure: measures.Required, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    formula, unit = checked_requirement(measure.formula, signals.run.fields())
+    return {"distance": Metric(distance(formula, _Part(signals, inside)), unit, floor_of(unit), "none")}
+
+
 def _still(values: Curve) -> float:
     """What is rounding: a range of `values` that is no larger is none."""
     return 1e-9 * float(np.max(np.abs(values)))
@@ -229,4 +250,5 @@ KINDS: dict[type[measures.Window], Callable[..., Metrics]] = {
     measures.Onset: _onset,
     measures.Path: _path,
     measures.Effort: _effort,
+    measures.Required: _required,
 }

@@ -9,14 +9,15 @@ from numpy.typing import NDArray
 from twin.cosim.system import System
 from twin.errors import InputRefused, SafetyTrip, nearest
 from twin.experiment.experiment import Experiment
-from twin.experiment.measure import Led, Measure, Watched
+from twin.experiment.measure import Led, Measure, Required, Watched
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.loop import simulate
-from twin.runs.streams import streams_of
+from twin.runs.streams import fields_of
 from twin.runs.trace import Trace
+from twin.studies.metrics.distance import checked_requirement
 
 REFERENCE_THETA_L = "reference.theta_l"
 """Load angles (rad) at which the platform, as the controller believes it to be made, is at controller.p_ref_B."""
@@ -89,10 +90,16 @@ def refuse_unknown(experiment: Experiment, system: System) -> None:
     Raises:
         InputRefused: it has not; all of those at once.
     """
-    sizes = {f"{s.topic.name}.{field.name}": field.size for s in streams_of(system) for field in s.topic.fields}
+    fields = fields_of(system)
+    sizes = {name: field.size for name, field in fields.items()}
     sizes[REFERENCE_THETA_L] = 3
     mistakes = []
     for number, measure in enumerate(experiment.measures, start=1):
+        if isinstance(measure, Required):
+            try:
+                checked_requirement(measure.formula, fields)
+            except InputRefused as problem:
+                mistakes.append(f"[measure {number}] formula = {problem}")
         for key, signal in _signals(measure):
             vector, index = split(signal.removeprefix("-"))
             said = f'[measure {number}] {key} = "{signal}"'

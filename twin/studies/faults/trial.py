@@ -10,7 +10,7 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.fault import Fault
 from twin.monitor.reasons import Trip
 from twin.runs.assembly.assemble import assemble
-from twin.runs.loop import simulate
+from twin.runs.loop import Simulated, simulate
 from twin.runs.trace import Trace
 
 
@@ -46,6 +46,11 @@ def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> FaultTr
     run = Trace(only=("plant.F_ee_B", "plant.p_B"))
     with assemble(dataclasses.replace(experiment, faults=faults, monitor=monitor)) as assembly:
         done = simulate(assembly, experiment.duration_ticks, [run])
+    return fault_trial_of(run, done)
+
+
+def fault_trial_of(run: Trace, done: Simulated) -> FaultTrial:
+    """What became of a run that has kept force and position."""
     return FaultTrial(
         force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
         z=run["plant.p_B"][:, 2],

@@ -23,6 +23,7 @@ class Job:
         claims: "fig4" or "", see `Definition`.
         reuse: "reset" or "", likewise; the drives have been found fit for it.
         limits: of each worker process.
+        trial: who runs a run and says what it comes to, "module:function"; called like the default.
     """
 
     experiment: Path
@@ -31,6 +32,7 @@ class Job:
     limits: Limits
     claims: str
     reuse: str = ""
+    trial: str = "twin.studies.sweep.trial:trial"
 
     @property
     def arguments(self) -> dict[str, str]:
@@ -40,6 +42,7 @@ class Job:
             "folder": str(self.recordings.absolute()),
             "claims": self.claims,
             "reuse": self.reuse,
+            "trial": self.trial,
         }
 
 

@@ -24,6 +24,7 @@ BY_KIND: dict[str, tuple[str, ...]] = {
     "onset": ("time",),
     "path": ("rms_error", "max_error"),
     "effort": ("commanded_travel", "work_delivered", "work_returned"),
+    "requirement": ("distance",),
 }  # fmt: skip
 """What `twin.studies.check.measurement` makes of each kind of [[measure]], SI; known before a run is made."""
 

@@ -5,11 +5,12 @@ import shutil
 from pathlib import Path
 
 from twin.drive.reuse import keep_instances
+from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter
-from twin.studies.sweep.trial import record, trial
+from twin.studies.sweep.trial import record
 
 
-def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, reuse: str) -> None:
+def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, reuse: str, trial: str) -> None:
     """Run every order; what is imported, compiled or unpacked for one is there for the next.
 
     Notes: {"finding": facts of `Finding`} after each.
@@ -17,7 +18,8 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
     Args:
         experiment: its file.
         folder: where recordings go, a folder per run.
-        claims: see `trial`.
+        claims: see `twin.studies.sweep.trial.trial`.
+        trial: see `Job`.
         reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
         orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
             closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in a
@@ -27,6 +29,7 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
         RecordingFailed: the disk is full.
     """
     keep_instances(reuse == "reset")
+    judged = function_called(trial)
     with open(orders, encoding="utf-8") as lines:
         for line in lines:
             order = json.loads(line)
@@ -39,7 +42,7 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
             if order["record"] == "all":
                 record(*what, own)
                 reporter.loading()
-            finding = trial(*what, claims)
+            finding = judged(*what, claims)
             if order["record"] == "failures" and finding.status != "done":
                 reporter.loading()
                 record(*what, own)

@@ -30,7 +30,7 @@ def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]
     before, after = done.before.gains, done.after.gains
     lines = [
         f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}",
-        f"extends = {json.dumps(str(_findable(experiment, folder)))}",
+        f"extends = {json.dumps(str(findable(experiment, folder)))}",
         "",
         "[controller.position]",
         _line("kp_per_s", after.kp, source, before.kp),
@@ -48,7 +48,7 @@ def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]
     return "\n".join(lines) + "\n"
 
 
-def _findable(experiment: Path, folder: Path) -> Path:
+def findable(experiment: Path, folder: Path) -> Path:
     """`experiment` as it was typed if it is found so from `folder` or a folder around it, else absolute."""
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)

@@ -15,7 +15,7 @@ Loops: TypeAlias = control.StateSpace
 """All loops of the robot, open, as `open_loops` names their inputs and outputs."""
 
 
-def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
+def open_loops(robot: control.StateSpace, law: LinearLaw, whole: bool = False) -> Loops:
     """All loops open: inputs `LOOPS`, `REFERENCES`, `COMMANDS`; outputs `LOOPS`, `ESTIMATED`, `COMMANDS` and the truth.
 
     What comes in at one of `COMMANDS` is added to what the law commands, behind the output of that name.
@@ -23,6 +23,7 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
     Args:
         robot: `period_map`, of which no output depends directly on an input.
         law: with the same period.
+        whole: keep the states that no input reaches or no output sees, those of `robot` first.
     """
     angles = len(MEASURED)
     C_m, C_true = robot.C[:angles], robot.C[angles:]
@@ -46,12 +47,12 @@ def open_loops(robot: control.StateSpace, law: LinearLaw) -> Loops:
     D = np.zeros((len(C), B.shape[1]))
     D[: len(law.D), : at_the_law.shape[1]] = np.vstack([law.D[rest, angles:], law.D[omega, angles:]])
     outputs = [*LOOPS, *ESTIMATED, *COMMANDS, *robot.output_labels[angles:]]
-    kept = _connected(A, B, C)
+    kept = np.arange(len(A)) if whole else connected(A, B, C)
     A, B, C = A[np.ix_(kept, kept)], B[kept], C[:, kept]
     return control.ss(A, B, C, D, robot.dt, inputs=[*LOOPS, *REFERENCES, *COMMANDS], outputs=outputs, name="loops")
 
 
-def _connected(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
+def connected(A: Matrix, B: Matrix, C: Matrix) -> NDArray[np.int64]:
     """Indices of the states that an input can reach and an output can see.
 
     Others are at rest for ever, like the integral of a loop with ki = 0 or the bristle of a surface that is not

@@ -1,0 +1,1 @@
+"""The search, on runs that cost nothing, and once on the robot."""

@@ -1,0 +1,100 @@
+"""`twin falsify` on the pressing robot, once for all tests here."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from tests.laws.runs import EXPERIMENTS
+from tests.studies.faults.pressing import pressing
+from twin.errors import InputRefused
+from twin.studies.answer import Answer
+from twin.studies.falsify.study import RUNS, falsify
+from twin.studies.sweep.trial import trial
+
+BOUND = "always (|plant.F_ee_B| <= 18 N)"
+
+
+def asked(folder: Path, **options) -> Answer:
+    told: dict[str, Any] = {
+        "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "runs": RUNS,
+        "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": lambda what: None,
+    }  # fmt: skip
+    return falsify(**told | options)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("falsified")
+
+
+BROKEN = ("encoder_drift", "stiffness_change", "belt_slip", "surface_jump")
+"""Kinds that go beyond the bound at pressing.toml, see tests/studies/faults/test_matrix.py."""
+SAFE = ("drive_dead", "breathing")
+
+
+@pytest.fixture(scope="module")
+def answer(folder: Path) -> Answer:
+    return asked(folder, kinds=[*BROKEN, *SAFE], runs=20)
+
+
+@pytest.mark.endurance
+def test_every_kind_that_the_matrix_shows_beyond_the_bound_is_found_in_a_third_of_its_runs(tmp_path: Path):
+    answer = asked(tmp_path)
+    found = {one["kind"] for one in answer.facts["found"] if one["share"] < 0.0}
+    assert found >= {row.kind for row in pressing() if not row.safe} == set(BROKEN)
+    # the matrix makes two runs of each of its cases
+    assert answer.facts["runs"] <= 2 * len(pressing()) / 3
+    assert max(one["first_violating_run"] for one in answer.facts["found"] if one["share"] < 0.0) <= len(pressing()) / 3
+    # and each of them is found to be at least as bad
+    worst = {kind: max(row.watched.peak for row in pressing() if row.kind == kind) for kind in BROKEN}
+    for one in answer.facts["found"]:
+        if one["kind"] in worst:
+            assert one["distances"]["requirement_1"] <= 18.0 - worst[one["kind"]] + 1e-9
+
+
+def test_what_violates_is_found_and_what_does_not_is_not(answer: Answer):
+    assert {one["kind"] for one in answer.facts["found"] if one["share"] < 0.0} == set(BROKEN)
+    assert (answer.facts["runs"], answer.exit_code) == (20, 1)
+
+
+def test_a_found_experiment_runs_and_violates_by_the_same_distance(answer: Answer, folder: Path):
+    for one in answer.facts["found"]:
+        if one["share"] >= 0.0:
+            assert not (folder / f"{one['kind']}.toml").exists()
+            continue
+        again = trial(folder / f"{one['kind']}.toml", None, ())
+        assert again.metrics["requirement_1.distance"] == one["distances"]["requirement_1"] < 0.0
+
+
+def test_the_text_fits_80_columns_and_says_the_verdict_first(answer: Answer):
+    lines = answer.text.splitlines()
+    assert lines[0].startswith("pressing  VIOLATED by 4 of 6 kinds of fault")
+    assert [line for line in lines if len(line) > 80 and ".toml" not in line] == []
+
+
+def test_the_facts_are_in_the_folder(answer: Answer, folder: Path):
+    assert json.loads((folder / "falsify.json").read_text())["found"] == json.loads(json.dumps(answer.facts["found"]))
+
+
+@pytest.mark.parametrize(
+    ("options", "told"),
+    [
+        ({"requirements": []}, "nothing is required of it; say --requirement"),
+        ({"requirements": ["always (plant.F_e <= 1 N)"]}, "no such signal as plant.F_e; did you mean .*'plant.F_ee_B'"),
+        ({"requirements": ["always (|plant.F_ee_B| <= 1 mm)"]}, "N beside m"),
+        ({"runs": 5}, "--runs 5: there are 32 kinds of fault"),
+        ({"kinds": ["drive_dad"]}, "did you mean 'drive_dead'"),
+        ({"duration": 0.0}, "--duration 0: a fault lasts longer"),
+        ({"settings": ['fault=[{kind="drive_dead", onset_s=1.0}]']}, r"has \[\[fault\]\] tables"),
+    ],
+)
+def test_what_cannot_be_searched_is_refused_before_a_run(tmp_path: Path, options, told):
+    with pytest.raises(InputRefused, match=told):
+        asked(tmp_path, **options)
+
+
+def test_what_the_healthy_robot_does_not_keep_is_refused(tmp_path: Path):
+    with pytest.raises(InputRefused, match=r"violated without any fault, by 1\.\d+ N; require what the healthy"):
+        asked(tmp_path, requirements=["always (|plant.F_ee_B| <= 7 N)"], kinds=["breathing"], processes=1)

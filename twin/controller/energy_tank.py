@@ -1,0 +1,141 @@
+"""An energy tank behind the controller: what the robot gives to whatever it touches comes out of a store of known size.
+
+The observer adds up the energy that has gone through the head as the estimator feels it, F_ee.dp (Hannaford and Ryu
+2002), as long as something is touched. What the springs hold of the force is as good as given, for the body gets it if
+it yields; both are taken from the store. A valve then scales the commanded motor speeds so that the store lasts for
+another `horizon` T even against a wall, where the force grows by the springs' stiffness: with tau the joint torques of
+the force,
+
+    s P T + s^2 Q T^2/2 <= what is left,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
+
+What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
+presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Energy that comes back
+fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the motors
+stand still until the next one.
+"""
+
+import math
+from typing import NamedTuple
+
+from twin.compiled.function import njit
+from twin.controller.controller import OMEGA_REF
+from twin.controller.feed_forward import load_torques
+from twin.cosim.component import NativeComponent
+from twin.cosim.native import step_function
+from twin.cosim.port import Port
+from twin.cosim.record import memory_of, record, record_of
+
+INPUTS = (
+    OMEGA_REF,
+    Port("p_B", 3, "m", "estimated platform position"),
+    Port("J", 9, "rad/m", "Jacobian at the estimated position, row by row"),
+    Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
+    Port("valid", 1, "1", "whether these follow from the newest counts", "bool"),
+    Port("sample", 1, "1", "number of the encoders' newest message", "int"),
+)
+OUTPUTS = (
+    Port("omega_ref", 3, "rad/s", "commanded motor speeds, as far as the tank allows them"),
+    Port("share", 1, "1", "of the commanded speeds that is left"),
+    Port("level", 1, "J", "what is in the tank"),
+    Port("stored", 1, "J", "what the springs hold of the force on the environment, as believed"),
+    Port("given", 1, "J", "energy given to what was touched, less what came back, as believed"),
+)
+
+
+class Tank(NamedTuple):
+    """Settings of the tank, SI.
+
+    Attributes:
+        size: what is in it at the start, and the most that is (J).
+        horizon: for how long it has to last (s): longer than all delays and the drives' lag.
+        touch: force (N) from which on something is touched.
+        release: after so long without touch it is full again (s); infinity: never.
+        late: how old the newest message of the encoders may be (s).
+        k_s, N, eta: series elastic joint, as the controller believes it.
+    """
+
+    size: float
+    horizon: float
+    touch: float
+    release: float
+    late: float
+    k_s: float
+    N: float
+    eta: float
+
+
+TANK = record_of(Tank)
+COASTING = 1.0 / 3.0
+"""Of the horizon: how long motors go on as they were told before."""
+MEMORY = record(
+    tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8"
+)
+
+
+@njit(cache=True, error_model="numpy")
+def passed_on(left, horizon, P, Q):
+    """Share of a command that uses no more than `left` (J) within `horizon` (s).
+
+    Args:
+        left: may be negative; then what gives most of it back.
+        P: power of the whole command now (W).
+        Q: what makes more power of it if the head is held (N m^2/(m s^2)).
+    """
+    if Q <= 0.0:
+        return 1.0
+    root = P * P + 2.0 * Q * left
+    most = (math.sqrt(root) - P if root > 0.0 else -P) / (Q * horizon)
+    return min(max(most, 0.0), 1.0)
+
+
+@step_function(MEMORY, INPUTS, OUTPUTS)
+def step(m, t, h, u, y):
+    tank = m.tank
+    fresh = u.valid != 0.0 and u.sample != m.sample
+    m.age = 0.0 if fresh else m.age + h
+    if fresh:
+        first = m.sample == 0
+        m.sample = int(u.sample)
+        size = math.sqrt(u.F_ee_B[0] ** 2 + u.F_ee_B[1] ** 2 + u.F_ee_B[2] ** 2)
+        touched = size >= tank.touch
+        gone = 0.0
+        for i in range(3):
+            gone += 0.5 * (m.F[i] + u.F_ee_B[i]) * (u.p_B[i] - m.p[i])
+            m.p[i], m.F[i] = u.p_B[i], u.F_ee_B[i]
+        if first:
+            gone = 0.0
+        m.untouched = 0.0 if touched else m.untouched + h
+        if touched:
+            m.given += gone
+            m.level = min(m.level - gone, tank.size)
+        elif m.untouched >= tank.release:
+            m.level = tank.size
+        m.tau[0], m.tau[1], m.tau[2] = load_torques(u.J, m.F[0], m.F[1], m.F[2])
+    stored = power = force = power_on = force_on = 0.0
+    for i in range(3):
+        stored += 0.5 * m.tau[i] * m.tau[i] / (tank.k_s * tank.N * tank.N * tank.eta)
+        power += m.tau[i] * u.omega_ref[i] / tank.N
+        force += tank.k_s * tank.eta * u.omega_ref[i] * u.omega_ref[i]
+        power_on += m.tau[i] * m.omega[i] / tank.N
+        force_on += tank.k_s * tank.eta * m.omega[i] * m.omega[i]
+    on = COASTING * tank.horizon
+    coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
+    share = passed_on(m.level - stored - coasting, tank.horizon, power, force) if m.age <= tank.late else 0.0
+    for i in range(3):
+        y.omega_ref[i] = share * u.omega_ref[i]
+        m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
+    y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
+    return 0
+
+
+class EnergyTank(NativeComponent):
+    """Sampled component: commanded motor speeds in, those that the tank allows out.
+
+    Args:
+        tank: settings.
+        period: in ticks.
+    """
+
+    def __init__(self, tank: Tank, period: int = 1):
+        memory = memory_of(MEMORY, tank=tuple(tank), level=tank.size)
+        super().__init__("tank", INPUTS, OUTPUTS, True, step, memory, period=period)

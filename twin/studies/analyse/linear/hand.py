@@ -1,0 +1,173 @@
+"""What a hand feels that holds the platform: the driving-point impedance of drives, springs and sampled loops.
+
+The body is taken away; in its place a force F acts on the platform, held from one call of the controller to the next.
+While it is held the platform goes by p(k+1) - p(k), so what the hand puts in is exactly F(k).(p(k+1) - p(k)). The
+admittance from F to the mean velocity of a period,
+
+    Y(z) = (z - 1)/T C_p (z 1 - A)^-1 B_F,
+
+therefore is passive, gives back at most what was put in, if and only if the robot by itself is stable and the Hermitian
+part of Y is positive semidefinite at all frequencies up to half the controller's rate (discrete-time positive real:
+Hitz and Anderson 1969). So is Z = Y^-1, and sampling, holding and delay are all in it (Colgate and Schenkel 1997).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import control
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
+from twin.studies.analyse.linear.loops import closed_loops, connected, open_loops
+from twin.studies.analyse.linear.sampled_law import LinearLaw
+from twin.studies.analyse.linear.sampled_robot import Stepping, period_map, tick_map
+
+Complex = NDArray[np.complex128]
+
+AXES = ("x", "y", "z")
+NEUTRAL = 1e-9
+"""What rounding may add to the magnitude of a pole, and take from a share of power."""
+LOWEST = 0.02
+"""Hz. Below this a robot drifts rather than answers."""
+DRIFT = 0.01
+"""1/s. A force loop whose surface is gone drifts, and its weight and geometry change on the way; that is no swing."""
+
+
+class Held(NamedTuple):
+    """What is in the hand besides force: passive, and fixed to the platform.
+
+    Attributes:
+        mass: (3, 3) symmetric, kg.
+        stiffness: to the ground, (3, 3) symmetric, N/m.
+        damping: (3, 3) symmetric, N s/m.
+    """
+
+    mass: Matrix
+    stiffness: Matrix
+    damping: Matrix
+
+
+NOTHING = Held(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((3, 3)))
+
+
+def along(direction: Matrix, mass: float, stiffness: float) -> Held:
+    """A mass (kg) and a spring (N/m) that only feel what goes along `direction` (3,)."""
+    n = np.outer(direction, direction) / float(np.dot(direction, direction))
+    return Held(mass * n, stiffness * n, np.zeros((3, 3)))
+
+
+@dataclass(frozen=True)
+class FreePlant:
+    """Springs and mechanism around an operating point, without the body; small deviations.
+
+    Attributes:
+        linear: the plant there, with the body.
+    """
+
+    linear: control.StateSpace
+
+    @cached_property
+    def mass(self) -> Matrix:
+        """(3, 3), kg: what the springs' torques accelerate."""
+        rows = self._rows
+        jacobian, wound = self.linear.C[rows["theta_l_1"] :][:3, :3], self.linear.D[rows["tau_l_1"] :][:3]
+        return np.linalg.solve(self.linear.B[3:6].T, (jacobian.T @ wound).T).T
+
+    @cached_property
+    def force(self) -> Matrix:
+        """(3, 6), N per m and m/s: what the platform feels of springs and mechanism when it is moved."""
+        body = self.linear.C[self._rows["F_ee_B_x"] :][:3]
+        return self.mass @ self.linear.A[3:6] + body
+
+    @property
+    def stiffness(self) -> Matrix:
+        """(3, 3), N/m: of the springs as the hand feels them with the motors held."""
+        return -self.force[:, :3]
+
+    def holding(self, held: Held) -> control.StateSpace:
+        """The plant with `held` on it and, behind its 6 states, the three of a force (N) that nothing changes."""
+        A, B = np.zeros((9, 9)), np.zeros((9, 3))
+        inertia = np.linalg.inv(self.mass + held.mass)
+        A[:3, 3:6] = np.eye(3)
+        A[3:6, :6] = inertia @ (self.force - np.hstack([held.stiffness, held.damping]))
+        A[3:6, 6:] = inertia
+        B[3:6] = inertia @ self.mass @ self.linear.B[3:6]
+        C = np.hstack([self.linear.C, np.zeros((len(self.linear.C), 3))])
+        return control.ss(A, B, C, self.linear.D, inputs=self.linear.input_labels, outputs=self.linear.output_labels)
+
+    @property
+    def _rows(self) -> dict[str, int]:
+        return {name: i for i, name in enumerate(self.linear.output_labels)}
+
+
+@dataclass(frozen=True)
+class Hand:
+    """The closed loops as a hand feels them: x(k+1) = A x + B F, p = C x, at the controller's period.
+
+    Attributes:
+        A, B, C: (n, n), (n, 3), (3, n).
+        period: s.
+    """
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    period: float
+
+    def admittance(self, omega: Matrix) -> Complex:
+        """Y (n, 3, 3) in m/s per N at the frequencies `omega` (rad/s)."""
+        z = np.exp(1j * omega * self.period)[:, None, None]
+        states = np.linalg.solve(z * np.eye(len(self.A)) - self.A, np.broadcast_to(self.B, (len(omega), *self.B.shape)))
+        return (z - 1.0) / self.period * (self.C @ states)
+
+    @property
+    def stiffness(self) -> Matrix:
+        """(3,), N/m: what a steady force along each axis meets in the end, the others free."""
+        compliance = self.C @ np.linalg.solve(np.eye(len(self.A)) - self.A, self.B)
+        return 1.0 / np.diagonal(compliance)
+
+    @property
+    def poles(self) -> Complex:
+        """In z."""
+        return np.linalg.eigvals(self.A).astype(complex)
+
+    @property
+    def growth(self) -> float:
+        """Of what grows fastest, or dies out slowest (1/s); a platform that stays where it is put does neither."""
+        return float(np.log(np.abs(self.poles).max()) / self.period)
+
+    @property
+    def stable(self) -> bool:
+        """Whether nothing grows, or so slowly that it is a drift."""
+        return self.growth < DRIFT
+
+
+def robot_with(free: FreePlant, held: Held, drives: tuple[DriveModel, ...], stepping: Stepping) -> control.StateSpace:
+    """Drives and plant from one call of the controller to the next, with `held` in the hand."""
+    return period_map(tick_map(free.holding(held), drives, stepping), stepping)
+
+
+def hand_of(robot: control.StateSpace, law: LinearLaw, gains: dict[str, float]) -> Hand:
+    """The loops `gains` closed around `robot`, which is `robot_with` something in the hand."""
+    closed = closed_loops(open_loops(robot, law, whole=True), gains)
+    force = np.arange(6, 9)
+    rest = np.setdiff1d(np.arange(closed.nstates), force)
+    A, B = closed.A[np.ix_(rest, rest)], closed.A[np.ix_(rest, force)]
+    C = np.eye(3, len(rest))
+    kept = connected(A, B, C)
+    return Hand(A[np.ix_(kept, kept)], B[kept], C[:, kept], closed.dt)
+
+
+def hertz(period: float, count: int) -> Matrix:
+    """Frequencies (Hz) that are looked at, up to half the controller's rate; more of them where drives and springs
+    are."""
+    return np.geomspace(LOWEST, 0.499 / period, count)
+
+
+def power_share(Y: Complex) -> Matrix:
+    """Of each (k, k) of `Y` (n, k, k): the least of what a swing takes from the hand, as a share of what goes to and
+    fro, -1 .. 1 (n,); negative: there is one that the robot feeds."""
+    part = 0.5 * (Y + np.conj(np.swapaxes(Y, -1, -2)))
+    return np.linalg.eigvalsh(part)[:, 0] / np.linalg.norm(Y, 2, axis=(1, 2))

@@ -1,0 +1,220 @@
+"""How passive a robot is in the hand: where it gives energy away, what it renders passively, what makes it swing."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import differential_evolution
+
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.roles import refuse_other_parts
+from twin.studies.analyse.linear.drive_model import Matrix
+from twin.studies.analyse.linear.hand import (
+    AXES,
+    DRIFT,
+    NEUTRAL,
+    NOTHING,
+    Complex,
+    FreePlant,
+    Hand,
+    along,
+    hand_of,
+    hertz,
+    power_share,
+    robot_with,
+)
+from twin.studies.analyse.linear.plant_system import linear_plant
+from twin.studies.analyse.linear.sampled_law import linear_law
+from twin.studies.analyse.linear_point import Linearised, closed_in
+from twin.studies.analyse.operating_point import OperatingPoint, operating_points
+from twin.studies.analyse.passivity_trial import PassivityTrial, tried_mass
+from twin.studies.analyse.z_width import Width, z_width
+
+FREQUENCIES = 240
+"""So many are looked at of a point."""
+MASSES, STIFFNESSES = (0.01, 5.0), (1.0, 50_000.0)
+"""kg and N/m: from a fingertip to a forearm, from nothing to a table."""
+
+
+class Band(NamedTuple):
+    """Where something feeds a swing.
+
+    Attributes:
+        low, high: of the lowest and the highest frequency that does (Hz).
+        least: see `power_share`, at the worst of them.
+        at: that one (Hz).
+    """
+
+    low: float
+    high: float
+    least: float
+    at: float
+
+
+class Environment(NamedTuple):
+    """A mass on a spring to the ground, both felt along one direction only.
+
+    Attributes:
+        mass: kg.
+        stiffness: N/m.
+        direction: (3,), of length 1.
+        growth: of what then grows fastest, 1/s; negative: everything dies out.
+        frequency: of that (Hz).
+    """
+
+    mass: float
+    stiffness: float
+    direction: tuple[float, float, float]
+    growth: float
+    frequency: float
+
+    @property
+    def swings(self) -> bool:
+        """Whether it swings for ever with the robot, growing."""
+        return self.growth > DRIFT
+
+
+@dataclass(frozen=True)
+class PointPassivity:
+    """What a hand feels at one operating point.
+
+    Attributes:
+        point: where.
+        stable: whether the robot is, with nothing in the hand.
+        frequency: Hz (n,).
+        admittance: (n, 3, 3), m/s per N.
+        springs: stiffness (3,) with the motors held and the other axes held (N/m).
+        bands: by axis, and "all" for the three at once; None: passive.
+        worst: of all masses on springs the one that makes it swing most.
+    """
+
+    point: OperatingPoint
+    stable: bool
+    frequency: Matrix
+    admittance: Complex
+    springs: Matrix
+    bands: dict[str, Band | None]
+    worst: Environment
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON, SI."""
+        return {
+            "name": self.point.name,
+            "p_B": list(self.point.p_B),
+            "F_z": self.point.F_z,
+            "force_loop": self.point.force_on,
+            "stable": self.stable,
+            "spring_stiffness": self.springs.tolist(),
+            "not_passive": {name: band._asdict() if band else None for name, band in self.bands.items()},
+            "worst_environment": self.worst._asdict(),
+        }
+
+
+@dataclass(frozen=True)
+class Passivity:
+    """A robot in the hand, judged.
+
+    Attributes:
+        experiment: what it is of.
+        points: each operating point.
+        problems: sentences about points that have no linear model.
+        width: None where no force loop presses.
+        tried: whether what was predicted was to be tried in the co-simulation.
+        trial: what came of it; None: there was nothing to try.
+    """
+
+    experiment: Experiment
+    points: list[PointPassivity]
+    problems: list[str]
+    width: Width | None
+    tried: bool
+    trial: PassivityTrial | None
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON, SI."""
+        return {
+            "experiment": self.experiment.name,
+            "points": [point.facts() for point in self.points],
+            "without_linear_model": self.problems,
+            "z_width": self.width.facts() if self.width else None,
+            "trial": self.trial.facts() if self.trial else None,
+        }
+
+
+def passivity(experiment: Experiment, tried: bool, say: Callable[[str], None]) -> Passivity:
+    """Judge `experiment`, of which the body is taken away; its drives are run in this process.
+
+    Args:
+        tried: whether the mass that makes it swing is tried in the co-simulation.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: as of `twin.studies.analyse.stability.stability`. ComponentFailed: a drive failed.
+    """
+    refuse_other_parts(experiment, "twin analyse", ("controller", "estimator"))
+    say("identifying the drives")
+    points, problems = operating_points(experiment)
+    shared = Linearised(experiment, points)
+    say("looking for the worst environment")
+    judged = [judged_point(shared, point) for point in points]
+    pressing = next((point for point in points if point.force_on), None)
+    say("rendering stiffness")
+    width = None if pressing is None else z_width(shared, pressing)
+    say("trying it in the co-simulation")
+    trial = tried_mass(shared, points, MASSES[1]) if tried else None
+    return Passivity(experiment, judged, problems, width, tried, trial)
+
+
+def judged_point(shared: Linearised, point: OperatingPoint) -> PointPassivity:
+    """What a hand feels at `point`."""
+    free, settings = FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), shared.settings(point.force_on)
+    law, gains = linear_law(settings, shared.estimation(point)), dict.fromkeys(closed_in(settings), 1.0)
+
+    def holding(direction: Matrix, mass: float, stiffness: float) -> Hand:
+        robot = robot_with(free, along(direction, mass, stiffness), shared.drives, shared.stepping)
+        return hand_of(robot, law, gains)
+
+    hand = hand_of(robot_with(free, NOTHING, shared.drives, shared.stepping), law, gains)
+    frequency = hertz(hand.period, FREQUENCIES)
+    Y = hand.admittance(2.0 * np.pi * frequency)
+    bands = {axis: band(frequency, Y[:, i : i + 1, i : i + 1]) for i, axis in enumerate(AXES)}
+    bands["all"] = band(frequency, Y)
+    springs = np.diagonal(free.stiffness).copy()
+    return PointPassivity(point, hand.stable, frequency, Y, springs, bands, worst_environment(holding))
+
+
+def band(frequency: Matrix, Y: Complex) -> Band | None:
+    """Where `Y` (n, k, k) at `frequency` (Hz) is not passive; None: nowhere."""
+    share = power_share(Y)
+    feeding = frequency[share < -NEUTRAL]
+    if len(feeding) == 0:
+        return None
+    worst = int(share.argmin())
+    return Band(float(feeding[0]), float(feeding[-1]), float(share[worst]), float(frequency[worst]))
+
+
+def worst_environment(holding: Callable[[Matrix, float, float], Hand]) -> Environment:
+    """Of all masses and springs along one direction what grows fastest with a robot, by differential evolution.
+
+    Lossless ones are enough: a passive environment takes nothing away at its worst.
+
+    Args:
+        holding: the robot with a direction, a mass (kg) and a stiffness (N/m) in the hand.
+    """
+
+    def made(x: Matrix) -> tuple[Matrix, float, float]:
+        up, around = x[2], x[3]
+        direction = np.array([np.sin(up) * np.cos(around), np.sin(up) * np.sin(around), np.cos(up)])
+        return direction, float(np.exp(x[0])), float(np.exp(x[1]))
+
+    bounds = [tuple(np.log(MASSES)), tuple(np.log(STIFFNESSES)), (0.0, 0.5 * np.pi), (0.0, np.pi)]
+    found = differential_evolution(
+        lambda x: -holding(*made(x)).growth, bounds, maxiter=9, popsize=6, seed=0, polish=False, tol=1e-3
+    )
+    direction, mass, stiffness = made(found.x)
+    hand = holding(direction, mass, stiffness)
+    fastest = hand.poles[np.abs(hand.poles).argmax()]
+    turn = abs(float(np.angle(fastest))) / (2.0 * np.pi * hand.period)
+    x, y, z = (float(part) for part in direction)
+    return Environment(mass, stiffness, (x, y, z), hand.growth, turn)
