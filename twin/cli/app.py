@@ -24,6 +24,7 @@ from twin.cli import (
     replay,
     report,
     run,
+    runs,
     schema,
     sweep,
     tune,
@@ -61,6 +62,7 @@ app.command("compare")(compare.compare)
 app.command("check")(check.check)
 app.command("faults")(faults.faults)
 app.add_typer(sweep.app, name="sweep")
+app.command("runs")(runs.runs)
 app.command("report")(report.report)
 app.command("replay")(replay.replay)
 app.command("converge")(converge.converge)

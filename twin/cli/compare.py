@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson
 from twin.errors import InputRefused
 
@@ -59,6 +60,7 @@ def compare(
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
+    tell_latest(runs or ([] if paper is None else _latest(paper)))
     if paper is None:
         asked = {
             "paths": runs or [],
@@ -76,3 +78,10 @@ def compare(
         raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds")
     else:
         ask(FIGURES[paper], {"paths": runs or [], "out": out}, as_json)
+
+
+def _latest(figure: str) -> list[Path]:
+    """Where the runs of a figure are looked for if none are named."""
+    from twin.studies.paper.study import FIGURE_EXPERIMENTS, HOME
+
+    return [HOME / name for name in FIGURE_EXPERIMENTS.get(figure, ())]

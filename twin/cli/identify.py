@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson, ColumnMap, Settings
 
 
@@ -38,6 +39,7 @@ def identify(
 
     Example: twin identify results/fig4_force_position
     """
+    tell_latest([log])
     asked: dict[str, Any] = {
         "log": log,
         "maps": maps or [],

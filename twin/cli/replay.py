@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson, ColumnMap, Settings
 
 
@@ -42,6 +43,7 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
+    tell_latest([log])
     asked: dict[str, Any] = {
         "log": log,
         "maps": maps or [],
