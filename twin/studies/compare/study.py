@@ -7,6 +7,7 @@ from twin.errors import InputRefused
 from twin.studies.answer import Answer, judged
 from twin.studies.compare.alignment import alignment
 from twin.studies.compare.comparison import compared
+from twin.studies.compare.experiments import differences_text, experiments_differ
 from twin.studies.compare.inputs import both
 from twin.studies.compare.picture import draw_comparison
 from twin.studies.compare.text import comparison_text
@@ -49,6 +50,8 @@ def compare(
         )
     found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
     covered = partial or found.least_covered[1] == 1.0
-    text = comparison_text(found, partial)
-    return judged("compare", out or HOME, text, found.facts(), lambda path: draw_comparison(found, path),
+    differ = experiments_differ(found.a, found.b)
+    text = "\n".join([comparison_text(found, partial), *differences_text(differ)])
+    facts = found.facts() | {"experiments": differ}
+    return judged("compare", out or HOME, text, facts, lambda path: draw_comparison(found, path),
                   holds=covered and not found.outside)  # fmt: skip
