@@ -54,7 +54,7 @@ def answer_of(
     arguments: dict[str, Any] = {"study": study, "asked": asked}
 
     def hear(note: dict[str, Any]) -> None:
-        shown.say(note["say"])
+        shown.step(note["say"], note["share"])
 
     try:
         if isolate == JobIsolation.RUN:

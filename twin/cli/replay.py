@@ -22,8 +22,11 @@ def replay(
         bool, typer.Option("--plant", help="Let the plant model run, driven by the log's motor angles.")
     ] = False,
     baseline: Annotated[
-        float, typer.Option(metavar="S", help="Beginning of the log that says what is normal; best in free air.")
-    ] = 1.0,
+        str,
+        typer.Option(
+            metavar="S", help="What says what is normal, best in free air: so much of the beginning, or FROM:TO."
+        ),
+    ] = "1",
     tolerance: Annotated[
         float | None,
         typer.Option(metavar="N", help="Change of the force that is no news; without it, what rounding can do."),
@@ -43,6 +46,8 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
+    from twin.studies.replay.normal import normal_time
+
     tell_latest([log])
     asked: dict[str, Any] = {
         "log": log,
@@ -50,7 +55,7 @@ def replay(
         "experiment": experiment,
         "settings": settings or [],
         "plant": plant,
-        "baseline": baseline,
+        "baseline": normal_time(baseline),
         "tolerance": tolerance,
         "out": out,
     }

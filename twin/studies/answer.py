@@ -62,10 +62,10 @@ def judged(
 def answered(reporter: "Reporter", study: str, asked: dict[str, Any]) -> dict[str, Any]:
     """The answer of a study, taken apart; a job of the guard.
 
-    Notes {"say": what is being done}.
+    Notes {"say": what is being done, "share": of all that is over, or None}.
 
     Args:
         study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing.
         asked: its arguments.
     """
-    return vars(function_called(study)(**asked, say=lambda what: reporter.note(say=what)))
+    return vars(function_called(study)(**asked, say=lambda what, share=None: reporter.note(say=what, share=share)))

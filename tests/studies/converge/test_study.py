@@ -1,5 +1,6 @@
 """A whole study, short, and what it recommends."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,12 @@ def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
     assert max(map(len, text.splitlines())) <= 80
     assert text.startswith(f"fig4_position: use {found.choice.coupling.name} at ")
     draw_convergence(found, tmp_path / "picture.png")
+    for resolution, why in (
+        (1e3, "it stays the default because its error is 0% of a step"),
+        (None, "can be seen: take"),
+    ):
+        words = " ".join(convergence_text(replace(found, resolution=resolution), files).split())
+        assert why in words and f"--set cosim.inputs={found.choice.coupling.inputs}" in words
 
 
 def test_facts_are_plain_numbers(study: Study):

@@ -1,6 +1,6 @@
 """A comparison, from two logs to files: picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
@@ -12,6 +12,7 @@ from twin.studies.compare.inputs import both
 from twin.studies.compare.picture import draw_comparison
 from twin.studies.compare.text import comparison_text
 from twin.studies.compare.tolerance import rules
+from twin.studies.steps import Say
 
 HOME = Path("results") / "compare"
 
@@ -24,7 +25,7 @@ def compare(
     align: tuple[str, str, float],
     partial: bool,
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """Whether the second of two logs stays within a tube around the first, and files in `out`, or results/compare.
 

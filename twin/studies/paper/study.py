@@ -1,6 +1,6 @@
 """Claims of the paper, from recordings to files: picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
@@ -14,6 +14,7 @@ from twin.studies.paper.fig5_picture import draw_fig5
 from twin.studies.paper.fig5_score import fig5_score
 from twin.studies.paper.score import fig4_score
 from twin.studies.paper.text import fig4_text, fig5_text
+from twin.studies.steps import Say
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
@@ -21,7 +22,7 @@ FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
 HOME = Path("results")
 
 
-def score_fig4(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Answer:
+def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
 
     Exit code 1: a claim fails.
@@ -49,7 +50,7 @@ def score_fig4(paths: Sequence[Path], out: Path | None, say: Callable[[str], Non
                   holds=not score.failed, notes=notes)  # fmt: skip
 
 
-def score_fig5(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Answer:
+def score_fig5(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     """Which claims of Fig. 5 hold in recordings, and files in `out`, or results/fig5.
 
     Exit code 1: a claim fails.

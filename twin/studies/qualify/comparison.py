@@ -1,6 +1,6 @@
 """The same experiment with one drive after the other, judged on what is true."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +14,7 @@ from twin.runs.trace import Trace
 from twin.studies.metrics.better import Standing, overall, standing
 from twin.studies.qualify.definitions import Measure
 from twin.studies.qualify.true_run import COMPARED, TrueRun
+from twin.studies.steps import Say, Steps, silent
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ def trials(
     drives: Sequence[str],
     settings: Sequence[str] = (),
     body: str | None = None,
-    say: Callable[[str], None] = lambda what: None,
+    say: Say = silent,
 ) -> tuple[DriveTrials, ...]:
     """Run each of `experiments` with each of `drives` in all three joints, in this process.
 
@@ -76,12 +77,11 @@ def trials(
     loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
     for one in (one for row in loaded for one in row):
         assemble(one).close()
-    done, total, count = [], len(experiments) * len(drives), 0
+    done, steps = [], Steps(say, len(experiments) * len(drives))
     for path, row in zip(experiments, loaded, strict=True):
         found = []
         for one, drive in zip(row, drives, strict=True):
-            count += 1
-            say(f"{path.stem} with {drive}, {count} of {total}")
+            steps.next(f"{path.stem} with {drive}")
             found.append(_trial(one, drive))
         done.append(DriveTrials(path.stem, tuple(found)))
     return tuple(done)

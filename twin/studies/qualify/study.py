@@ -1,6 +1,6 @@
 """Drives on the bench and in an experiment, from FMUs to pictures and facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
@@ -17,10 +17,11 @@ from twin.studies.qualify.true_run import COMPARED
 from twin.studies.qualify.workload import Workload
 from twin.studies.reference.drive import came_with, no_drive
 from twin.studies.reference.text import references_text
+from twin.studies.steps import Say
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], None]) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
     """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
 
     Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
@@ -37,6 +38,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], N
         InputRefused, ComponentFailed: see `qualified`.
         NotWritten: the disk refuses.
     """
+    say(Path(fmu).stem, 0.0)
     folder = made_folder(out)
     table = lone_drive(fmu, Path.cwd())
     came = came_with(table, apart)
@@ -60,7 +62,7 @@ def compare_drives(
     settings: Sequence[str],
     body: str | None,
     out: Path,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """What truly happens in experiments with one drive after the other, and a picture of each in `out`.
 

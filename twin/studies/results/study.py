@@ -1,7 +1,7 @@
 """Runs that are kept: listed, and those that nobody needs taken away."""
 
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import disk_refusals
@@ -11,9 +11,10 @@ from twin.studies.lines import counted
 from twin.studies.results.kept import KeptRun, kept_runs, other_folders
 from twin.studies.results.now import ExperimentsNow, told_differences
 from twin.studies.results.text import run_lines, runs_text, size_text, verdict
+from twin.studies.steps import Say, Steps
 
 
-def listed(results: Path, experiments: Sequence[str], say: Callable[[str], None]) -> Answer:
+def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
     """What lies in `results`.
 
     Args:
@@ -26,8 +27,9 @@ def listed(results: Path, experiments: Sequence[str], say: Callable[[str], None]
     """
     runs, now = kept_runs(results, experiments), ExperimentsNow()
     found = []
-    for number, run in enumerate(runs, start=1):
-        say(f"{run.experiment}, run {number} of {len(runs)}")
+    steps = Steps(say, len(runs))
+    for run in runs:
+        steps.next(run.experiment)
         found.append(told_differences(run, now))
     others = {} if experiments else other_folders(results)
     facts = {

@@ -5,7 +5,8 @@ a seed it finds the same gains every time. What is compared are gains of three d
 """
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,9 @@ ROUNDING = 1e-3
 """By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
 PRICES = {"bandwidth": 1e2, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
 """A goal that is missed costs more than any slowness; what keeps people safe comes before bandwidth."""
+
+
+Told = Callable[[float], None]
 
 
 class Miss(NamedTuple):
@@ -82,8 +86,11 @@ def cost(predictions: Sequence[Prediction], goals: Goals) -> float:
     return price + sum(math.log(max(error, 1e-3)) for error in largest.values())
 
 
-def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains) -> LawGains:
-    """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it."""
+def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains, told: Told = lambda done: None) -> LawGains:
+    """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it.
+
+    `told` hears after each generation how much of the longest search is over, 0 .. 1.
+    """
     force = any(corner.point.force_on for corner in corners)
     bounds = [(math.log10(low), math.log10(high)) for low, high in (BOUNDS if force else BOUNDS[:1])]
 
@@ -98,7 +105,16 @@ def best_gains(corners: Sequence[Corner], goals: Goals, start: LawGains) -> LawG
                 break
         return cost(predictions, goals)
 
+    generations = count(1)
     found = differential_evolution(
-        judged, bounds, seed=SEED, popsize=POPULATION, maxiter=GENERATIONS, tol=1e-3, polish=False, init="sobol"
+        judged,
+        bounds,
+        seed=SEED,
+        popsize=POPULATION,
+        maxiter=GENERATIONS,
+        tol=1e-3,
+        polish=False,
+        init="sobol",
+        callback=lambda intermediate_result: told(next(generations) / GENERATIONS),
     )
     return gains(found.x)

@@ -1,13 +1,14 @@
 """Tuning, from an experiment's file to files: gains to run with, picture, facts."""
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from twin.experiment.named import experiment_file
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
+from twin.studies.steps import Say
 from twin.studies.tune.fragment import fragment
 from twin.studies.tune.goals import Goals, stiffness_range
 from twin.studies.tune.picture import draw_tuning
@@ -27,7 +28,7 @@ def tune(
     body: str | None,
     settings: Sequence[str],
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """The gains of the laws of an experiment that meet goals, and files in `out`, or results/tuning/EXPERIMENT.
 
@@ -53,7 +54,7 @@ def tune(
     one = [] if len(drives) > 1 else [("--drive", drives[0])]
     given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
     options = [word for option, value in given if value is not None for word in (option, value)]
-    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], wanted, span)
+    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], wanted, span, say)
     files = [str(folder / name) for name in (GAINS, PICTURE, FACTS)]
     again = shlex.join(["twin", "run", str(folder / GAINS), *options])
     facts = done.facts() | {"files": files, "again": again}
