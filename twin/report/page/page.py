@@ -76,7 +76,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tu
             for event in run.recording.events
         ],
     }
-    parts = sections(runs, picture(runs, judged), budgets)
+    parts = sections(runs, judged, picture(runs, judged), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
     html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
