@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, DriveName, Formats, Isolate, Settings
 
 
 def analyse(
@@ -28,6 +28,8 @@ def analyse(
             help="Try the gain limits in the co-simulation; look there for those that do not hold.",
         ),
     ] = True,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -49,4 +51,4 @@ def analyse(
         "tried": tried,
         "out": out,
     }
-    ask("twin.studies.analyse.study:analyse", asked, as_json, isolate)
+    ask("twin.studies.analyse.study:analyse", asked, as_json, isolate, formats=formats, columns=columns)

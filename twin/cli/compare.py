@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.latest import tell_latest
-from twin.cli.options import AsJson
+from twin.cli.options import AsJson, Columns, Formats
 from twin.errors import InputRefused
 
 FIGURES = {"fig4": "twin.studies.paper.study:score_fig4", "fig5": "twin.studies.paper.study:score_fig5"}
@@ -47,6 +47,8 @@ def compare(
         Path | None,
         typer.Option(metavar="DIR", help="Where picture and JSON go; results/compare, or results/FIGURE."),
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
@@ -71,13 +73,13 @@ def compare(
             "partial": partial,
             "out": out,
         }
-        ask("twin.studies.compare.study:compare", asked, as_json)
+        ask("twin.studies.compare.study:compare", asked, as_json, formats=formats, columns=columns)
     elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
     elif signal or tol or column_map or partial or align != "none":
         raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds")
     else:
-        ask(FIGURES[paper], {"paths": runs or [], "out": out}, as_json)
+        ask(FIGURES[paper], {"paths": runs or [], "out": out}, as_json, formats=formats, columns=columns)
 
 
 def _latest(figure: str) -> list[Path]:

@@ -17,7 +17,9 @@ from twin.cli.options import (
     JOB_ISOLATION,
     AsJson,
     BodyName,
+    Columns,
     Compile,
+    Formats,
     Isolate,
     JobIsolation,
     LimitStep,
@@ -134,6 +136,8 @@ def check(
     limit_wall: LimitWall = math.inf,
     yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
     compile_: Compile = False,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -154,7 +158,7 @@ def check(
             _build(lone_drive(fmu, Path.cwd()))
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
         limits = Limits(limit_step, limit_wall)
-        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits, formats, columns)
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
@@ -189,6 +193,8 @@ def compare(
     isolate: Isolate = JOB_ISOLATION,
     limit_step: LimitStep = Limits.step,
     limit_wall: LimitWall = math.inf,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Run the same experiments with one drive after the other, and judge what truly happened.
@@ -200,7 +206,8 @@ def compare(
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
     asked = {"fmus": fmus, "experiments": experiments, "settings": settings or [], "body": body, "out": out}
-    answer = answer_of("twin.studies.qualify.study:compare_drives", asked, isolate, Limits(limit_step, limit_wall))
+    limits = Limits(limit_step, limit_wall)
+    answer = answer_of("twin.studies.qualify.study:compare_drives", asked, isolate, limits, formats, columns)
     if html:
         from twin.report.page.drives import write_drives_page
 

@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.latest import tell_latest
-from twin.cli.options import AsJson, ColumnMap, Settings
+from twin.cli.options import AsJson, ColumnMap, Columns, Formats, Settings
 
 
 def identify(
@@ -28,6 +28,8 @@ def identify(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/identify/NAME/TIME.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
@@ -49,4 +51,4 @@ def identify(
         "motor_torque": motor_torque,
         "out": out,
     }
-    ask("twin.studies.identify.study:identify", asked, as_json)
+    ask("twin.studies.identify.study:identify", asked, as_json, formats=formats, columns=columns)

@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.latest import tell_latest
-from twin.cli.options import AsJson, ColumnMap, Settings
+from twin.cli.options import AsJson, ColumnMap, Columns, Formats, Settings
 
 
 def replay(
@@ -34,6 +34,8 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/replay/NAME/TIME.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Replay a robot's log: position, force, and whether the twin still matches.
@@ -59,4 +61,4 @@ def replay(
         "tolerance": tolerance,
         "out": out,
     }
-    ask("twin.studies.replay.study:replay", asked, as_json)
+    ask("twin.studies.replay.study:replay", asked, as_json, formats=formats, columns=columns)

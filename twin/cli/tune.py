@@ -8,7 +8,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, Formats, Isolate, Settings
 
 
 def tune(
@@ -35,6 +35,8 @@ def tune(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where gains, picture, JSON go: results/tuning/EXPERIMENT.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -62,4 +64,4 @@ def tune(
         "settings": settings or [],
         "out": out,
     }
-    ask("twin.studies.tune.study:tune", asked, as_json, isolate)
+    ask("twin.studies.tune.study:tune", asked, as_json, isolate, formats=formats, columns=columns)
