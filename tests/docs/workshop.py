@@ -131,6 +131,9 @@ class Workshop:
         if words[0] == "make":
             targets = re.findall(r"^([a-z-]+):", (self._root / "Makefile").read_text(), re.MULTILINE)
             assert set(words[1:2]) <= set(targets), f"{block.place}: make has no target {words[1:]}"
+        wheels = [Path(word).name for word in words if word.endswith(".whl")]
+        version = tomllib.loads((self._root / "pyproject.toml").read_text())["project"]["version"]
+        assert set(wheels) <= {f"twin-{version}-py3-none-any.whl"}, f"{block.place}: another wheel than is built"
         for name in (word for before, word in pairwise(words) if before in ("-c", "-r")):
             assert (self._root / name).is_file(), f"{block.place}: no file {name}"
         for extras in re.findall(r"\[([a-z,]+)\]", command):

@@ -33,7 +33,8 @@ def test_a_picture_fills_the_columns_and_has_one_size_of_letters_and_two_weights
     assert width and float(width[1]) == pytest.approx(72.0 * COLUMNS[columns], abs=0.1)
     for axes in figure.axes:
         assert [line.get_linewidth() for line in axes.lines] == [1.0, 0.6]
-        assert {text.get_fontsize() for text in axes.get_legend().get_texts()} == {LETTERS}
+        legend = axes.get_legend()
+        assert legend and {text.get_fontsize() for text in legend.get_texts()} == {LETTERS}
     lefts = {round(axes.get_position().x0, 2) for axes in figure.axes}
     assert len(lefts) == columns
 

@@ -86,7 +86,9 @@ def _fit(figure: Figure, columns: int) -> None:
         if legend := axes.get_legend():
             # the distances in a legend are those of the letters that it was made with
             names = [text.get_text() for text in legend.get_texts()]
-            axes.legend(legend.legend_handles, names, loc=legend._loc, fontsize=LETTERS, frameon=False)
+            handles = [handle for handle in legend.legend_handles if handle is not None]
+            loc = getattr(legend, "_loc", "best")
+            axes.legend(handles, names, loc=loc, fontsize=LETTERS, frameon=False)
     for text in figure.findobj(Text):
         text.set_fontsize(LETTERS)
     for line in figure.findobj(Line2D):
