@@ -5,6 +5,7 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 from matplotlib import rc_context
 from matplotlib.figure import Figure
@@ -87,7 +88,7 @@ def _fit(figure: Figure, columns: int) -> None:
             # the distances in a legend are those of the letters that it was made with
             names = [text.get_text() for text in legend.get_texts()]
             handles = [handle for handle in legend.legend_handles if handle is not None]
-            loc = getattr(legend, "_loc", "best")
+            loc: Any = getattr(legend, "_loc", "best")
             axes.legend(handles, names, loc=loc, fontsize=LETTERS, frameon=False)
     for text in figure.findobj(Text):
         text.set_fontsize(LETTERS)
