@@ -5,10 +5,9 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
 from mkdocs.structure.pages import Page
-from pygments.formatters import HtmlFormatter
 
 from docs.builder.equations import Equations
-from docs.builder.repository import Repository
+from docs.builder.repository import SHELF, Repository
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
@@ -18,23 +17,18 @@ def on_config(config: MkDocsConfig) -> MkDocsConfig:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the pages of files outside docs/, and the colours of code."""
+    """Add the pages of files outside docs/."""
     for page, markdown in _repository(config).pages().items():
         files.append(File.generated(config, page, content=markdown))
-    files.append(File.generated(config, "css/code.css", content=_colours()))
     return files
 
 
 def on_page_markdown(markdown: str, page: Page, config: MkDocsConfig, files: Files) -> str:
-    """Lead links out of docs/ to those pages."""
+    """Lead links out of docs/ to those pages, in which nobody searches for words."""
+    if page.file.src_uri.startswith(f"{SHELF}/"):
+        page.meta["search"] = {"exclude": True}
     return _repository(config).linked(page.file.src_uri, markdown)
 
 
 def _repository(config: MkDocsConfig) -> Repository:
     return Repository(Path(config.config_file_path).parent)
-
-
-def _colours() -> str:
-    light = HtmlFormatter(style="default").get_style_defs(".codehilite")
-    dark = HtmlFormatter(style="github-dark").get_style_defs(".codehilite")
-    return f"{light}\n@media (prefers-color-scheme: dark) {{\n{dark}\n}}\n"

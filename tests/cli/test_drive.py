@@ -107,12 +107,19 @@ def test_new_writes_a_mapping_that_the_check_takes_and_never_overwrites_it(root:
     assert (tmp_path / "mapping.toml").read_text() == written
 
 
-def test_compare_prints_a_table_and_draws_a_picture(root: Path, tmp_path: Path):
-    arguments = ("velocity_servo", "ideal_velocity", "--experiment", root / FIG4, "--out", tmp_path / "x", "--json")
-    facts = json.loads(twin("drive", "compare", *arguments, cwd=root).stdout)
-    assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "ideal_velocity"]
-    with Image.open(facts["picture"]) as image:
-        assert image.width >= 1200
+def test_compare_says_first_who_is_better_and_draws_a_picture_and_a_page_of_each_experiment(root: Path, tmp_path: Path):
+    experiments = ("--experiment", root / FIG4, "--experiment", "step_z_air", "--set", "duration_s=2", "--body", "back")
+    words = ("velocity_servo", "stepper", *experiments, "--out", tmp_path / "x", "--html", "--json")
+    facts = json.loads(twin("drive", "compare", *words, cwd=root).stdout)
+    assert facts["verdict"][0].startswith("stepper beside velocity_servo: ")
+    assert facts["set"] == ["duration_s=2", "body back"]
+    for one in facts["experiments"]:
+        assert [drive["drive"] for drive in one["drives"]] == ["velocity_servo", "stepper"]
+        with Image.open(one["picture"]) as image:
+            assert image.width >= 1200
+    page = Path(facts["page"]).read_text()
+    assert page.index(facts["verdict"][0]) < page.index("fig4_force_position</h2>") < page.index("step_z_air</h2>")
+    assert page.count("data:image/png;base64,") == 2
 
 
 def test_help_of_every_command_fits_80_columns(tmp_path: Path):

@@ -1,6 +1,8 @@
 """The site is built without a warning, holds every page, and loads nothing from anywhere else."""
 
+import os
 import re
+import shutil
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -10,6 +12,7 @@ from urllib.parse import unquote, urlsplit
 
 import pytest
 import yaml
+from playwright.sync_api import sync_playwright
 
 from docs.builder.repository import Repository
 
@@ -20,7 +23,9 @@ LEFT_OVER = re.compile(r"^(?:<p>)?(?:[-*] |\d+\. |\|[ -]).*$|\$<|<code>(?:sh|pyt
 def site(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("site")
     command = [sys.executable, "-m", "mkdocs", "build", "--strict", "--site-dir", str(folder)]
-    done = subprocess.run(command, cwd=root, capture_output=True, text=True)
+    # the theme advertises its successor in the build
+    environment = os.environ | {"NO_MKDOCS_2_WARNING": "1"}
+    done = subprocess.run(command, cwd=root, env=environment, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert "WARNING" not in done.stderr
     return folder
@@ -70,6 +75,30 @@ def test_a_link_into_the_code_shows_the_code(site: Path, root: Path):
     text = re.sub(r"<[^>]+>", "", page)
     assert "def dead_zone(d, half_width):" in text
     assert 'href="repository/twin/robot/sea.py.html"' in (site / "physics.html").read_text()
+
+
+def test_the_search_needs_no_server_and_looks_into_no_code(site: Path):
+    index = (site / "search/search_index.js").read_text()
+    assert index.startswith("var __index = {") and '"location":"tutorial.html' in index
+    assert '"location":"repository/' not in index
+    assert 'src="js/iframe-worker.js"' in (site / "index.html").read_text()
+
+
+@pytest.mark.endurance
+def test_a_word_is_found_in_a_site_that_is_opened_from_the_disk(site: Path):
+    program = shutil.which("chromium")
+    if program is None:
+        pytest.skip("no chromium on this machine")
+    with sync_playwright() as playwright:
+        browser = playwright.chromium.launch(executable_path=program, args=["--no-sandbox"])
+        page, asked = browser.new_page(), list[str]()
+        page.on("request", lambda request: asked.append(request.url))
+        page.goto((site / "index.html").as_uri())
+        page.click(".md-search__input")
+        page.keyboard.type("backlash", delay=30)
+        page.wait_for_selector(".md-search-result__link")
+        assert [url for url in asked if not url.startswith("file:")] == []
+        browser.close()
 
 
 def test_no_markdown_is_left_over_in_a_page(site: Path):

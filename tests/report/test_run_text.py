@@ -2,8 +2,8 @@ import pytest
 
 from twin.report.run_text import MOST_EVENTS, run_facts, run_text
 
-OUTCOME = {"peak": 4.961, "peak_time": 13.54, "end": 4.884, "force_error": 0.451, "lateral_error": 0.00218,
-           "z_error": 0.00102}  # fmt: skip
+OUTCOME = {"peak": 4.961, "peak_time": 13.54, "end": 4.884, "end_x": -0.001, "end_y": -1.07, "force_error": 0.451,
+           "lateral_error": 0.00218, "z_error": 0.00102}  # fmt: skip
 RUN = {
     "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
     "remarks": ["2 of 2000 deadlines missed"], "outcome": OUTCOME, "trip": "", "changed": False, "punctuality": None,
@@ -19,8 +19,9 @@ def test_a_run_says_its_outcome_first_and_where_it_is_last():
     lines = run_text(RUN).splitlines()
     assert lines[:2] == ["press  20 s at 400 x real time", "  2 of 2000 deadlines missed"]
     assert lines[2] == "  force      4.96 N at 13.54 s at most, 4.88 N in the last second"
-    assert lines[4] == "  position   2.18 mm lateral and 1.02 mm in z rms off the reference"
-    assert lines[5] == "   5.606 s  force control triggered at F_z = 0.603 N"
+    assert lines[3] == "             0.00 N along x, -1.07 N along y in the last second"
+    assert lines[5] == "  position   2.18 mm lateral and 1.02 mm in z rms off the reference"
+    assert lines[6] == "   5.606 s  force control triggered at F_z = 0.603 N"
     assert lines[-1] == "  recording  results/press/2026/run.mcap"
     assert max(map(len, lines)) <= 80
 

@@ -50,6 +50,7 @@ def test_the_outcome_is_that_of_the_recording_however_the_run_is_sliced(force_po
     # sums in another order round differently
     assert found.peak == F_z.max() and found.peak_time == pytest.approx(F_z.argmax() * 1e-3, rel=1e-12)
     assert found.end == pytest.approx(F_z[-1000:].mean(), rel=1e-12)
+    assert (found.end_x, found.end_y) == pytest.approx(rows[-1000:, 0:2].mean(axis=0), rel=1e-12)
     assert found.force_error == pytest.approx(rms(5.0 - F_z[on]), rel=1e-9)
     error = rows[:, 3:6] - rows[:, 6:9]
     assert found.lateral_error == pytest.approx(rms(np.hypot(error[:, 0], error[:, 1])), rel=1e-9)
@@ -60,6 +61,15 @@ def test_a_run_tells_its_outcome_in_its_summary(force_position: Recording):
     outcome = json.loads((force_position.path.parent / "summary.json").read_text())["outcome"]
     # the final true force of the paper's run, 4.88 N
     assert outcome["end"] == pytest.approx(4.88, abs=0.1)
+
+
+def test_a_tilted_scale_is_seen_in_the_force_along_x(force_position: Recording, imperfect: tuple[Recording, Recording]):
+    level, tilted = (
+        json.loads((run.path.parent / "summary.json").read_text())["outcome"] for run in (force_position, imperfect[0])
+    )
+    # 5 N on a slope of 1 degree are 0.087 N across it
+    assert level["end_x"] == pytest.approx(0.0, abs=1e-6)
+    assert tilted["end_x"] == pytest.approx(-5.0 * np.sin(np.radians(1.0)), abs=0.01)
 
 
 def test_without_a_force_loop_there_is_no_force_error(position: Recording):

@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, DriveName, Formats, Isolate, Settings
 
 
 def analyse(
@@ -35,6 +35,8 @@ def analyse(
             help="Instead: what a hand feels of the robot, where it is passive, and the stiffness that it renders.",
         ),
     ] = False,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -57,4 +59,4 @@ def analyse(
         "out": out,
     }
     study = "passivity_study:in_the_hand" if passivity else "study:analyse"
-    ask(f"twin.studies.analyse.{study}", asked, as_json, isolate)
+    ask(f"twin.studies.analyse.{study}", asked, as_json, isolate, formats=formats, columns=columns)

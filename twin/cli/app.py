@@ -25,6 +25,7 @@ from twin.cli import (
     replay,
     report,
     run,
+    runs,
     schema,
     sweep,
     tune,
@@ -63,6 +64,7 @@ app.command("check")(check.check)
 app.command("faults")(faults.faults)
 app.command("falsify")(falsify.falsify)
 app.add_typer(sweep.app, name="sweep")
+app.command("runs")(runs.runs)
 app.command("report")(report.report)
 app.command("replay")(replay.replay)
 app.command("converge")(converge.converge)

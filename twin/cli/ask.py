@@ -1,5 +1,6 @@
 """Asks a study and prints its answer. If an FMU crashes meanwhile, the command ends with a sentence."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from twin.cli.options import JobIsolation
@@ -17,6 +18,8 @@ def ask(
     as_json: bool = False,
     isolate: JobIsolation = JobIsolation.NONE,
     limits: Limits = Limits(),  # noqa: B008, it is frozen
+    formats: Sequence[str] | None = None,
+    columns: int = 2,
 ) -> None:
     """Print what `study` answers, as text or as JSON, and end with its exit code.
 
@@ -25,7 +28,7 @@ def ask(
     Raises:
         SystemExit: the exit code is not 0.
     """
-    answer = answer_of(study, asked, isolate, limits)
+    answer = answer_of(study, asked, isolate, limits, formats, columns)
     show(answer, as_json)
     if answer.exit_code:
         raise SystemExit(answer.exit_code)
@@ -36,6 +39,8 @@ def answer_of(
     asked: dict[str, Any],
     isolate: JobIsolation = JobIsolation.NONE,
     limits: Limits = Limits(),  # noqa: B008, it is frozen
+    formats: Sequence[str] | None = None,
+    columns: int = 2,
 ) -> Answer:
     """What `study` answers; what it is doing is shown meanwhile.
 
@@ -44,6 +49,7 @@ def answer_of(
         asked: the function's arguments.
         isolate: what gets a process of its own; a study that steps no FMU needs none.
         limits: of that process.
+        formats, columns: of pictures for a paper, besides those for the screen.
 
     Raises:
         ComponentFailed: an FMU crashed, hung or ended that process. With nothing recorded to lose it is no matter
@@ -51,10 +57,10 @@ def answer_of(
         TwinError: the study raised one.
     """
     shown = progress()
-    arguments: dict[str, Any] = {"study": study, "asked": asked}
+    arguments: dict[str, Any] = {"study": study, "asked": asked, "formats": list(formats or ()), "columns": columns}
 
     def hear(note: dict[str, Any]) -> None:
-        shown.say(note["say"])
+        shown.step(note["say"], note["share"])
 
     try:
         if isolate == JobIsolation.RUN:

@@ -6,7 +6,8 @@ from typing import Annotated
 import typer
 
 from twin.cli.ask import ask
-from twin.cli.options import AsJson
+from twin.cli.latest import tell_latest
+from twin.cli.options import AsJson, Columns, Formats
 from twin.errors import InputRefused
 
 FIGURES = {"fig4": "twin.studies.paper.study:score_fig4", "fig5": "twin.studies.paper.study:score_fig5"}
@@ -46,6 +47,8 @@ def compare(
         Path | None,
         typer.Option(metavar="DIR", help="Where picture and JSON go; results/compare, or results/FIGURE."),
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
@@ -59,6 +62,7 @@ def compare(
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
+    tell_latest(runs or ([] if paper is None else _latest(paper)))
     if paper is None:
         asked = {
             "paths": runs or [],
@@ -69,10 +73,17 @@ def compare(
             "partial": partial,
             "out": out,
         }
-        ask("twin.studies.compare.study:compare", asked, as_json)
+        ask("twin.studies.compare.study:compare", asked, as_json, formats=formats, columns=columns)
     elif paper not in FIGURES:
         raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
     elif signal or tol or column_map or partial or align != "none":
         raise InputRefused(f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds")
     else:
-        ask(FIGURES[paper], {"paths": runs or [], "out": out}, as_json)
+        ask(FIGURES[paper], {"paths": runs or [], "out": out}, as_json, formats=formats, columns=columns)
+
+
+def _latest(figure: str) -> list[Path]:
+    """Where the runs of a figure are looked for if none are named."""
+    from twin.studies.paper.study import FIGURE_EXPERIMENTS, HOME
+
+    return [HOME / name for name in FIGURE_EXPERIMENTS.get(figure, ())]

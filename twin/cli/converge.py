@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, Columns, DriveName, Formats, Isolate, Settings
 
 
 def converge(
@@ -31,6 +31,8 @@ def converge(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go: results/converge/EXPERIMENT.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -52,4 +54,4 @@ def converge(
         "smooth": smooth,
         "out": out,
     }
-    ask("twin.studies.converge.study:converge", asked, as_json, isolate)
+    ask("twin.studies.converge.study:converge", asked, as_json, isolate, formats=formats, columns=columns)

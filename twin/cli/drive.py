@@ -4,15 +4,28 @@ import math
 import shlex
 import sys
 import textwrap
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from twin.cli.ask import answer_of, ask, show
+from twin.cli.ask import answer_of, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.drive_survey import survey
-from twin.cli.options import JOB_ISOLATION, AsJson, Compile, Isolate, JobIsolation, LimitStep, LimitWall
+from twin.cli.options import (
+    JOB_ISOLATION,
+    AsJson,
+    BodyName,
+    Columns,
+    Compile,
+    Formats,
+    Isolate,
+    JobIsolation,
+    LimitStep,
+    LimitWall,
+    Settings,
+)
 from twin.errors import InputRefused
 from twin.runs.guard.limits import Limits
 from twin.writing import json_text
@@ -123,6 +136,8 @@ def check(
     limit_wall: LimitWall = math.inf,
     yes: Annotated[bool, typer.Option("--yes", help="Check what takes more than an hour.")] = False,
     compile_: Compile = False,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Qualify drives on the bench: signs, speeds, droop, bandwidth, step, stall, step size, repeatability, cost.
@@ -143,7 +158,7 @@ def check(
             _build(lone_drive(fmu, Path.cwd()))
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
         limits = Limits(limit_step, limit_wall)
-        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits)
+        answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits, formats, columns)
         answers.append(answer)
         if as_json or not as_table:
             show(answer, as_json)
@@ -162,23 +177,45 @@ def compare(
     fmus: Annotated[
         list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.", autocompletion=drive_names)
     ],
-    experiment: Annotated[
-        Path, typer.Option(metavar="FILE", help="The experiment (TOML).", autocompletion=experiment_files)
+    experiments: Annotated[
+        list[Path],
+        typer.Option(
+            "--experiment",
+            metavar="FILE",
+            help="An experiment, file or name; may be repeated.",
+            autocompletion=experiment_files,
+        ),
     ],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_compare"),
+    body: BodyName = None,
+    settings: Settings = None,
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Where pictures go.")] = Path("results/drive_compare"),
+    html: Annotated[bool, typer.Option("--html", help="Write all of it as one page, compare.html, too.")] = False,
     isolate: Isolate = JOB_ISOLATION,
     limit_step: LimitStep = Limits.step,
     limit_wall: LimitWall = math.inf,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
-    """Run the same experiment with one drive after the other, and judge what truly happened.
+    """Run the same experiments with one drive after the other, and judge what truly happened.
 
+    First it says in what each drive is better or worse than the first one, then
+    the numbers.
     Exit code: 0 all ran, 2 one is refused (none has run), 3 one failed.
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
-    asked = {"fmus": fmus, "experiment": experiment, "out": out}
-    ask("twin.studies.qualify.study:compare_drives", asked, as_json, isolate, Limits(limit_step, limit_wall))
+    asked = {"fmus": fmus, "experiments": experiments, "settings": settings or [], "body": body, "out": out}
+    limits = Limits(limit_step, limit_wall)
+    answer = answer_of("twin.studies.qualify.study:compare_drives", asked, isolate, limits, formats, columns)
+    if html:
+        from twin.report.page.drives import write_drives_page
+
+        page = write_drives_page(answer.facts, out)
+        answer = replace(answer, text=f"{answer.text}\npage     {page}", facts=answer.facts | {"page": str(page)})
+    show(answer, as_json)
+    if answer.exit_code:
+        raise SystemExit(answer.exit_code)
 
 
 def _facts(plan: "DrivePlan") -> dict[str, object]:

@@ -6,6 +6,7 @@ from typing import Annotated
 
 import typer
 
+from twin.cli.latest import tell_latest
 from twin.errors import InputRefused
 
 
@@ -52,6 +53,7 @@ def export(
     chosen = [form for form, wanted in zip(Format, (csv, parquet, mat, ros2), strict=True) if wanted]
     if len(chosen) != 1:
         raise InputRefused(f"got {len(chosen)} formats; expected one of --csv, --parquet, --mat and --ros2")
+    tell_latest([run])
     from twin.recording.export.export import export_recording
 
     exported = export_recording(run, chosen[0].value, signals or (), rate, out, force, maps or ())

@@ -7,7 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, DriveName, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, DriveName, Formats, Isolate, Settings
 from twin.errors import ComponentFailed
 
 
@@ -34,6 +34,8 @@ def faults(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where rows, picture and JSON go: results/faults/EXPERIMENT.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -58,7 +60,7 @@ def faults(
         "out": out,
     }
     try:
-        ask("twin.studies.faults.study:break_everything", asked, as_json, isolate)
+        ask("twin.studies.faults.study:break_everything", asked, as_json, isolate, formats=formats, columns=columns)
     except ComponentFailed as failure:
         from twin.studies.faults.study import HOME, ROWS
 

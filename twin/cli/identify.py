@@ -6,7 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask
-from twin.cli.options import AsJson, ColumnMap, Settings
+from twin.cli.latest import tell_latest
+from twin.cli.options import AsJson, ColumnMap, Columns, Formats, Settings
 
 
 def identify(
@@ -27,6 +28,8 @@ def identify(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/identify/NAME/TIME.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
@@ -38,6 +41,7 @@ def identify(
 
     Example: twin identify results/fig4_force_position
     """
+    tell_latest([log])
     asked: dict[str, Any] = {
         "log": log,
         "maps": maps or [],
@@ -47,4 +51,4 @@ def identify(
         "motor_torque": motor_torque,
         "out": out,
     }
-    ask("twin.studies.identify.study:identify", asked, as_json)
+    ask("twin.studies.identify.study:identify", asked, as_json, formats=formats, columns=columns)

@@ -41,6 +41,20 @@ Compile = Annotated[
 ]
 
 
+class PictureFormat(StrEnum):
+    """What pictures are written as for a paper."""
+
+    SVG = "svg"
+    PDF = "pdf"
+
+
+Formats = Annotated[
+    list[PictureFormat] | None,
+    typer.Option("--format", help="Pictures for a paper, beside those for the screen; may be repeated."),
+]
+Columns = Annotated[int, typer.Option("--columns", min=1, max=2, help="Of --format; columns of the paper they fill.")]
+
+
 class Isolation(StrEnum):
     """What lives in a process of its own."""
 

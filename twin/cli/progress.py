@@ -11,6 +11,8 @@ from twin.runs.guard.limits import duration_text
 
 NARROW = 60
 """A line of so many columns has no room for a bar."""
+SOON = 1.0
+"""s. What is over sooner needs no estimate."""
 MINUTE = 60.0
 """How often (s) whoever has no terminal is told how far it is."""
 
@@ -54,6 +56,8 @@ class Progress:
     own, and a line each minute. Others show one thing after the other."""
 
     _told = False
+    _began: float | None = None
+    _share = _first = 0.0
 
     def __init__(self) -> None:
         self._name, self._duration, self._speed, self._next = "", 0.0, Speed(), time.monotonic() + MINUTE
@@ -63,6 +67,23 @@ class Progress:
         if time.monotonic() > self._next:
             self._next = time.monotonic() + MINUTE
             print(f"{self._name} {what}".strip(), file=sys.stderr, flush=True)
+
+    def step(self, what: str, share: float | None) -> None:
+        """`what` is going on, and `share` of all is over, 0 .. 1; None: nobody knows how much."""
+        if share is None:
+            self.say(what)
+            return
+        if self._began is None or share < self._share:
+            self._began, self._first = time.monotonic(), share
+        self._share = share
+        self.say("  ".join(filter(None, (what, f"{share:.0%}", self._left(share)))))
+
+    def _left(self, share: float) -> str:
+        """`14 minutes left`; "" if it is not worth telling, or nobody can know yet."""
+        if self._began is None or share <= self._first:
+            return ""
+        seconds = (time.monotonic() - self._began) * (1.0 - share) / (share - self._first)
+        return f"about {duration_text(seconds)} left" if seconds > SOON else ""
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
@@ -155,6 +176,13 @@ class Bar(Progress):
 
     def say(self, what: str) -> None:
         self._line.update(self._task, clock=what)
+        self._line.start()
+
+    def step(self, what: str, share: float | None) -> None:
+        if share is None:
+            self.say(what)
+            return
+        self._line.update(self._task, description=visible(what), total=1.0, completed=share, clock=f"{share:4.0%}")
         self._line.start()
 
     def begin(self, name: str, duration: float) -> None:

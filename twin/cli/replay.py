@@ -6,7 +6,8 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask
-from twin.cli.options import AsJson, ColumnMap, Settings
+from twin.cli.latest import tell_latest
+from twin.cli.options import AsJson, ColumnMap, Columns, Formats, Settings
 
 
 def replay(
@@ -21,8 +22,11 @@ def replay(
         bool, typer.Option("--plant", help="Let the plant model run, driven by the log's motor angles.")
     ] = False,
     baseline: Annotated[
-        float, typer.Option(metavar="S", help="Beginning of the log that says what is normal; best in free air.")
-    ] = 1.0,
+        str,
+        typer.Option(
+            metavar="S", help="What says what is normal, best in free air: so much of the beginning, or FROM:TO."
+        ),
+    ] = "1",
     tolerance: Annotated[
         float | None,
         typer.Option(metavar="N", help="Change of the force that is no news; without it, what rounding can do."),
@@ -30,6 +34,8 @@ def replay(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where files go; without it, results/replay/NAME/TIME.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Replay a robot's log: position, force, and whether the twin still matches.
@@ -42,14 +48,17 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
+    from twin.studies.replay.normal import normal_time
+
+    tell_latest([log])
     asked: dict[str, Any] = {
         "log": log,
         "maps": maps or [],
         "experiment": experiment,
         "settings": settings or [],
         "plant": plant,
-        "baseline": baseline,
+        "baseline": normal_time(baseline),
         "tolerance": tolerance,
         "out": out,
     }
-    ask("twin.studies.replay.study:replay", asked, as_json)
+    ask("twin.studies.replay.study:replay", asked, as_json, formats=formats, columns=columns)

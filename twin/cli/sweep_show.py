@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin.cli.options import AsJson
+from twin.cli.options import AsJson, Columns, Formats
 from twin.writing import json_text
 
 if TYPE_CHECKING:
@@ -30,6 +30,8 @@ def show(
     y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="Parameter up the heat map.")] = None,
     html: Annotated[bool, typer.Option("--html", help="Write all of it as one page, sweep.html, too.")] = False,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write the rows as rows.parquet, too.")] = False,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
     """Show what a sweep came to, also while it runs: best runs, what matters, drives,
@@ -41,6 +43,7 @@ def show(
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
+    from twin.studies.paper_figure import for_paper
     from twin.studies.sweep.folder import HOME, kept
     from twin.studies.sweep.parquet import write_parquet
     from twin.studies.sweep.show.parts import Asked, parts
@@ -56,7 +59,9 @@ def show(
     claims = claims_in(found.rows)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.rows)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
-    files = write_pictures(found, asked, x, y, folder)
+    with for_paper(formats or (), columns) as paper:
+        files = write_pictures(found, asked, x, y, folder)
+    vectors = {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}
     if html:
         from twin.report.page.sweep import write_sweep_page
 
@@ -64,6 +69,7 @@ def show(
     if parquet:
         files["rows"] = folder / "rows.parquet"
         write_parquet(found, files["rows"])
+    files |= vectors
     if as_json:
         tables = [asdict(part) for part in parts(found, asked)]
         paths = {name: str(path) for name, path in files.items()}

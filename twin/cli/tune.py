@@ -8,7 +8,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
-from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Isolate, Settings
+from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, Formats, Isolate, Settings
 
 
 def tune(
@@ -38,6 +38,8 @@ def tune(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Where gains, picture, JSON go: results/tuning/EXPERIMENT.")
     ] = None,
+    formats: Formats = None,
+    columns: Columns = 2,
     as_json: AsJson = False,
     isolate: Isolate = JOB_ISOLATION,
 ) -> None:
@@ -66,4 +68,4 @@ def tune(
         "out": out,
         "schedule": schedule,
     }
-    ask("twin.studies.tune.study:tune", asked, as_json, isolate)
+    ask("twin.studies.tune.study:tune", asked, as_json, isolate, formats=formats, columns=columns)

@@ -47,6 +47,8 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
     if outcome["peak"] > 0.0:
         peak = f"{outcome['peak']:.2f} N at {outcome['peak_time']:.2f} s at most"
         yield _row("force", f"{peak}, {outcome['end']:.2f} N in the last second")
+        if "end_x" in outcome:
+            yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
         if outcome["force_error"] is not None:
             yield _row("", f"{outcome['force_error']:.2f} N rms off the reference while the force loop is on")
     else:
@@ -55,6 +57,11 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
         return
     lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
     yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z rms off the reference")
+
+
+def _force(value: float) -> str:
+    # no minus before what rounds to nothing
+    return f"{round(value, 2) + 0.0:.2f} N"
 
 
 def _events(run: Mapping[str, Any]) -> Iterator[str]:

@@ -22,6 +22,7 @@ class RunOutcome:
     Attributes:
         peak, peak_time: largest pressing force (N) and when (s).
         end: mean pressing force of the last second (N).
+        end_x, end_y: mean force along x and y, by the robot on what it touches, of the last second (N).
         force_error: rms of the pressing force off its reference while the force loop is on (N); None: it never was.
         lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
             None: the controller, one of another make, tells of no reference.
@@ -30,6 +31,8 @@ class RunOutcome:
     peak: float
     peak_time: float
     end: float
+    end_x: float
+    end_y: float
     force_error: float | None
     lateral_error: float | None
     z_error: float | None
@@ -52,7 +55,7 @@ class Tally(Observer):
         self._squares = np.zeros(3)
         self._force_squares = 0.0
         self._peak, self._peak_tick = -math.inf, 0
-        self._last = np.empty(0)
+        self._last = np.empty((0, 3))
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
         taken = [
@@ -75,7 +78,7 @@ class Tally(Observer):
         self._force_squares += float(np.sum(np.square(F_z_ref[on] - F_z[on])))
         self._squares = self._squares + np.sum(np.square(p_B - p_ref_B), axis=0)
         self._count += len(rows)
-        self._last = np.concatenate([self._last, F_z])[-round(END / self._tick) :]
+        self._last = np.concatenate([self._last, rows[:, :3]])[-round(END / self._tick) :]
 
     @property
     def outcome(self) -> RunOutcome:
@@ -88,7 +91,9 @@ class Tally(Observer):
         return RunOutcome(
             peak=total._peak,
             peak_time=total._peak_tick * total._tick,
-            end=float(np.mean(total._last)),
+            end=float(np.mean(-total._last[:, 2])),
+            end_x=float(np.mean(total._last[:, 0])),
+            end_y=float(np.mean(total._last[:, 1])),
             force_error=math.sqrt(total._force_squares / controlled) if controlled else None,
             lateral_error=None if math.isnan(x + y) else math.sqrt(x + y),
             z_error=None if math.isnan(z) else math.sqrt(z),

@@ -1,7 +1,7 @@
 """What a study comes to, and how it is asked: every question in the same way."""
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -59,13 +59,29 @@ def judged(
     return Answer("\n".join(lines), facts, 0 if holds else 1)
 
 
-def answered(reporter: "Reporter", study: str, asked: dict[str, Any]) -> dict[str, Any]:
+def answered(
+    reporter: "Reporter", study: str, asked: dict[str, Any], formats: Sequence[str] = (), columns: int = 2
+) -> dict[str, Any]:
     """The answer of a study, taken apart; a job of the guard.
 
-    Notes {"say": what is being done}.
+    Notes {"say": what is being done, "share": of all that is over, or None}.
 
     Args:
         study: "module:function"; the function takes what is asked, and `say`, which it tells what it is doing.
         asked: its arguments.
+        formats, columns: of pictures for a paper, see `for_paper`.
     """
-    return vars(function_called(study)(**asked, say=lambda what: reporter.note(say=what)))
+
+    def say(what: str, share: float | None = None, /) -> None:
+        reporter.note(say=what, share=share)
+
+    if not formats:
+        return vars(function_called(study)(**asked, say=say))
+    # most answers draw nothing, and it takes a while to load
+    from twin.studies.paper_figure import for_paper
+
+    with for_paper(formats, columns) as paper:
+        answer = function_called(study)(**asked, say=say)
+    files = [str(path) for path in paper.written]
+    lines = [answer.text, *(f"  {Path(file).suffix[1:]:<8} {file}" for file in files)]
+    return vars(replace(answer, text="\n".join(lines), facts=answer.facts | {"pictures": files}))

@@ -8,6 +8,7 @@ from typing import Any
 from matplotlib import rc_context
 from matplotlib.figure import Figure
 
+from twin.studies.paper_figure import write_for_paper
 from twin.writing import written
 
 BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#cc79a7", "#d55e00", "#56b4e9"
@@ -34,7 +35,7 @@ MAP: Look = {"axes.grid": False, "axes.spines.top": True, "axes.spines.right": T
 def picture(
     path: Path, width: float, height: float, title: str = "", by_hand: bool = False, look: Look = LOOK
 ) -> Iterator[Figure]:
-    """A figure to draw on, written to `path`, in the format of its suffix, when the block is done.
+    """A figure to draw on, written to `path`, in the format of its suffix, when the block is done; see `for_paper`.
 
     The same figure gives the same bytes.
 
@@ -55,3 +56,4 @@ def picture(
         yield figure
         with written(path) as beside:
             figure.savefig(beside, metadata={"Software": None})
+        write_for_paper(figure, path)

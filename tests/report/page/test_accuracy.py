@@ -78,11 +78,13 @@ def test_a_budget_is_made_of_the_experiment_as_it_was_recorded(root: Path, tmp_p
     experiment = load_experiment(root / "experiments/fig4_force_position.toml", settings)
     execute(experiment, tmp_path)
     told: list[str] = []
-    page = Path(write_report([tmp_path], None, True, told.append).facts["page"]).read_text()
+    page = Path(
+        write_report([tmp_path], None, True, lambda what, share=None: told.append(what)).facts["page"]
+    ).read_text()
     budget = accuracy_budget(experiment)
     assert rows(page)["backlash"][2] == f"{budget.of('imperfection')[1].rms:.4f}"
     assert rows(page)["as it is"][2] == f"{budget.as_is.rms:.4f}"
-    assert told[:2] == ["fig4_force_position: as it is", "fig4_force_position: ideal"]
+    assert told[:2] == [f"fig4_force_position: {name}, {n} of 27" for n, name in ((1, "as it is"), (2, "ideal"))]
 
 
 def test_a_run_without_force_has_no_budget(root: Path, tmp_path: Path):

@@ -1,7 +1,8 @@
 import pytest
 
+from twin.experiment.difference import flat, name_and_unit
 from twin.recording.recording import Recording
-from twin.report.page.parameters import differences, flat, name_and_unit, source
+from twin.report.page.parameters import differences, source
 from twin.report.page.run import ReportRun
 
 

@@ -71,6 +71,12 @@ def test_of_a_curve_outside_there_is_what_a_picture_needs():
     assert now - before == pytest.approx(0.06, abs=1e-5)
 
 
+def test_what_has_no_baseline_counts_as_what_has_one():
+    now = coming_to(1.0)
+    first, later = (verdict(EXPERIMENT, "x", kept, now) for kept in (None, baseline()))
+    assert [row.name for row in first.rows] == [row.name for row in later.rows] and set(words(first)) == {"new"}
+
+
 def test_what_is_only_in_one_of_them_deviates():
     stored = baseline()
     now = replace(coming_to(1.0), metrics={"z.other": Metric(1.0, "s", 0.0)}, curves={})

@@ -1,5 +1,6 @@
 """A whole study, short, and what it recommends."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,14 @@ def test_a_pressing_robot_is_told_what_to_use(tmp_path: Path):
     assert max(map(len, text.splitlines())) <= 80
     assert text.startswith(f"fig4_position: use {found.choice.coupling.name} at ")
     draw_convergence(found, tmp_path / "picture.png")
+    for tolerance, resolution, why in (
+        (1e-3, None, "it keeps the tolerance, too"),
+        (1e-4, 1.0, "its error is 0% of a step"),
+        (1e-4, None, "be seen: take"),
+    ):
+        other = replace(found, tolerance=tolerance, resolution=resolution)
+        words = " ".join(convergence_text(other, files).split())
+        assert why in words and f"--set cosim.inputs={found.choice.coupling.inputs}" in words
 
 
 def test_facts_are_plain_numbers(study: Study):

@@ -106,9 +106,11 @@ def test_one_pose_cannot_say_where_the_joints_zeros_are():
     assert one.alike
 
 
-def refused(log: Log, kind: type[TwinError] = LogRefused, **options: bool) -> str:
+def refused(
+    log: Log, kind: type[TwinError] = LogRefused, height: float | None = None, motor_torque: bool = False
+) -> str:
     with pytest.raises(kind) as refusal:
-        identified(log, model(), **options)
+        identified(log, model(), height, motor_torque)
     sentence = str(refusal.value)
     assert sentence.startswith(f"{log.path}: ") and "\n" not in sentence
     return sentence

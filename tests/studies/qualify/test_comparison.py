@@ -10,7 +10,7 @@ from tests.conftest import ROOT
 from tests.drive.faulty import faulty_drive
 from tests.runs.made_up import made_up
 from twin.errors import InputRefused
-from twin.studies.qualify.comparison import DriveTrial, comparison_facts, trials
+from twin.studies.qualify.comparison import DriveTrial, DriveTrials, comparison_facts, trials, verdict
 from twin.studies.qualify.text import compare_text
 from twin.studies.qualify.true_run import COMPARED, TrueRun
 
@@ -19,7 +19,8 @@ FIG4 = ROOT / "experiments/fig4_force_position.toml"
 
 @pytest.fixture(scope="module")
 def fig4() -> tuple[DriveTrial, ...]:
-    return trials(FIG4, ["velocity_servo", "pmsm_foc", "brushed_dc"])
+    (done,) = trials([FIG4], ["velocity_servo", "pmsm_foc", "brushed_dc"])
+    return done.trials
 
 
 def values(trial: DriveTrial) -> dict[str, float | None]:
@@ -46,14 +47,23 @@ def test_what_a_drive_does_not_tell_is_a_gap_with_a_reason(fig4: tuple[DriveTria
 
 
 def test_the_table_fits_80_columns_with_one_line_per_drive(fig4: tuple[DriveTrial, ...]):
-    lines = compare_text(fig4).splitlines()
+    lines = compare_text(DriveTrials("fig4", fig4)).splitlines()
     assert max(map(len, lines)) <= 80
     assert [line.split()[0] for line in lines[2:5]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(len(line.split()) == 1 + len(COMPARED) for line in lines[2:5])
 
 
+def test_the_verdict_names_every_measure_that_both_have_and_not_what_the_model_costs(fig4: tuple[DriveTrial, ...]):
+    (said, other) = verdict([DriveTrials("fig4", fig4)])
+    assert said.startswith("pmsm_foc beside velocity_servo: ") and other.startswith(
+        "brushed_dc beside velocity_servo: "
+    )
+    assert all(name in said for name in ("settles", "overshoot", "rms F_z", "rms z", "work"))
+    assert not any(name in said for name in ("peak I", "energy", "cost"))
+
+
 def test_facts_name_every_measure_of_every_drive(fig4: tuple[DriveTrial, ...]):
-    facts = comparison_facts(FIG4, fig4)
+    facts = comparison_facts(DriveTrials("fig4", fig4))
     assert [drive["drive"] for drive in facts["drives"]] == ["velocity_servo", "pmsm_foc", "brushed_dc"]
     assert all(list(drive["measures"]) == list(COMPARED) for drive in facts["drives"])
 
@@ -63,15 +73,17 @@ def test_a_drive_that_fails_keeps_its_place_and_the_others_run(tmp_path: Path):
     folder.mkdir()
     faulty_drive(ROOT, folder)
     (folder / "mapping.toml").write_text('fmu = "faulty.fmu"\n[parameters]\ndroop = 2.0\n')
-    failed, servo = trials(FIG4, [str(folder), "velocity_servo"])
+    (done,) = trials([FIG4], [str(folder), "velocity_servo"])
+    failed, servo = done.trials
     assert "NaN" in failed.failure and all(measure.value is None for measure in failed.measures)
     assert servo.failure == ""
-    assert "FAILED" in compare_text((failed, servo))
+    assert "FAILED" in compare_text(done)
+    assert verdict([done]) == [f"{folder} failed in fig4_force_position, and is not judged there"]
 
 
 def test_nothing_runs_if_one_drive_is_refused():
     with pytest.raises(InputRefused, match="no such drive"):
-        trials(FIG4, ["velocity_servo", "nowhere"])
+        trials([FIG4], ["velocity_servo", "nowhere"])
 
 
 def measured(rows: int, **signals: Any) -> dict[str, float | None]:
@@ -131,7 +143,7 @@ def test_only_the_last_change_of_the_reference_counts():
 
 
 def test_drives_are_compared_in_a_task_by_the_force_that_it_holds():
-    (servo,) = trials(ROOT / "experiments/pressing.toml", ["velocity_servo"])
+    (servo,) = trials([ROOT / "experiments/pressing.toml"], ["velocity_servo"])[0].trials
     measured = {measure.name: measure for measure in servo.measures}
     assert measured["settling_time"].remark == "a task has no step"
     # docs/tasks.md: 8 N are held to 0.01 N, with no more above it than the estimate rounds by
@@ -140,7 +152,7 @@ def test_drives_are_compared_in_a_task_by_the_force_that_it_holds():
 
 
 def test_taps_hold_no_force_to_be_compared():
-    (servo,) = trials(ROOT / "experiments/tapping.toml", ["velocity_servo"])
+    (servo,) = trials([ROOT / "experiments/tapping.toml"], ["velocity_servo"])[0].trials
     measured = {measure.name: measure for measure in servo.measures}
     assert measured["rms_force_error"].value is None
     assert measured["overshoot"].remark == "the force loop is never on"

@@ -15,14 +15,14 @@ def test_a_check_that_would_take_more_than_an_hour_is_ended_unless_it_is_meant()
     Workload("servo", sure=False).take(550, 11.0)
 
 
-def test_how_far_it_is_and_how_long_it_will_take_is_said(monkeypatch: pytest.MonkeyPatch):
-    said: list[str] = []
+def test_how_far_it_is_and_what_a_step_takes_is_said(monkeypatch: pytest.MonkeyPatch):
+    said: list[tuple[str, float | None]] = []
     clock = iter([0.0, 30.0, 31.5, 31.5])
     monkeypatch.setattr(workload.time, "monotonic", lambda: next(clock))
-    load = Workload("servo", said.append)
+    load = Workload("servo", lambda what, share=None: said.append((what, share)))
     load.take(ABOUT // 4, 0.5)
     load.take(ABOUT // 4, 59.5)
-    assert said == ["50% of servo, 1.6 ms a step, about 60 s left"]
+    assert said == [("servo, 1.6 ms a step", 0.5)]
 
 
 def test_every_tick_of_the_bench_is_counted(done):

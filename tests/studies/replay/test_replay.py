@@ -139,9 +139,8 @@ def test_a_log_whose_clock_is_uneven_is_recorded_sample_by_sample(tmp_path: Path
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        ({"baseline": 0.0}, "--baseline 0: expected a time > 0 s"),
-        ({"baseline": 30.0}, "expected at least 20 there and more after them; choose with --baseline S"),
-        ({"baseline": 0.01}, "with 5 samples in the first 0.01 s"),
+        ({"baseline": (0.0, 30.0)}, "expected at least 20 there and more after them; choose with --baseline S"),
+        ({"baseline": (0.0, 0.01)}, "with 5 samples in the first 0.01 s"),
         ({"tolerance": -1.0}, "--tolerance -1: expected a force >= 0 N"),
     ],
 )

@@ -16,7 +16,7 @@ from twin.studies.survey.study import survey
 WALL = 60.0
 
 
-def heard(what: str) -> None:
+def heard(what: str, share: float | None = None, /) -> None:
     pass
 
 

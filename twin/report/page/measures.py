@@ -20,13 +20,14 @@ END = "force at the end, mean of the last second"
 class Measure(NamedTuple):
     """A number about a run; `true` is judged, `believed` is what the robot would say. NaN: there is none.
 
-    Infinity: it never happened.
+    Infinity: it never happened. `short` is its name in a verdict on several runs, "" where less is not better.
     """
 
     text: str
     unit: str
     true: float
     believed: float = math.nan
+    short: str = ""
 
 
 def number(value: float, unit: str = "") -> str:
@@ -73,7 +74,14 @@ def _force(run: ReportRun) -> list[Measure]:
     ]
     if not np.any(touching):
         return found
-    found.append(Measure("error of the estimated force in contact, rms", "N", rms((believed - F_z)[touching])))
+    found.append(
+        Measure(
+            "error of the estimated force in contact, rms",
+            "N",
+            rms((believed - F_z)[touching]),
+            short="the estimated force",
+        )
+    )
     if not run.has("controller.F_z_ref") or run.values.get("task"):
         return found
     return found + _regulation(t, F_z, believed, run.held("controller.F_z_ref", t), touching)
@@ -87,15 +95,16 @@ def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching:
     contact = np.flatnonzero(touching)
     late = contact[len(contact) // 2 :]
 
-    def both(text: str, unit: str, of: Callable[[Curve], float]) -> Measure:
-        return Measure(text, unit, of(F_z), of(believed))
+    def both(text: str, unit: str, of: Callable[[Curve], float], short: str = "") -> Measure:
+        return Measure(text, unit, of(F_z), of(believed), short)
 
     return [
         both(f"within {100.0 * BAND:g} % of {target:g} N to the end from", "s",
-             lambda F: settling_time(t, F, target, BAND * target)),
-        both("overshoot of the force", "%", lambda F: 100.0 * overshoot(F, target)),
+             lambda F: settling_time(t, F, target, BAND * target), "settling"),
+        both("overshoot of the force", "%", lambda F: 100.0 * overshoot(F, target), "overshoot"),
         both(END, "N", lambda F: float(np.mean(F[t >= t[-1] - 1.0]))),
-        both(f"rms of {target:g} N - F_z, second half of the contact", "N", lambda F: rms(F[late] - F_z_ref[late])),
+        both(f"rms of {target:g} N - F_z, second half of the contact", "N", lambda F: rms(F[late] - F_z_ref[late]),
+             "force error"),
     ]  # fmt: skip
 
 
@@ -106,12 +115,14 @@ def _path(run: ReportRun) -> list[Measure]:
         off = MM * (p_B - run.held("controller.p_ref_B", t))
         across = np.hypot(off[:, 0], off[:, 1])
         found += [
-            Measure("horizontal distance from the reference, rms", "mm", rms(across)),
+            Measure("horizontal distance from the reference, rms", "mm", rms(across), short="distance from the path"),
             Measure("horizontal distance from the reference, largest", "mm", float(across.max())),
         ]
     if run.has("estimator.p_B"):
         error = np.linalg.norm(run.held("estimator.p_B", t) - p_B, axis=1)
-        found.append(Measure("error of the estimated position, rms", "mm", MM * rms(error)))
+        found.append(
+            Measure("error of the estimated position, rms", "mm", MM * rms(error), short="the estimated position")
+        )
     return found
 
 

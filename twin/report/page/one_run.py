@@ -17,7 +17,7 @@ def draw_one_run(run: Fig4Run, path: Path) -> None:
         # a layout that is worked out draws everything twice
         figure.subplots_adjust(left=0.075, right=0.99, top=0.96, bottom=0.07, hspace=0.12, wspace=0.2)
         height.plot(run.t, 1e3 * run.z_cmd, color=FP_REFERENCE, lw=1.2, label="after the force loop")
-        height.plot(run.t, 1e3 * run.z_ref, color=PRE_DEFINE, lw=2.2, label="pre-defined")
+        height.plot(run.t, 1e3 * run.z_ref, color=PRE_DEFINE, lw=1.6, label="pre-defined")
         height.plot(run.t, 1e3 * run.z, color=FP_BASED, lw=1.6, label="estimated")
         _dotted(height, run.t_plant, 1e3 * run.true_z)
         height.set_ylabel("z position (mm)")

@@ -1,7 +1,7 @@
 """The page: gathers what a report shows and writes it as one file."""
 
 import json
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -20,6 +20,7 @@ from twin.runs.assembly.recorded import recorded_experiment
 from twin.runs.guard.recorded import seen_from_here
 from twin.studies.accuracy.budget import Budget, accuracy_budget
 from twin.studies.answer import Answer
+from twin.studies.steps import Say, silent
 from twin.writing import finite, made_folder, write_text
 
 ASSETS = files("twin.report.page") / "assets"
@@ -33,7 +34,7 @@ def write_report(
     runs: Sequence[Path],
     out: Path | None = None,
     budget: bool = False,
-    say: Callable[[str], None] = lambda what: None,
+    say: Say = silent,
 ) -> Answer:
     """Write the report on the runs meant by `runs`.
 
@@ -75,7 +76,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tu
             for event in run.recording.events
         ],
     }
-    parts = sections(runs, picture(runs, judged), budgets)
+    parts = sections(runs, judged, picture(runs, judged), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
     html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
@@ -94,9 +95,9 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tu
     return html, judged.headline
 
 
-def _budget(run: ReportRun, say: Callable[[str], None]) -> Budget:
+def _budget(run: ReportRun, say: Say) -> Budget:
     experiment = recorded_experiment(run.recording.metadata, run.recording.path)
-    return accuracy_budget(experiment, lambda what: say(f"{run.label}: {what}"))
+    return accuracy_budget(experiment, lambda what, share=None: say(f"{run.label}: {what}", share))
 
 
 def _remark(scenes: Sequence[dict[str, Any] | None], factor: int) -> Markup:

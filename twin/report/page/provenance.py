@@ -6,30 +6,16 @@ import shlex
 from collections.abc import Sequence
 from typing import Any
 
+from twin.experiment.command_line import options
+from twin.experiment.difference import told
 from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.measures import number
-from twin.report.page.parameters import flat, told
 from twin.report.page.run import ReportRun
-
-SET = "set on the command line"
 
 
 def command(run: ReportRun) -> str:
     """What makes this recording again, from the repository: `twin run experiments/... --set ...`."""
-    words = ["twin", "run", f"experiments/{run.name}.toml"]
-    tables = {"drive.fmu": "--drive", "contact.body": "--body"}
-    values = dict(flat(run.values))
-    whole = set()
-    for key, option in tables.items():
-        if run.origins.get(key) == SET and key in values:
-            words += [option, str(values[key])]
-            whole.add(key)
-    for key, value in values.items():
-        if run.origins.get(key) == SET and key not in whole and not key.startswith("fault."):
-            words += ["--set", f"{key}={_toml(value)}"]
-    faults = run.values.get("fault", ())
-    if any(origin == SET for key, origin in run.origins.items() if key.startswith("fault.")):
-        words += ["--set", f"fault={_toml(faults)}"]
+    words = ["twin", "run", f"experiments/{run.name}.toml", *options(run.values, run.origins)]
     return shlex.join(words)
 
 
@@ -101,12 +87,3 @@ def timing(runs: Sequence[ReportRun]) -> Markup:
 
 def _told(value: object, unit: str) -> str:
     return number(value, unit) if isinstance(value, float) else "not recorded"
-
-
-def _toml(value: object) -> str:
-    """A value as --set takes it."""
-    if isinstance(value, dict):
-        return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
-    if isinstance(value, list | tuple):
-        return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return json.dumps(value, ensure_ascii=False)

@@ -36,11 +36,14 @@ class Section(NamedTuple):
     html: Markup
 
 
-def sections(runs: Sequence[ReportRun], picture: Markup | None, budgets: Sequence[Budget] = ()) -> list[Section]:
+def sections(
+    runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence[Budget] = ()
+) -> list[Section]:
     """Everything after the replay; `budgets`: of each run, or none."""
     own = {run.label: one for run, one in zip(runs, budgets, strict=False)}
     budget = _of_each(runs, lambda run: accuracy(own[run.label], run.label)) if own else None
     found = [
+        ("numbers", "Claims and measures", numbers(runs, verdict)),
         ("figure", "Figure", picture),
         ("accuracy", "Accuracy budget", budget),
         ("events", "Events", _of_each(runs, events)),
@@ -53,12 +56,17 @@ def sections(runs: Sequence[ReportRun], picture: Markup | None, budgets: Sequenc
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
-    """The first section: the sentence, the remarks, what differs, the measures, the claims."""
+    """The first section: the sentence and the remarks. The numbers come after the player, which stands beside it."""
     mark, look = LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
     if verdict.remarks:
         parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
-    parts += [_claims(group) for group in verdict.groups]
+    return section("verdict", "Verdict", *parts)
+
+
+def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
+    """What stands behind the verdict: the claims, the measures, what differs between the runs."""
+    parts = [_claims(group) for group in verdict.groups]
     parts += [element("h3", "Measures: what truly happened, and what the robot believed"), _measures(runs)]
     if len(runs) > 1:
         head = ("what differs", "unit", *(run.label for run in runs))
@@ -66,7 +74,7 @@ def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
         parts.append(element("h3", "Differences"))
         same = element("p", "Nothing in experiments, FMUs and versions.")
         parts.append(table(head, rows, "what differs between the runs") if rows else same)
-    return section("verdict", "Verdict", *parts)
+    return joined(parts)
 
 
 def events(run: ReportRun) -> Markup:

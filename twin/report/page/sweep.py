@@ -54,13 +54,14 @@ def sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path]) -> st
     if drawn:
         found.append(("pictures", "Pictures", joined(drawn.values())))
     links = [(key, NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
-    return Template((ASSETS / "sweep.html").read_text(encoding="utf-8")).substitute(
+    return Template((ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
         title=joined([f"Sweep {kept.name}"]),
         subtitle=element("p", _subtitle(kept)),
         style=(ASSETS / "page.css").read_text(encoding="utf-8"),
         contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
         sections=joined([section(key, title[0].upper() + title[1:], html) for key, title, html in found]),
         version=joined([version("twin")]),
+        made_of=" from the rows of the sweep alone",
     )
 
 

@@ -1,13 +1,15 @@
 """What a report says first: how it went, in a sentence, and every claim behind it."""
 
 import json
+import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
-from twin.report.page.measures import outcome
+from twin.report.page.measures import measures, outcome
 from twin.report.page.run import ReportRun
+from twin.studies.metrics.better import standing
 from twin.studies.paper.claim import ClaimFinding, judged
 from twin.studies.paper.fig4 import QUALITY
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs, checked_run, fig4_runs
@@ -74,14 +76,21 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
         _told(runs, _alarms),
     )
     findings = [finding for group in groups for finding in group.findings]
-    remarks = [*alarms[1:], *deviations, *(outcome(run) for run in runs if len(runs) == 1 and findings), *why_not]
+    remarks = [
+        *(beside(runs) if len(runs) > 2 else ()),
+        *alarms[1:],
+        *deviations,
+        *(outcome(run) for run in runs if len(runs) == 1 and findings),
+        *why_not,
+    ]
     remarks += _told(runs, _faults)
     good = None if not findings and not alarms else not failed(findings) and not alarms
     return PageVerdict(_headline(runs, findings, alarms), good, tuple(filter(None, remarks)), tuple(groups), pair, fig5)
 
 
 def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
-    said = []
+    # of more than two the page would begin with a paragraph: they are remarks
+    said = beside(runs) if len(runs) == 2 else []
     held, of = tally(findings)
     failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
     if failing:
@@ -95,6 +104,18 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
         return outcomes[0]
     who = "The run is" if len(runs) == 1 else f"All {len(runs)} runs are"
     return "; ".join(said) or f"{who} complete, without failure or trip; no claim applies"
+
+
+def beside(runs: Sequence[ReportRun]) -> list[str]:
+    """In what each run but the first is better or worse than the first; nothing of one run."""
+    values = [
+        {m.short: m.true for m in measures(run) if m.short and not math.isnan(m.true)} if len(runs) > 1 else {}
+        for run in runs
+    ]
+    return [
+        standing(own, values[0]).sentence(run.label, runs[0].label)
+        for run, own in zip(runs[1:], values[1:], strict=True)
+    ]
 
 
 def _fig4_runs(runs: Sequence[ReportRun]) -> tuple[Fig4Runs | None, list[str]]:

@@ -7,6 +7,7 @@ from twin.errors import InputRefused
 from twin.experiment.body_files import replace_body
 from twin.experiment.drive_files import shelved
 from twin.experiment.experiment import Experiment
+from twin.experiment.file_kind import refuse_other_files
 from twin.experiment.named import experiment_file
 from twin.experiment.source import Source, override, read_source, replace_drive
 from twin.experiment.tables import checked_tables, experiment_of
@@ -34,6 +35,7 @@ def load_experiment(
     """
     path = experiment_file(path)
     source = read_source(path)
+    refuse_other_files(source.values, path)
     folder = path.resolve().parent
     if drive is not None:
         replace_drive(source, shelved(drive, folder))

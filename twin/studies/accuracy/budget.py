@@ -10,7 +10,7 @@ Biases add up with their signs, scatter adds up as squares. Both sums are set be
 is: what is missing there comes of imperfections that act on each other.
 """
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -25,6 +25,7 @@ from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
 from twin.studies.accuracy.effects import EFFECTS, Effect, without_effects
 from twin.studies.accuracy.uncertainty import UNCERTAINTIES
+from twin.studies.steps import Say, Steps, silent
 
 PRESSING = 0.5
 """Pressing force (N) above which an instant counts."""
@@ -99,7 +100,7 @@ class _Trace:
         return self.estimate - self.true
 
 
-def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda what: None) -> Budget:
+def accuracy_budget(experiment: Experiment, say: Say = silent) -> Budget:
     """Run `experiment` as it is, without any imperfection, and with each of them alone; `say` is told which.
 
     Raises:
@@ -117,16 +118,18 @@ def accuracy_budget(experiment: Experiment, say: Callable[[str], None] = lambda 
     experiment = replace(experiment, monitor=None)
     exact = _perfect(experiment)
     traces, believed = {}, {}
-    for name, one in _ablations(experiment, exact):
-        say(name)
+    alone = list(_ablations(experiment, exact))
+    steps = Steps(say, len(alone) + len(EFFECTS) + len(UNCERTAINTIES))
+    for name, one in alone:
+        steps.next(name)
         traces[name] = _trace(one)
     others: list[tuple[Effect, _Trace]] = []
     for effect in EFFECTS:
-        say(effect.label)
+        steps.next(effect.label)
         # the coupling's error is in both that are compared, so that no fine one is needed
         others.append((effect, _trace(effect.of(exact, experiment))))
     for uncertainty in UNCERTAINTIES:
-        say(uncertainty.label)
+        steps.next(uncertainty.label)
         believed[uncertainty] = _trace(uncertainty.of(_fine(exact)))
     window = _window(experiment, [*traces.values(), *(trace for _, trace in others), *believed.values()])
     ideal = traces["ideal"]

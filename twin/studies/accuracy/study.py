@@ -1,6 +1,6 @@
 """An accuracy budget, from an experiment's file to facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
@@ -8,6 +8,7 @@ from twin.studies.accuracy.budget import Budget, accuracy_budget
 from twin.studies.accuracy.effects import NOT_MODELLED
 from twin.studies.accuracy.text import accuracy_text
 from twin.studies.answer import Answer
+from twin.studies.steps import Say
 from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "accuracy"
@@ -19,7 +20,7 @@ def budget(
     settings: Sequence[str],
     drive: str | None,
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """The budget of the force error of an experiment, and its facts in `out`, or results/accuracy/EXPERIMENT.
 

@@ -16,6 +16,7 @@ from twin.studies.analyse.linear.sampled_law import LOOPS
 from twin.studies.analyse.linear.sampled_robot import COMMANDS
 from twin.studies.analyse.linear_point import Linearised, LinearPoint
 from twin.studies.analyse.operating_point import on_stiffness, operating_points
+from twin.studies.steps import Say, Steps, silent
 
 POSITION, FORCE = LOOPS[:3], LOOPS[3:]
 LAWS = {"position": POSITION, "force": FORCE}
@@ -152,11 +153,12 @@ class Stability:
         }
 
 
-def stability(experiment: Experiment, tried: bool = False) -> Stability:
+def stability(experiment: Experiment, tried: bool = False, say: Say = silent) -> Stability:
     """Judge the loops of `experiment`; its drives are run in this process, its faults are left out.
 
     Args:
         tried: whether the gain limits are tried in the co-simulation, too.
+        say: told what is being done.
 
     Raises:
         InputRefused: no operating point, no linear model of a drive, or a rate that the analysis does not know.
@@ -171,9 +173,17 @@ def stability(experiment: Experiment, tried: bool = False) -> Stability:
             f"controller.force.ki_mm_per_N_s={1e3 * one.ki:g} --set contact.stiffness_N_per_m={one.stiffness:g}"
         )
     points, problems = operating_points(experiment)
+    steps = Steps(say, len(points) + 2 + tried)
+    steps.next("identifying the drives")
     shared = Linearised(experiment, points)
-    judged = [judged_point(shared.at(point)) for point in points]
+    judged = []
+    for point in points:
+        steps.next(point.name)
+        judged.append(judged_point(shared.at(point)))
+    if tried:
+        steps.next("trying the gain limits")
     checks = limit_checks(shared, judged) if tried else []
+    steps.next("maps and pictures")
     return Stability(experiment, shared, judged, problems, _maps(shared, judged), checks)
 
 

@@ -1,6 +1,6 @@
 """An analysis, from an experiment's file to files: pictures, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
@@ -10,6 +10,7 @@ from twin.studies.analyse.picture import draw_analysis
 from twin.studies.analyse.stability import stability
 from twin.studies.analyse.text import analysis_text
 from twin.studies.answer import Answer
+from twin.studies.steps import Say
 from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "analysis"
@@ -23,7 +24,7 @@ def analyse(
     settings: Sequence[str],
     tried: bool,
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """How stable the loops of an experiment are, and files in `out`, or results/analysis/EXPERIMENT.
 
@@ -42,7 +43,7 @@ def analyse(
         InputRefused, ComponentFailed: see `stability`; or the folder cannot be used.
     """
     folder = made_folder(out or HOME / experiment.stem)
-    done = stability(load_experiment(experiment, settings, drive, body), tried)
+    done = stability(load_experiment(experiment, settings, drive, body), tried, say)
     draw_analysis(done, folder / PICTURE)
     pictures = [PICTURE]
     if any(point.disks for point in done.points):

@@ -12,13 +12,12 @@ from twin.errors import TwinError
 from twin.runs.guard.guard import guarded
 from twin.runs.guard.reporter import DirectReporter
 from twin.studies.check.job import CheckOutcome, Pair, checked
+from twin.studies.steps import Say
 
 JOB = "twin.studies.check.job:checked"
 
 
-def outcomes(
-    pairs: Sequence[Pair], folder: Path, reason: str, processes: int, say: Callable[[str], None]
-) -> list[CheckOutcome]:
+def outcomes(pairs: Sequence[Pair], folder: Path, reason: str, processes: int, say: Say) -> list[CheckOutcome]:
     """The outcome of every pair, in their order.
 
     Args:
@@ -34,10 +33,12 @@ def outcomes(
     arguments: dict[str, Any] = {"folder": folder, "date": date.today().isoformat(), "reason": reason}
     found: dict[Pair, CheckOutcome] = {}
 
+    say(f"0 of {len(pairs)} checks", 0.0)
+
     def hear(note: dict[str, Any]) -> None:
         outcome = CheckOutcome.of(note)
         found[outcome.pair] = outcome
-        say(f"{len(found)} of {len(pairs)} checks")
+        say(f"{len(found)} of {len(pairs)} checks", len(found) / len(pairs))
 
     if processes == 0:
         checked(DirectReporter(hear), pairs, **arguments)

@@ -1,6 +1,6 @@
 """Checks, from experiments' files to a verdict, pictures and, if asked for, new baselines."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import plain
@@ -10,6 +10,7 @@ from twin.studies.check.job import pairs
 from twin.studies.check.picture import check_pictures
 from twin.studies.check.processes import outcomes
 from twin.studies.check.text import check_text
+from twin.studies.steps import Say
 
 
 def check_all(
@@ -19,7 +20,7 @@ def check_all(
     baselines: Path | None,
     out: Path,
     processes: int,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """Whether experiments come to what they came to before; with a reason, what they come to now is accepted.
 
@@ -49,6 +50,7 @@ def check_all(
         write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
     if reason and verdicts:
         places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {folder}")
+    say("drawing and writing", 1.0)
     if any(verdict.outside for verdict in verdicts):
         places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
     text = check_text(verdicts, [plain(outcome.failure) for outcome in failures])

@@ -97,6 +97,11 @@ def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: 
         rows = [
             CheckRow(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()
         ]
+        # a curve has no one value; where it ends stands for it
+        rows += [
+            CheckRow(f"{name}.tube", curve.unit, None, float(curve.values[-1]), None, None, "new")
+            for name, curve in now.curves.items()
+        ]
         return CheckVerdict(experiment.name, drive, tuple(rows), ())
     rows, outside = list(_metric_rows(baseline, now)), []
     for name, tube in baseline.tubes.items():

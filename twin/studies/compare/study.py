@@ -1,16 +1,18 @@
 """A comparison, from two logs to files: picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.studies.answer import Answer, judged
 from twin.studies.compare.alignment import alignment
 from twin.studies.compare.comparison import compared
+from twin.studies.compare.experiments import differences_text, experiments_differ
 from twin.studies.compare.inputs import both
 from twin.studies.compare.picture import draw_comparison
 from twin.studies.compare.text import comparison_text
 from twin.studies.compare.tolerance import rules
+from twin.studies.steps import Say
 
 HOME = Path("results") / "compare"
 
@@ -23,7 +25,7 @@ def compare(
     align: tuple[str, str, float],
     partial: bool,
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """Whether the second of two logs stays within a tube around the first, and files in `out`, or results/compare.
 
@@ -49,6 +51,8 @@ def compare(
         )
     found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
     covered = partial or found.least_covered[1] == 1.0
-    text = comparison_text(found, partial)
-    return judged("compare", out or HOME, text, found.facts(), lambda path: draw_comparison(found, path),
+    differ = experiments_differ(found.a, found.b)
+    text = "\n".join([comparison_text(found, partial), *differences_text(differ)])
+    facts = found.facts() | {"experiments": differ}
+    return judged("compare", out or HOME, text, facts, lambda path: draw_comparison(found, path),
                   holds=covered and not found.outside)  # fmt: skip

@@ -1,6 +1,6 @@
 """Step halving: every coupling at several ticks against one reference."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,12 +8,14 @@ import numpy as np
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.variation import shortened
+from twin.robot.gravity import G_ACCELERATION
 from twin.studies.converge.coupling import COUPLINGS, Coupling
 from twin.studies.converge.order import Order, observed_order
 from twin.studies.converge.power import PowerResidual, power_residuals
 from twin.studies.converge.reference import Reference, reference_of
 from twin.studies.converge.signals import FORCE, POSITION, SIGNALS, Signal, largest_errors, sampled_run
 from twin.studies.converge.smoothing import Smooth, comparable, smoothed
+from twin.studies.steps import Say, Steps, silent
 
 SHARES = (2.0, 1.0, 0.5, 0.25, 0.125)
 """Ticks to run, in ticks of the experiment; those that periods or drives do not fit are left out."""
@@ -65,6 +67,7 @@ class Study:
         left_out: (coupling's name, why).
         tolerance: of the force (N).
         choice: None: no run met it, or nothing is pressed.
+        resolution: step of the scale's display (N); None: there is no scale.
     """
 
     name: str
@@ -77,6 +80,7 @@ class Study:
     left_out: tuple[tuple[str, str], ...]
     tolerance: float
     choice: Choice | None
+    resolution: float | None = None
 
     @property
     def judged(self) -> Signal:
@@ -89,7 +93,7 @@ def convergence(
     tolerance: float = 0.005,
     duration: float | None = None,
     smooth: bool = False,
-    say: Callable[[str], None] = lambda what: None,
+    say: Say = silent,
 ) -> Study:
     """Run `experiment` in every coupling and at every tick, and say which is good enough.
 
@@ -104,7 +108,8 @@ def convergence(
         InputRefused: the experiment has faults or tasks, or a drive does not fit.
         ComponentFailed: a component failed in the experiment as it is, or in the reference.
     """
-    say("reference")
+    steps = Steps(say, 1 + len(COUPLINGS))
+    steps.next("reference")
     whole = comparable(experiment)
     cut = Smooth(shortened(whole.experiment, duration) if duration else whole.experiment, whole.changes)
     used = smoothed(cut) if smooth else cut
@@ -112,7 +117,7 @@ def convergence(
     series: list[CouplingSeries] = []
     left_out: list[tuple[str, str]] = []
     for coupling in COUPLINGS:
-        say(coupling.name)
+        steps.next(coupling.name)
         try:
             series.append(_series(used.experiment, coupling, reference))
         except InputRefused as why:
@@ -132,6 +137,7 @@ def convergence(
         left_out=tuple(left_out),
         tolerance=tolerance,
         choice=recommended(series, tolerance) if reference.pressed else None,
+        resolution=experiment.scale.resolution * G_ACCELERATION if experiment.scale else None,
     )
 
 

@@ -1,6 +1,6 @@
 """A study of the coupling, from an experiment's file to files: picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from pathlib import Path
 
@@ -9,6 +9,7 @@ from twin.studies.answer import Answer
 from twin.studies.converge.convergence import CouplingSeries, Study, convergence
 from twin.studies.converge.picture import draw_convergence
 from twin.studies.converge.text import convergence_text
+from twin.studies.steps import Say
 from twin.writing import finite, made_folder, write_json
 
 HOME = Path("results") / "converge"
@@ -23,7 +24,7 @@ def converge(
     duration: float | None,
     smooth: bool,
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """What the coupling of an experiment costs, and files in `out`, or results/converge/EXPERIMENT.
 

@@ -6,7 +6,7 @@ from math import isfinite
 from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint
 from twin.studies.converge.order import Order, OrderFinding
 from twin.studies.converge.signals import FORCE, SIGNALS
-from twin.studies.lines import labelled
+from twin.studies.lines import labelled, wrapped
 
 NAME = 31
 COLUMN = 9
@@ -53,7 +53,35 @@ def _headline(study: Study) -> list[str]:
     if (own := _own(study)) is not None:
         error, cost = _number(1e3 * own.errors[FORCE.name]), 1e3 * own.cost
         told.append(f"  as it is, {study.coupling.name} at {1e3 * study.tick:g} ms: {error} mN, {cost:.1f} ms")
+        told += _why_not(study, own)
     return told
+
+
+def _why_not(study: Study, own: TickPoint) -> list[str]:
+    """Why an experiment that has another coupling than the one recommended may keep it, and how to change it."""
+    if study.choice is None or (study.choice.coupling, study.choice.point.tick) == (study.coupling, study.tick):
+        return []
+    error = own.errors[FORCE.name]
+    if not isfinite(error):
+        return []
+    if error <= study.tolerance:
+        why = "it keeps the tolerance, too, and only computes more"
+    elif study.resolution and error < study.resolution:
+        why = f"its error is {error / study.resolution:.0%} of a step of the scale's display, which nobody could read"
+    else:
+        return wrapped(f"its error can be seen: take the other with {_settings(study)}", "  ", later=2, whole=True)
+    text = f"it stays the default because {why}, and recordings stay comparable; take the other with {_settings(study)}"
+    return wrapped(text, "  ", later=2, whole=True)
+
+
+def _settings(study: Study) -> str:
+    """The options that make the experiment as recommended."""
+    assert study.choice is not None
+    new, old = study.choice.coupling, study.coupling
+    said = {"tick_ms": f"{1e3 * study.choice.point.tick:g}"} if study.choice.point.tick != study.tick else {}
+    said |= {name: str(getattr(new, name)) for name in ("scheme", "inputs", "iterations")
+             if getattr(new, name) != getattr(old, name)}  # fmt: skip
+    return " ".join(f"--set cosim.{key}={value}" for key, value in said.items())
 
 
 def _own(study: Study) -> TickPoint | None:

@@ -1,6 +1,6 @@
 """The matrix of faults, from an experiment's file to files: rows, picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
@@ -9,6 +9,7 @@ from twin.studies.faults.case import cases, known_kinds
 from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
 from twin.studies.faults.picture import draw_fault_matrix
 from twin.studies.faults.text import fault_matrix_text
+from twin.studies.steps import Say
 from twin.writing import growing, json_text, made_folder, write_json
 
 HOME = Path("results") / "faults"
@@ -24,7 +25,7 @@ def break_everything(
     body: str | None,
     settings: Sequence[str],
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """What each fault does to an experiment, and files in `out`, or results/faults/EXPERIMENT.
 
@@ -51,6 +52,7 @@ def break_everything(
     name, picture = experiment.stem, folder / PICTURE
     # absolute: an FMU may change the working directory
     home = folder.absolute()
+    say("without any fault", 0.0)
     with growing(home / ROWS) as append:
         chosen = known_kinds(kinds)
         loaded = load_experiment(experiment, settings, drive, body)
@@ -60,7 +62,8 @@ def break_everything(
         for row in matrix_rows(loaded, healthy, planned):
             rows.append(row)
             append(json_text(row.facts()) + "\n")
-            say(f"{len(rows)} of {len(planned)} cases")
+            say(f"{len(rows)} of {len(planned)} cases", len(rows) / len(planned))
+    say("drawing the matrix", 1.0)
     facts = {"experiment": name, "rows": [row.facts() for row in rows]}
     draw_fault_matrix(name, rows, home / PICTURE)
     write_json(home / MATRIX, facts)

@@ -20,6 +20,7 @@ from twin.studies.identify.units import Estimate
 from twin.studies.identify.windows import COUNTS, Windows, windows
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.robot_log import robot_log
+from twin.studies.steps import Say, Steps, silent
 
 PLAUSIBLE = 5.0
 """k_s eta farther from its belief than by this factor is a mistake of units or signs, not a spring."""
@@ -95,7 +96,9 @@ class Identification:
         return found
 
 
-def identified(log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False) -> Identification:
+def identified(
+    log: Log, model: RobotModel, height: float | None = None, motor_torque: bool = False, say: Say = silent
+) -> Identification:
     """Estimates from the encoders and the scale of `log`.
 
     Args:
@@ -103,12 +106,14 @@ def identified(log: Log, model: RobotModel, height: float | None = None, motor_t
         model: geometry, masses, N and counts that are believed.
         height: of the scale (m), if it was measured and the scale is level: that makes the joints' zeros exact.
         motor_torque: whether drive/n.tau_motor is a measured torque.
+        say: told what is being done.
 
     Raises:
         LogRefused: signals are missing, in wrong units or of the wrong sign.
         NotIdentifiable: the log is in order, but k_s eta cannot be had from it.
     """
-    belief = model.belief
+    belief, steps = model.belief, Steps(say, 4)
+    steps.next("looking for slow motion")
     taken = robot_log(log, belief)
     seen = windows(taken, belief)
     path = log.path
@@ -130,6 +135,7 @@ def identified(log: Log, model: RobotModel, height: float | None = None, motor_t
     unknowns = parameters(belief, model.plant.z_s if height is None else height)
     fixed = () if height is None else LEVEL
     notes = taken.notes
+    steps.next("fitting springs and scale")
     try:
         found = fit(seen, belief, unknowns, model.resolution, fixed)
         springs, depth = found.misfit(0, 1), found.misfit(2)
@@ -139,6 +145,7 @@ def identified(log: Log, model: RobotModel, height: float | None = None, motor_t
                 "F = K d (1 + c d'), than rounding explains: that law was left out, and with it what it says of "
                 "height, stiffness and the joints' zeros",
             )
+            steps.share("fitting without the surface", 0.5)
             found = fit(seen, belief, unknowns, model.resolution, fixed, surface=False)
     except Unreachable as problem:
         raise LogRefused(
@@ -147,7 +154,9 @@ def identified(log: Log, model: RobotModel, height: float | None = None, motor_t
     _refuse_nonsense(found, belief, log)
     split = _split(found, belief, log, motor_torque)
     quantities = {**split, **_quantities(found, height)}
+    steps.next("friction")
     quantities["friction"] = Quantity("friction under the head", None, friction(found, seen, belief))
+    steps.next("one pose")
     press = one_pose(seen, belief, found.x)
     return Identification(model, found, seen, quantities, press, _alike(found), notes)
 

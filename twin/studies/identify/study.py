@@ -1,6 +1,6 @@
 """An identification, from a log to files: picture, model to paste, facts."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from datetime import datetime
 from pathlib import Path
 
@@ -14,6 +14,7 @@ from twin.studies.identify.picture import draw_identification
 from twin.studies.identify.text import identification_text
 from twin.studies.identify.truth import truth
 from twin.studies.replay.model import model_for
+from twin.studies.steps import Say, silent
 from twin.writing import write_json, write_text
 
 HOME = Path("results") / "identify"
@@ -28,7 +29,7 @@ def identify(
     height: float | None = None,
     motor_torque: bool = False,
     out: Path | None = None,
-    say: Callable[[str], None] = lambda what: None,
+    say: Say = silent,
 ) -> Answer:
     """What a log of presses on a scale says of its robot, and files: picture, model to paste, facts.
 
@@ -46,9 +47,10 @@ def identify(
         InputRefused: log, map, experiment or folder cannot be used.
         NotIdentifiable: k_s eta cannot be had from the log.
     """
+    say("reading", 0.0)
     curves = read_log(log, column_map(maps))
     model, own = model_for(curves.path, experiment, settings), is_recording(curves.path)
-    one = identified(curves, model, height, motor_torque)
+    one = identified(curves, model, height, motor_torque, say)
     # only a run of the twin that is taken for what it was has a truth to be scored by
     true = truth(model) if own and experiment is None else {}
     name = model.name if own else curves.path.stem

@@ -8,6 +8,8 @@ from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLO
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
 
 PRE_DEFINE, P_BASED, FP_BASED, FP_REFERENCE, TRUTH = PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE, GREY, INK
+WIDE, THIN = 1.6, 0.9
+"""Weights of lines (pt), the same in all panels; legends have one order, too."""
 
 
 def draw_fig4(runs: Fig4Runs, path: Path) -> None:
@@ -26,35 +28,36 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
             axes.set_xlim(0, 20)
         # ideal runs have no force in x, by symmetry
         text = runs.without_x or "imperfect runs: scale tilted, encoders off zero"
-        c.set_title(text, loc="right", fontsize="medium")
+        c.set_title(text, loc="right", fontsize="small")
         for axes in (c, d):
             axes.set_xlabel("time (s)")
 
 
 def _draw_z(axes: Axes, runs: Fig4Runs) -> None:
     fp, p = runs.force_position, runs.position
-    axes.plot(fp.t, 1e3 * fp.z_cmd, color=FP_REFERENCE, lw=1.2, label="F&P-based-ref")
-    axes.plot(fp.t, 1e3 * fp.z_ref, color=PRE_DEFINE, lw=2.2, label="Pre-define")
-    axes.plot(p.t, 1e3 * p.z, color=P_BASED, lw=1.6, label="P-based")
-    axes.plot(fp.t, 1e3 * fp.z, color=FP_BASED, lw=1.6, label="F&P-based")
+    axes.plot(fp.t, 1e3 * fp.z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
+    axes.plot(p.t, 1e3 * p.z, color=P_BASED, lw=WIDE, label="P-based")
+    axes.plot(fp.t, 1e3 * fp.z, color=FP_BASED, lw=WIDE, label="F&P-based")
+    axes.plot(fp.t, 1e3 * fp.z_cmd, color=FP_REFERENCE, lw=THIN, label="F&P-based-ref")
     axes.set_ylabel("z position (mm)")
     axes.legend(loc="upper right")
 
 
 def _draw_force(axes: Axes, runs: Fig4Runs) -> None:
     fp, p = runs.force_position, runs.position
-    axes.axhline(fp.F_z_ref, color=PRE_DEFINE, lw=1.6, label="Pre-define")
-    axes.plot(p.t, p.F_z, color=P_BASED, lw=1.6, label="P-based")
-    axes.plot(fp.t, fp.F_z, color=FP_BASED, lw=1.6, label="F&P-based")
-    axes.plot(p.t_plant, p.true_F_z, color=TRUTH, lw=0.8, ls=":", label="true force (plant)")
-    axes.plot(fp.t_plant, fp.true_F_z, color=TRUTH, lw=0.8, ls=":")
+    axes.axhline(fp.F_z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
+    axes.plot(p.t, p.F_z, color=P_BASED, lw=WIDE, label="P-based")
+    axes.plot(fp.t, fp.F_z, color=FP_BASED, lw=WIDE, label="F&P-based")
+    axes.plot(p.t_plant, p.true_F_z, color=TRUTH, lw=THIN, ls=":", label="true force (plant)")
+    axes.plot(fp.t_plant, fp.true_F_z, color=TRUTH, lw=THIN, ls=":")
     axes.set_ylabel("F_z, pressing (N)")
     axes.legend(loc="lower right")
 
 
 def _draw_friction(axes: Axes, pair: tuple[Fig4Run, Fig4Run] | None, axis: int, letter: str) -> None:
-    axes.axhline(0.0, color=PRE_DEFINE, lw=1.0, label="Pre-define")
-    for run, color, label in zip(pair or (), (FP_BASED, P_BASED), ("F&P-based", "P-based"), strict=False):
-        axes.plot(run.t, run.F_ee_B[:, axis], color=color, lw=0.9, label=label)
+    axes.axhline(0.0, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
+    # noise drawn wide is a block of colour
+    for run, color, label in zip(reversed(pair or ()), (P_BASED, FP_BASED), ("P-based", "F&P-based"), strict=False):
+        axes.plot(run.t, run.F_ee_B[:, axis], color=color, lw=THIN, label=label)
     axes.set_ylabel(f"F_{letter} (N)")
     axes.legend(loc="lower left")

@@ -1,6 +1,6 @@
 """Claims of the paper, from recordings to files: picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
@@ -14,13 +14,15 @@ from twin.studies.paper.fig5_picture import draw_fig5
 from twin.studies.paper.fig5_score import fig5_score
 from twin.studies.paper.score import fig4_score
 from twin.studies.paper.text import fig4_text, fig5_text
+from twin.studies.steps import Say
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
+FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
 HOME = Path("results")
 
 
-def score_fig4(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Answer:
+def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
 
     Exit code 1: a claim fails.
@@ -34,7 +36,7 @@ def score_fig4(paths: Sequence[Path], out: Path | None, say: Callable[[str], Non
         InputRefused: other runs, or what they hold or the folder cannot be used.
         NotWritten: the disk refuses.
     """
-    paths = paths or _latest("fig4", FIG4_EXPERIMENTS)
+    paths = paths or _latest("fig4")
     if len(paths) not in (2, 4):
         raise InputRefused(
             f"--paper fig4: got {len(paths)} run{'s' * (len(paths) != 1)}, expected two: the run with force control, "
@@ -48,7 +50,7 @@ def score_fig4(paths: Sequence[Path], out: Path | None, say: Callable[[str], Non
                   holds=not score.failed, notes=notes)  # fmt: skip
 
 
-def score_fig5(paths: Sequence[Path], out: Path | None, say: Callable[[str], None]) -> Answer:
+def score_fig5(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     """Which claims of Fig. 5 hold in recordings, and files in `out`, or results/fig5.
 
     Exit code 1: a claim fails.
@@ -62,7 +64,7 @@ def score_fig5(paths: Sequence[Path], out: Path | None, say: Callable[[str], Non
         InputRefused: what the runs hold or the folder cannot be used.
         NotWritten: the disk refuses.
     """
-    recordings = _recordings(paths or _latest("fig5", FIG5_EXPERIMENTS))
+    recordings = _recordings(paths or _latest("fig5"))
     score = fig5_score(recordings)
     return judged("fig5", out or HOME / "fig5", fig5_text(score), score.facts(), lambda path: draw_fig5(score, path),
                   holds=not score.failed, notes=_deviations(recordings))  # fmt: skip
@@ -76,8 +78,8 @@ def _deviations(recordings: Sequence[Recording]) -> list[str]:
     ]
 
 
-def _latest(figure: str, experiments: Sequence[str]) -> list[Path]:
-    paths = [Path("results") / name for name in experiments]
+def _latest(figure: str) -> list[Path]:
+    paths = [HOME / name for name in FIGURE_EXPERIMENTS[figure]]
     missing = [path.name for path in paths if not path.exists()]
     if missing:
         files = " ".join(f"experiments/{name}.toml" for name in missing)

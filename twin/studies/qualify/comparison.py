@@ -1,6 +1,6 @@
 """The same experiment with one drive after the other, judged on what is true."""
 
-from collections.abc import Callable
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -11,8 +11,10 @@ from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.loop import simulate
 from twin.runs.trace import Trace
+from twin.studies.metrics.better import Standing, overall, standing
 from twin.studies.qualify.definitions import Measure
 from twin.studies.qualify.true_run import COMPARED, TrueRun
+from twin.studies.steps import Say, Steps, silent
 
 
 @dataclass(frozen=True)
@@ -32,29 +34,78 @@ class DriveTrial:
     failure: str = ""
 
 
+@dataclass(frozen=True)
+class DriveTrials:
+    """An experiment with one drive after the other.
+
+    Attributes:
+        name: of the experiment.
+        trials: of each drive.
+    """
+
+    name: str
+    trials: tuple[DriveTrial, ...]
+
+    def standings(self) -> dict[str, Standing]:
+        """Each drive but the first beside the first, by name; none that failed, nor of a first that did."""
+        first = self.trials[0]
+        return {
+            trial.name: standing(_judged(trial), _judged(first))
+            for trial in self.trials[1:]
+            if not trial.failure and not first.failure
+        }
+
+
 def trials(
-    experiment: Path, drives: list[str], say: Callable[[str], None] = lambda what: None
-) -> tuple[DriveTrial, ...]:
-    """Run `experiment` with each of `drives` in all three joints, in this process; `say` is told which one is on.
+    experiments: Sequence[Path],
+    drives: Sequence[str],
+    settings: Sequence[str] = (),
+    body: str | None = None,
+    say: Say = silent,
+) -> tuple[DriveTrials, ...]:
+    """Run each of `experiments` with each of `drives` in all three joints, in this process.
+
+    Args:
+        experiments: files.
+        drives: see `load_experiment`.
+        settings, body: see `load_experiment`; of all experiments.
+        say: told which one is on.
 
     Raises:
-        InputRefused: the experiment or a drive has a mistake; no experiment has been run.
+        InputRefused: an experiment or a drive has a mistake; no experiment has been run.
     """
-    experiments = [load_experiment(experiment, (), drive) for drive in drives]
-    for loaded in experiments:
-        assemble(loaded).close()
-    done: list[DriveTrial] = []
-    for loaded, drive in zip(experiments, drives, strict=True):
-        say(f"{drive}, {len(done) + 1} of {len(drives)}")
-        done.append(_trial(loaded, drive))
+    loaded = [[load_experiment(path, settings, drive, body) for drive in drives] for path in experiments]
+    for one in (one for row in loaded for one in row):
+        assemble(one).close()
+    done, steps = [], Steps(say, len(experiments) * len(drives))
+    for path, row in zip(experiments, loaded, strict=True):
+        found = []
+        for one, drive in zip(row, drives, strict=True):
+            steps.next(f"{path.stem} with {drive}")
+            found.append(_trial(one, drive))
+        done.append(DriveTrials(path.stem, tuple(found)))
     return tuple(done)
 
 
-def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str, Any]:
+def verdict(compared: Sequence[DriveTrials]) -> list[str]:
+    """A sentence for each drive but the first, over all experiments, and one for each that failed."""
+    first = compared[0].trials[0].name
+    by_drive: dict[str, list[Standing]] = {}
+    for one in compared:
+        for name, its in one.standings().items():
+            by_drive.setdefault(name, []).append(its)
+    said = [overall(standings).sentence(name, first) for name, standings in by_drive.items()]
+    failed = {
+        f"{t.name} failed in {one.name}, and is not judged there" for one in compared for t in one.trials if t.failure
+    }
+    return said + sorted(failed)
+
+
+def comparison_facts(compared: DriveTrials) -> dict[str, Any]:
     """Everything but the curves, for JSON; SI units."""
+    done = compared.trials
     return {
-        "experiment": experiment.stem,
-        "definitions": {name: definition._asdict() for name, definition in COMPARED.items()},
+        "experiment": compared.name,
         "drives": [
             {
                 "drive": trial.name,
@@ -64,6 +115,11 @@ def comparison_facts(experiment: Path, done: tuple[DriveTrial, ...]) -> dict[str
             for trial in done
         ],
     }
+
+
+def _judged(trial: DriveTrial) -> dict[str, float | None]:
+    """What a drive is judged by, by the name of the table; what its model costs this computer says nothing of it."""
+    return {COMPARED[m.name].text: m.value for m in trial.measures if m.name != "cost"}
 
 
 def _trial(experiment: Experiment, name: str) -> DriveTrial:

@@ -1,6 +1,6 @@
 """Drives on the bench and in an experiment, from FMUs to pictures and facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.errors import InputRefused
@@ -8,18 +8,20 @@ from twin.experiment.drive_files import lone_drive
 from twin.experiment.named import experiment_file
 from twin.studies.answer import Answer
 from twin.studies.qualify.bench import told
-from twin.studies.qualify.comparison import comparison_facts, trials
+from twin.studies.qualify.comparison import comparison_facts, trials, verdict
 from twin.studies.qualify.comparison_picture import draw_drive_compare
 from twin.studies.qualify.picture import draw_drive_check
 from twin.studies.qualify.qualification import qualified
-from twin.studies.qualify.text import check_text, compare_text
+from twin.studies.qualify.text import check_text, compare_text, verdict_text
+from twin.studies.qualify.true_run import COMPARED
 from twin.studies.qualify.workload import Workload
 from twin.studies.reference.drive import came_with, no_drive
 from twin.studies.reference.text import references_text
+from twin.studies.steps import Say
 from twin.writing import made_folder
 
 
-def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], None]) -> Answer:
+def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Say) -> Answer:
     """What a drive does on the bench, and its picture in `out`; before that, what comes of the files that came with it.
 
     Exit code 1: it does not qualify, or does something else than those files say. 2: they were tried, but it is no
@@ -36,6 +38,7 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], N
         InputRefused, ComponentFailed: see `qualified`.
         NotWritten: the disk refuses.
     """
+    say(Path(fmu).stem, 0.0)
     folder = made_folder(out)
     table = lone_drive(fmu, Path.cwd())
     came = came_with(table, apart)
@@ -53,14 +56,22 @@ def qualify(fmu: str, out: Path, apart: bool, sure: bool, say: Callable[[str], N
     return Answer(text, facts, 0 if facts["qualified"] and all(one.holds for one in came) else 1)
 
 
-def compare_drives(fmus: Sequence[str], experiment: Path, out: Path, say: Callable[[str], None]) -> Answer:
-    """What truly happens in an experiment with one drive after the other, and the picture in `out`.
+def compare_drives(
+    fmus: Sequence[str],
+    experiments: Sequence[Path],
+    settings: Sequence[str],
+    body: str | None,
+    out: Path,
+    say: Say,
+) -> Answer:
+    """What truly happens in experiments with one drive after the other, and a picture of each in `out`.
 
     Exit code 3: a run failed.
 
     Args:
         fmus: drives.
-        experiment: its file or name.
+        experiments: their files or names.
+        settings, body: see `trials`.
         out: folder.
         say: told what is being done.
 
@@ -68,10 +79,20 @@ def compare_drives(fmus: Sequence[str], experiment: Path, out: Path, say: Callab
         InputRefused: a drive does not fit; none has run.
         NotWritten: the disk refuses.
     """
-    folder, file = made_folder(out), experiment_file(experiment)
-    done = trials(file, list(fmus), say)
-    picture = folder / f"{file.stem}.png"
-    draw_drive_compare(done, f"Drives compared in {file.name}", picture)
-    facts = comparison_facts(file, done) | {"picture": str(picture)}
-    failed = any(trial.failure for trial in done)
-    return Answer(f"{compare_text(done)}\npicture  {picture}", facts, 3 if failed else 0)
+    folder, files = made_folder(out), [experiment_file(experiment) for experiment in experiments]
+    compared = trials(files, list(fmus), settings, body, say)
+    facts, texts = [], []
+    for file, one in zip(files, compared, strict=True):
+        picture = folder / f"{file.stem}.png"
+        draw_drive_compare(one.trials, f"Drives compared in {file.name}", picture)
+        facts.append(comparison_facts(one) | {"picture": str(picture)})
+        texts.append(f"{one.name}\n{compare_text(one)}\npicture  {picture}")
+    said = verdict(compared)
+    everything = {
+        "verdict": said,
+        "set": [*settings, *([f"body {body}"] if body else [])],
+        "definitions": {name: definition._asdict() for name, definition in COMPARED.items()},
+        "experiments": facts,
+    }
+    failed = any(trial.failure for one in compared for trial in one.trials)
+    return Answer("\n\n".join([verdict_text(said), *texts]), everything, 3 if failed else 0)

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 from twin.studies.lines import WIDTH, markdown, wrapped
-from twin.studies.qualify.comparison import DriveTrial
+from twin.studies.qualify.comparison import DriveTrials
 from twin.studies.qualify.true_run import COMPARED
 
 SHOWN_IN = {"s": (1e3, "ms"), "m": (1e3, "mm")}
@@ -48,14 +48,21 @@ def measures_table(checked: Sequence[Mapping[str, Any]]) -> str:
     return markdown(head, rows)
 
 
-def compare_text(trials: Sequence[DriveTrial]) -> str:
+def verdict_text(sentences: Sequence[str]) -> str:
+    """What comes first: who is better in what."""
+    return "\n".join(line for sentence in sentences for line in wrapped(sentence, later=2, whole=True))
+
+
+def compare_text(compared: DriveTrials) -> str:
     """One line per drive, and what there is to say about gaps."""
+    trials = compared.trials
     shown = {name: _unit_shown(name) for name in COMPARED}
     columns = {name: 1 + max(6, len(COMPARED[name].text), len(unit)) for name, (_, unit) in shown.items()}
     first = WIDTH - sum(columns.values())
     lines = [
         " " * first + "".join(f"{COMPARED[name].text:>{width}}" for name, width in columns.items()),
-        f"{'drive':{first}}" + "".join(f"{shown[name][1]:>{width}}" for name, width in columns.items()),
+        f"{_cut(compared.name, first - 1):{first}}"
+        + "".join(f"{shown[name][1]:>{width}}" for name, width in columns.items()),
     ]
     notes: dict[str, list[str]] = {}
     for trial in trials:
@@ -68,6 +75,12 @@ def compare_text(trials: Sequence[DriveTrial]) -> str:
     lines += _wrapped("- ", [f"{note} ({', '.join(names)})" for note, names in notes.items()])
     lines += _wrapped("FAILED ", [f"{trial.name}: {trial.failure}" for trial in trials if trial.failure])
     return "\n".join(lines)
+
+
+def shown_value(name: str, value: float) -> str:
+    """A measure of `COMPARED` in the unit people read: `0.45 N`."""
+    factor, unit = _unit_shown(name)
+    return f"{_digits(value, factor)} {unit}"
 
 
 def _quantity(value: float | None, unit: str) -> str:

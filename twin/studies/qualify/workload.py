@@ -1,10 +1,10 @@
 """How far a qualification is, and how long it will take, from what its ticks have taken."""
 
 import time
-from collections.abc import Callable
 
 from twin.errors import InputRefused
 from twin.runs.guard.limits import LONG, PATIENCE, duration_text
+from twin.studies.steps import Say, silent
 
 ABOUT = 75_000
 """Ticks of a whole qualification: 60,000 of a drive that stalls at once, 100,000 of one that cannot be stalled."""
@@ -21,7 +21,7 @@ class Workload:
         sure: whether a check that takes more than an hour is meant.
     """
 
-    def __init__(self, label: str, say: Callable[[str], None] = lambda what: None, sure: bool = True):
+    def __init__(self, label: str, say: Say = silent, sure: bool = True):
         self._label, self._say, self._sure = label, say, sure
         self._done, self._taken = 0, 0.0
         self._told = time.monotonic()
@@ -43,5 +43,4 @@ class Workload:
             )
         if self._taken > SOON and time.monotonic() - self._told > SOON:
             self._told = time.monotonic()
-            left = duration_text(each * (total - self._done))
-            self._say(f"{self._done / total:.0%} of {self._label}, {1e3 * each:.3g} ms a step, about {left} left")
+            self._say(f"{self._label}, {1e3 * each:.3g} ms a step", self._done / total)

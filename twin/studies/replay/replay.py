@@ -79,7 +79,7 @@ def replayed(
     log: Log,
     model: RobotModel,
     plant: bool = False,
-    baseline: float = 1.0,
+    baseline: tuple[float, float] = (0.0, 1.0),
     tolerance: float | None = None,
 ) -> Replay:
     """Put `log` through the twin `model`.
@@ -91,7 +91,8 @@ def replayed(
         log: of a robot or a run.
         model: what is believed of it.
         plant: let the plant model run in parallel.
-        baseline: length of the beginning that says what is normal (s); the robot should be in free air.
+        baseline: (from, to) after the first sample that says what is normal (s); the robot should be in free air. What
+            is before that is not judged.
         tolerance: change of the mean force residual that is no news (N); None: what rounding alone can do.
 
     Raises:
@@ -151,22 +152,25 @@ def pressing(outputs: Outputs) -> NDArray[np.float64]:
 
 
 def _indicator(
-    name: str, unit: str, t: NDArray[np.float64], r: NDArray[np.float64], baseline: float, tolerance: float,
-    deviation: float,
+    name: str, unit: str, t: NDArray[np.float64], r: NDArray[np.float64], baseline: tuple[float, float],
+    tolerance: float, deviation: float,
 ) -> list[Indicator]:  # fmt: skip
-    found = drift(t, r, baseline, tolerance, deviation)
+    judged = t >= t[0] + baseline[0]
+    t, r = t[judged], r[judged]
+    found = drift(t, r, baseline[1] - baseline[0], tolerance, deviation) if len(t) else None
     return [Indicator(name, unit, t, r, found)] if found else []
 
 
-def _refuse_lengths(robot: RobotLog, baseline: float, tolerance: float | None) -> None:
-    if not baseline > 0.0:
-        raise InputRefused(f"--baseline {baseline:g}: expected a time > 0 s")
+def _refuse_lengths(robot: RobotLog, baseline: tuple[float, float], tolerance: float | None) -> None:
     if tolerance is not None and not tolerance >= 0.0:
         raise InputRefused(f"--tolerance {tolerance:g}: expected a force >= 0 N")
     span = robot.t[-1] - robot.t[0]
-    within = int(np.sum(robot.t < robot.t[0] + baseline))
-    if span <= baseline or within < FEWEST:
+    begin, end = baseline
+    after = robot.t - robot.t[0]
+    within = int(np.sum((after >= begin) & (after < end)))
+    if span <= end or within < FEWEST:
+        which = f"from {begin:g} to {end:g} s" if begin else f"in the first {end:g} s"
         raise InputRefused(
-            f"{robot.path}: {span:.3g} s with {within} samples in the first {baseline:g} s; expected at least {FEWEST} "
-            "there and more after them; choose with --baseline S"
+            f"{robot.path}: {span:.3g} s with {within} samples {which}; expected at least {FEWEST} "
+            "there and more after them; choose with --baseline S or --baseline FROM:TO"
         )

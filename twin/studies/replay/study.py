@@ -1,6 +1,6 @@
 """A replay, from a log to files: recording, picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
 from pathlib import Path
@@ -14,6 +14,7 @@ from twin.studies.replay.picture import draw_replay
 from twin.studies.replay.record import record
 from twin.studies.replay.replay import Indicator, Replay, replayed
 from twin.studies.replay.text import replay_text, verdict
+from twin.studies.steps import Say, Steps, silent
 from twin.writing import finite, write_json
 
 HOME = Path("results") / "replay"
@@ -26,10 +27,10 @@ def replay(
     experiment: Path | None = None,
     settings: Sequence[str] = (),
     plant: bool = False,
-    baseline: float = 1.0,
+    baseline: tuple[float, float] = (0.0, 1.0),
     tolerance: float | None = None,
     out: Path | None = None,
-    say: Callable[[str], None] = lambda what: None,
+    say: Say = silent,
 ) -> Answer:
     """A robot's log through the twin, and files: recording, picture, facts.
 
@@ -50,12 +51,16 @@ def replay(
         InputRefused: log, map, experiment or folder cannot be used.
         ComponentFailed: the plant model left the workspace.
     """
+    steps = Steps(say, 3)
+    steps.next("reading")
     curves = read_log(log, column_map(maps))
     model = model_for(curves.path, experiment, settings)
+    steps.next("estimating, and the plant model" if plant else "estimating")
     done = replayed(curves, model, plant, baseline, tolerance)
     name = model.name if experiment is None else curves.path.stem
     folder = claim_run_folder(out) if out else create_run_folder(HOME, name, datetime.now())
     files = {"recording": folder / RECORDING, "picture": folder / PICTURE, "facts": folder / FACTS}
+    steps.next("recording and drawing")
     record(done, files["recording"])
     draw_replay(done, name, files["picture"])
     facts = replay_facts(done)

@@ -12,9 +12,10 @@ from twin.studies.reference.outcome import WORDS
 HEAD = """# Which FMUs work
 
 What came of the FMUs that were tried, each by itself and in a process of its own: the reference experiments that came
-with it ([FMI-LS-REF](drives.md#what-came-with-an-fmu), or the files of the FMI Cross-Check beside it), and without such
-its default experiment, with its own start values and no inputs. Whether it is a drive is another question: *drive* says
-that names, units and causalities fit the [contract](drives.md#the-contract) as they are; most others need a mapping.
+with it ([FMI-LS-REF](drives_method.md#what-came-with-an-fmu), or the files of the FMI Cross-Check beside it), and
+without such its default experiment, with its own start values and no inputs. Whether it is a drive is another question:
+*drive* says that names, units and causalities fit the [contract](drives_reference.md#the-contract) as they are; most
+others need a mapping.
 
 This page is made from `docs/compatibility.json` by `twin drive survey`; the FMUs are their makers' and no part of this
 project. An FMU runs with the rights of who starts it: a survey is for FMUs that one trusts.

@@ -1,7 +1,6 @@
 """A survey: every FMU below a folder is tried, and what came out is data, from which a page is made."""
 
 import platform
-from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +9,7 @@ from twin.errors import InputRefused
 from twin.files import read_json, read_toml
 from twin.runs.guard.limits import Limits
 from twin.studies.answer import Answer
+from twin.studies.steps import Say
 from twin.studies.survey.fmu import row
 from twin.studies.survey.page import page_text, survey_text
 from twin.writing import made_folder, write_json, write_text
@@ -19,9 +19,7 @@ MEMORY = 2e9
 """Bytes that one FMU may take."""
 
 
-def survey(
-    place: Path, sources: Path | None, data: Path, page: Path | None, wall: float, say: Callable[[str], None]
-) -> Answer:
+def survey(place: Path, sources: Path | None, data: Path, page: Path | None, wall: float, say: Say) -> Answer:
     """Try every FMU below a folder, each in a process of its own, and write down what came out.
 
     Args:
@@ -49,7 +47,7 @@ def survey(
     return Answer("\n".join([survey_text(facts), *(f"  written  {file}" for file in written)]), facts)
 
 
-def _surveyed(place: Path, sources: Path | None, wall: float, say: Callable[[str], None]) -> dict[str, Any]:
+def _surveyed(place: Path, sources: Path | None, wall: float, say: Say) -> dict[str, Any]:
     if not place.is_dir():
         raise InputRefused(f"{place}: no such folder; expected one with FMUs, or the .json of an earlier survey")
     files = sorted(file for file in place.rglob("*.fmu") if file.is_file())
@@ -63,7 +61,7 @@ def _surveyed(place: Path, sources: Path | None, wall: float, say: Callable[[str
     for number, file in enumerate(files, 1):
         # the same file in several places is one FMU
         if (digest := sha256(file)) not in rows:
-            say(f"{number} of {len(files)}: {file.name}")
+            say(f"{number} of {len(files)}: {file.name}", (number - 1) / len(files))
             rows[digest] = {"source": groups[file], **row(file, digest, Limits(wall=wall, memory=MEMORY))}
     origins = {name: told.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
     where = f"{platform.machine()} {platform.system()}"

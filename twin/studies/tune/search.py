@@ -6,6 +6,7 @@ a seed it finds the same gains every time. What is compared are gains of three d
 
 import math
 from collections.abc import Callable, Iterator, Sequence
+from itertools import count
 from typing import NamedTuple
 
 import numpy as np
@@ -25,6 +26,9 @@ ROUNDING = 1e-3
 """By how much a goal may be missed and count as met, relative; for the overshoot, as a share of the step."""
 PRICES = {"bandwidth": 1e2, "overshoot": 1e4, "margin": 1e4, "stability": 1e8}
 """A goal that is missed costs more than any slowness; what keeps people safe comes before bandwidth."""
+
+
+Told = Callable[[float], None]
 
 
 class Miss(NamedTuple):
@@ -88,12 +92,14 @@ def best_gains(
     start: LawGains,
     laws: str = "both",
     allowed: Callable[[LawGains], bool] = lambda gains: True,
+    told: Told = lambda done: None,
 ) -> LawGains:
     """The gains of least `cost`. Those of the force law stay as in `start` where no corner has it.
 
     Args:
         laws: "both", or "force": kp of the position law stays as in `start`, too.
         allowed: which gains come into question at all.
+        told: hears after each generation how much of the longest search is over, 0 .. 1.
     """
     force = any(corner.point.force_on for corner in corners)
     first, last = (1 if laws == "force" else 0), (len(BOUNDS) if force else 1)
@@ -112,7 +118,16 @@ def best_gains(
                 break
         return cost(predictions, goals)
 
+    generations = count(1)
     found = differential_evolution(
-        judged, bounds, seed=SEED, popsize=POPULATION, maxiter=GENERATIONS, tol=1e-3, polish=False, init="sobol"
+        judged,
+        bounds,
+        seed=SEED,
+        popsize=POPULATION,
+        maxiter=GENERATIONS,
+        tol=1e-3,
+        polish=False,
+        init="sobol",
+        callback=lambda intermediate_result: told(next(generations) / GENERATIONS),
     )
     return gains(found.x)

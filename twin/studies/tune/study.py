@@ -1,13 +1,14 @@
 """Tuning, from an experiment's file to files: gains to run with, picture, facts."""
 
 import shlex
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from twin.experiment.named import experiment_file
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
+from twin.studies.steps import Say
 from twin.studies.tune.fragment import fragment
 from twin.studies.tune.goals import Goals, stiffness_range
 from twin.studies.tune.picture import draw_tuning
@@ -31,7 +32,7 @@ def tune(
     settings: Sequence[str],
     out: Path | None,
     schedule: bool,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """The gains of the laws of an experiment that meet goals, and files in `out`, or results/tuning/EXPERIMENT.
 
@@ -62,7 +63,7 @@ def tune(
         span = span or RANGE
         # one set first, which is then the safe one
         settings = [*settings, NO_SCHEDULE]
-    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], wanted, span)
+    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], wanted, span, say)
     if schedule:
         say("designing the schedule")
     over = scheduled(done) if schedule else None

@@ -9,6 +9,7 @@ from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.studies.analyse.linear_point import Linearised
+from twin.studies.steps import Say, silent
 from twin.studies.tune.corner import Corner, corners
 from twin.studies.tune.gains import LawGains, gains_of
 from twin.studies.tune.goals import Goals
@@ -16,6 +17,9 @@ from twin.studies.tune.prediction import Prediction, StepAnswer, confirmed, pred
 from twin.studies.tune.search import Miss, best_gains, worst_misses
 from twin.studies.tune.trial import StepTrial, Whole, can_be_tried, contradiction, step_trial, whole_run
 from twin.writing import finite
+
+SEARCH = 0.8
+"""Share of the time that the search takes; the rest is tried in the co-simulation."""
 
 
 @dataclass(frozen=True)
@@ -97,13 +101,19 @@ class Tuned:
         }
 
 
-def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[float, float] | None = None) -> Tuned:
+def tuned(
+    experiments: Sequence[Experiment],
+    goals: Goals,
+    stiffness: tuple[float, float] | None = None,
+    say: Say = silent,
+) -> Tuned:
     """The fastest gains of the laws of `experiments` that meet `goals` at every corner, and what they were.
 
     Args:
         experiments: the same experiment with each drive for which the gains have to do, at least one.
         goals: `law` is filled in.
         stiffness: range of the contact's (N/m).
+        say: told what is being done.
 
     Raises:
         InputRefused: goals that nothing can meet, gains that are not tuned, no linear model.
@@ -118,6 +128,7 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
         )
     goals.refuse_period(first.controller.period)
     start = gains_of(first)
+    say("identifying the drives", 0.0)
     found, problems, drives = corners(experiments, stiffness)
     if stiffness is not None and not any(corner.point.in_contact for corner in found):
         raise InputRefused(
@@ -125,9 +136,10 @@ def tuned(experiments: Sequence[Experiment], goals: Goals, stiffness: tuple[floa
         )
     law = "force" if any(corner.point.force_on for corner in found) else "position"
     goals = replace(goals, law=law)
-    after = best_gains(found, goals, start)
+    after = best_gains(found, goals, start, told=lambda done: say("searching gains", SEARCH * done))
     predictions = [predicted(corner, after) for corner in found]
     tried = [i for i in worst_places(predictions) if can_be_tried(found[i])]
+    say("trying them in the co-simulation", SEARCH)
     judged = [_judged(experiments, found, drives, goals, gains, tried) for gains in (start, after)]
     return Tuned(list(experiments), goals, stiffness, drives, problems, *judged)
 

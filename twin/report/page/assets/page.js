@@ -47,7 +47,10 @@ async function begin() {
   document.getElementById("wider").addEventListener("click", () => plots.zoomBy(2));
   document.getElementById("all").addEventListener("click", () => plots.all());
   for (const button of document.querySelectorAll("button[data-t]"))
-    button.addEventListener("click", () => clock.set(Number(button.dataset.t)));
+    button.addEventListener("click", () => {
+      clock.set(Number(button.dataset.t));
+      document.getElementById("replay").scrollIntoView();
+    });
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
     plots.redraw();
     player.draw();

@@ -21,6 +21,8 @@ from twin.studies.sweep.statistics.ranking import drives_in, is_number, numeric_
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
 FAILED = VERMILION
+FAR = 3.0
+"""Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
 
 
 def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | None:
@@ -58,7 +60,8 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
     lines = -(-len(drives) // columns)
     with picture(path, 2.2 + 4.0 * columns, 1.4 + 3.4 * lines, look=MAP) as figure:
         panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
-        shade = ScalarMappable(Normalize(min(values, default=0.0), max(values, default=1.0)), COLORS)
+        low, high, remark = shown_range(values)
+        shade = ScalarMappable(Normalize(low, high), COLORS)
         for panel, drive in zip(panels, drives, strict=False):
             _draw_panel(panel, shade, [row for row in rows if row["drive"] == drive], axes, metric)
             panel.set_title(drive or "", fontsize=10, fontweight="bold")
@@ -67,11 +70,38 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
         names = short(kept.labels)
         figure.supxlabel(names[axes[0]], fontsize=10)
         figure.supylabel(names[axes[1]], fontsize=10)
-        figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02)
+        beyond = {"max": max(values, default=0.0) > high, "min": min(values, default=0.0) < low}
+        extend = "both" if all(beyond.values()) else next((end for end, is_so in beyond.items() if is_so), "neither")
+        figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02, extend=extend)
+        marks, told = [], []
         if len(values) < len(rows):
-            cross = Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2)
-            figure.legend([cross], [f"no {metric}: see the row's reason"], loc="outside lower center")
+            marks.append(Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2))
+            told.append(f"no {metric}: see the row's reason")
+        if remark:
+            marks.append(Line2D([], [], ls=""))
+            told.append(remark)
+        if marks:
+            figure.legend(marks, told, loc="outside lower center")
         figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
+
+
+def shown_range(values: Sequence[float]) -> tuple[float, float, str]:
+    """(low, high, remark) of the colours: without what is far out, which would leave one colour to all others.
+
+    The remark says how many values the ends of the colours stand for; "" if the colours span all.
+    """
+    if not values:
+        return 0.0, 1.0, ""
+    first, third = np.quantile(values, [0.25, 0.75])
+    reach = FAR * (third - first)
+    inside = [number for number in values if first - reach <= number <= third + reach]
+    outside = len(values) - len(inside)
+    if not outside or reach == 0.0:
+        return min(values), max(values), ""
+    low, high = min(inside), max(inside)
+    span = f"{min(values):.3g} to {max(values):.3g}"
+    told = f"{outside} of {len(values)} are far out, {span} in all: coloured as {low:.3g} or {high:.3g}"
+    return low, high, told
 
 
 def _draw_panel(panel: Axes, shade: ScalarMappable, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:

@@ -1,0 +1,122 @@
+"""What is kept, what it was made with, and what goes."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from tests.command_line import Done, twin
+from twin.errors import InputRefused
+from twin.recording.folder import recording_in
+from twin.recording.origin import origin
+from twin.recording.reader import last_time, read
+from twin.studies.results.kept import kept_runs
+from twin.studies.results.study import doomed_runs
+
+SHORT = ("--set", "duration_s=0.01")
+
+
+@pytest.fixture(scope="module")
+def home(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with an experiment of its own and three runs of it."""
+    folder = tmp_path_factory.mktemp("home")
+    file = folder / "mine.toml"
+    file.write_text('extends = "fig4_force_position.toml"\nduration_s = 0.01\n')
+    for words in ((), ("--drive", "pmsm_foc", "--set", "seed=3"), ()):
+        done = twin("run", "mine", *words, cwd=folder)
+        assert done.returncode == 0, done.stderr
+    file.write_text('extends = "fig4_force_position.toml"\nduration_s = 0.02\n')
+    (folder / "results/pictures").mkdir()
+    (folder / "results/pictures/a.png").write_bytes(bytes(1000))
+    return folder
+
+
+@pytest.fixture
+def copied(home: Path, tmp_path: Path) -> Path:
+    shutil.copytree(home, tmp_path / "copied", symlinks=True)
+    return tmp_path / "copied"
+
+
+def told(*words: str, cwd: Path) -> Done:
+    done = twin("runs", *words, cwd=cwd)
+    assert done.returncode == 0, done.stderr
+    return done
+
+
+def test_the_list_says_when_how_large_made_with_what_and_what_has_changed_since(home: Path):
+    lines = told(cwd=home).stdout.splitlines()
+    assert lines[0].startswith("results: 3 runs of 1 experiment, ")
+    assert [line.endswith("never touched  latest") for line in lines if "never touched" in line] == [True, False, False]
+    assert lines.count("      with --drive pmsm_foc --set seed=3") == 1
+    assert lines.count("      duration_s was 0.01, is 0.02 now") == 3
+    # its drive and seed are what was asked for, and so they would be now
+    assert not [line for line in lines if "drive.fmu" in line]
+    assert lines[-1] == "also there: pictures 1.0 kB"
+    assert max(map(len, lines)) <= 80
+
+
+def test_a_run_whose_experiment_is_gone_is_listed_and_says_so(copied: Path):
+    (copied / "mine.toml").unlink()
+    assert "not compared with its file: mine: no such experiment" in told(cwd=copied).stdout
+
+
+def test_an_unfinished_run_says_how_far_it_got(copied: Path):
+    recording = recording_in(copied / "results/mine")
+    recording.rename(recording.with_name("run.mcap.partial"))
+    assert f"not finished: ends at {last_time(recording_in(copied / 'results/mine')):.3g} s" in told(cwd=copied).stdout
+
+
+def test_the_newest_of_two_runs_in_a_second_stands_first(tmp_path: Path):
+    stamps = ["2026-01-01_120000", "2026-01-01_120000_2", "2026-01-01_120000_10", "2025-12-31_235959"]
+    for stamp in stamps:
+        (tmp_path / "a" / stamp).mkdir(parents=True)
+        (tmp_path / "a" / stamp / "run.mcap").write_bytes(b"")
+    assert [run.folder.name for run in kept_runs(tmp_path)] == [stamps[i] for i in (2, 1, 0, 3)]
+
+
+def test_pruning_lists_first_and_removes_nothing_until_one_says_yes(copied: Path):
+    before = sorted(copied.rglob("*"))
+    done = told("--prune", cwd=copied)
+    assert done.stdout.startswith("2 runs, ") and done.stdout.endswith("nothing removed; --yes removes them\n")
+    assert sorted(copied.rglob("*")) == before
+    assert told("--prune", "--yes", cwd=copied).stdout.splitlines()[-1].startswith("removed 2 runs, ")
+    assert len(kept_runs(copied / "results")) == 1 and recording_in(copied / "results/mine/latest").is_file()
+    assert (copied / "results/pictures/a.png").is_file()
+    assert told("--prune", cwd=copied).stdout == "results: nothing to remove; each experiment has 1 at most\n"
+
+
+def test_pruning_keeps_the_run_that_latest_means_even_if_a_newer_one_is_there(copied: Path):
+    latest = copied / "results/mine/latest"
+    oldest = kept_runs(copied / "results")[-1].folder.name
+    latest.unlink()
+    latest.symlink_to(oldest)
+    assert oldest not in [run.folder.name for run in doomed_runs(copied / "results", (), 1)]
+    assert told("--prune", "--yes", "--keep", "0", cwd=copied).returncode == 0
+    assert not (copied / "results/mine").exists()
+
+
+def test_a_folder_that_a_link_leads_to_is_neither_listed_nor_removed(copied: Path, tmp_path: Path):
+    shutil.move(copied / "results", tmp_path / "elsewhere")
+    (copied / "results").mkdir()
+    (copied / "results/mine").symlink_to(tmp_path / "elsewhere/mine")
+    assert kept_runs(copied / "results") == []
+
+
+def test_an_experiment_without_runs_is_refused_with_the_nearest(home: Path):
+    with pytest.raises(InputRefused, match="no run of it; did you mean 'mine'"):
+        kept_runs(home / "results", ["min"])
+
+
+def test_a_command_that_takes_the_latest_run_says_which_and_what_it_was_made_with(copied: Path):
+    runs = kept_runs(copied / "results")
+    (copied / "results/mine/latest").unlink()
+    (copied / "results/mine/latest").symlink_to(runs[1].folder.name)
+    done = twin("export", "results/mine", "--csv", cwd=copied)
+    stamp = runs[1].folder.name
+    assert done.stderr == f"results/mine: the latest run, {stamp}, made with --drive pmsm_foc --set seed=3\n"
+    assert twin("export", f"results/mine/{stamp}", "--csv", "--force", cwd=copied).stderr == ""
+
+
+def test_what_is_read_without_samples_is_what_is_read_with_them(home: Path):
+    recording = recording_in(home / "results/mine")
+    assert origin(recording) == read(recording).metadata

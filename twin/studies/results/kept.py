@@ -1,0 +1,135 @@
+"""The runs that a folder of results keeps."""
+
+import os
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+from twin.errors import InputRefused, nearest
+from twin.experiment.command_line import options
+from twin.experiment.recorded import recorded_values
+from twin.files import read_json
+from twin.recording.folder import LATEST, RECORDING
+from twin.recording.origin import origin
+from twin.recording.output import PARTIAL
+from twin.recording.reader import last_time
+from twin.runs.run import SUMMARY
+
+STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
+"""What `create_run_folder` calls the folder of a run."""
+
+
+@dataclass(frozen=True)
+class KeptRun:
+    """A run's folder, results/EXPERIMENT/TIME.
+
+    Attributes:
+        folder: of the run.
+        recording: in it, finished or not.
+        latest: whether results/EXPERIMENT means this one.
+    """
+
+    folder: Path
+    recording: Path
+    latest: bool
+
+    @property
+    def experiment(self) -> str:
+        """By the name of the folder above."""
+        return self.folder.parent.name
+
+    @property
+    def finished(self) -> bool:
+        return self.recording.suffix != PARTIAL
+
+    @cached_property
+    def size(self) -> int:
+        """Bytes of everything in the folder."""
+        return size_of(self.folder)
+
+    @cached_property
+    def metadata(self) -> dict[str, dict[str, str]]:
+        """Of the recording; empty if that cannot be read."""
+        try:
+            return origin(self.recording)
+        except InputRefused:
+            return {}
+
+    @cached_property
+    def typed(self) -> list[str]:
+        """Options with which the run was started: `--drive`, `pmsm_foc.fmu`."""
+        try:
+            return options(recorded_values(self.metadata, self.recording), self.metadata.get("origins", {}))
+        except InputRefused:
+            return []
+
+    @cached_property
+    def summary(self) -> dict[str, Any]:
+        """The numbers beside the recording; empty if there are none."""
+        try:
+            found = read_json(self.folder / SUMMARY)
+        except InputRefused:
+            return {}
+        return found if isinstance(found, dict) else {}
+
+    @property
+    def reached(self) -> float:
+        """How far the recording goes (s)."""
+        return last_time(self.recording) or 0.0
+
+
+def kept_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
+    """The runs below `results`, those of an experiment together, the newest first.
+
+    Args:
+        results: folder.
+        experiments: names; empty: all there are.
+
+    Raises:
+        InputRefused: no run is of one of `experiments`.
+    """
+    runs = [run for home in _folders(results) for run in _runs(home)]
+    there = dict.fromkeys(run.experiment for run in runs)
+    for name in experiments:
+        if name not in there:
+            raise InputRefused(f"{results / name}: no run of it; {nearest(name, there, 'there are runs of {}')}")
+    return [run for run in runs if not experiments or run.experiment in experiments]
+
+
+def kept_run(recording: Path) -> KeptRun:
+    """The run that wrote `recording`; its folder by its own name, not by that of a link to it."""
+    folder = recording.parent.resolve()
+    return KeptRun(folder, recording, False)
+
+
+def other_folders(results: Path) -> dict[str, int]:
+    """Bytes of what else lies in `results`, pages and pictures of other commands, by name."""
+    return {home.name: size_of(home) for home in _folders(results) if not any(True for _ in _runs(home))}
+
+
+def size_of(folder: Path) -> int:
+    """Bytes of all files below `folder`; links are not followed."""
+    total = 0
+    for place, _, names in os.walk(folder):
+        total += sum(os.lstat(os.path.join(place, name)).st_size for name in names)
+    return total
+
+
+def _folders(results: Path) -> list[Path]:
+    if not results.is_dir():
+        return []
+    return sorted(path for path in results.iterdir() if path.is_dir() and not path.is_symlink())
+
+
+def _runs(home: Path) -> Iterator[KeptRun]:
+    latest = os.path.realpath(home / LATEST)
+    stamped = [path for path in home.iterdir() if STAMP.fullmatch(path.name) and not path.is_symlink()]
+    # the second of two runs within a second ends in _2, the tenth in _10
+    for folder in sorted(stamped, key=lambda path: (path.name[:17], len(path.name), path.name), reverse=True):
+        for name in (RECORDING, f"{RECORDING}{PARTIAL}"):
+            if (folder / name).is_file():
+                yield KeptRun(folder, folder / name, os.path.realpath(folder) == latest)
+                break
