@@ -24,6 +24,7 @@ from twin.studies.sweep.plan import planned
 PLAIN = re.compile(r"twin [^|;&$<>`*?~{}()!\\]*$")
 """A command that a shell would only split into words."""
 TUTORIAL = "docs/tutorial.md"
+LATEST = ": the latest run, "
 SETUP = re.compile(r"^(make\b|python3 -m venv|\S*python -m pip install|\S*pip install|pipx |uv tool )")
 
 
@@ -112,7 +113,8 @@ class Workshop:
                 f"{block.place}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
             )
             if expected:
-                self._refusal += done.stderr
+                # which run is the latest is no part of a refusal
+                self._refusal += "".join(line for line in done.stderr.splitlines(True) if LATEST not in line)
 
     def _scripted(self, block: Block, commands: list[tuple[str, int]]) -> None:
         script = ["set -e"]
