@@ -3,7 +3,7 @@
 import math
 import os
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -22,6 +22,7 @@ from twin.studies.falsify.space import Space, Wrong, settings_as_toml
 from twin.studies.falsify.text import Found, Requirement, falsify_text, header
 from twin.studies.faults.case import cases, known_kinds
 from twin.studies.metrics.distance import checked_requirement
+from twin.studies.steps import Say
 from twin.studies.tune.fragment import findable
 from twin.writing import made_folder, write_json, write_text
 
@@ -42,7 +43,7 @@ def falsify(
     drive: str | None,
     settings: Sequence[str],
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """Search for the fault that takes an experiment furthest beyond what is required of it.
 
@@ -128,7 +129,7 @@ class _Judge:
         experiment: Path,
         scratch: Path,
         runs: int,
-        say: Callable[[str], None],
+        say: Say,
     ):
         self._space, self._requirements, self._workers = space, requirements, workers
         self._experiment, self._scratch, self._runs, self._say = experiment, scratch, runs, say
@@ -188,7 +189,7 @@ class _Judge:
         for number, wrong in enumerate(batch):
             files.append(self._scratch / f"{number}.toml")
             write_text(files[-1], self._space.file(wrong, self._experiment))
-        self._say(f"{len(self.distances)} of {self._runs} runs")
+        self._say(f"{len(self.distances)} of {self._runs} runs", len(self.distances) / self._runs)
         facts = self._workers.findings(files, None)
         self.seconds += sum(one.get("seconds") or 0.0 for one in facts)
         return facts
