@@ -11,6 +11,8 @@ from tests.command_line import twin
 from tests.studies.systems.archives import archive, component, structure, system
 from twin.recording.recording import Recording
 
+ENDS = {"falsify": 1}
+"""Exit codes: what is shown is a requirement that does not hold."""
 LONG = ("converge", "drive survey", "faults", "tune")
 """Ten seconds each: `make endurance` tries them, and `make test` what they run by shorter ones of its own."""
 
@@ -49,5 +51,5 @@ def test_help_is_written_for_80_columns(words: str):
 )
 def test_every_example_works(repository: Path, words: str):
     done = twin(*shlex.split(EXAMPLES[words].removeprefix(f"{EXAMPLE}twin ")), cwd=repository)
-    assert done.returncode == 0, done.stderr
+    assert done.returncode == ENDS.get(words, 0), done.stderr
     assert done.stdout and "\x1b" not in done.stdout + done.stderr

@@ -43,10 +43,11 @@ class Workshop:
             shutil.copytree(root / name, folder / name)
         for name in ("examples", "benchmarks"):
             (folder / name).symlink_to(root / name)
-        # the drive that docs/drives.md brings in
+        # the drives that docs/drives.md and docs/tutorial.md bring in
         parts_of_a_drive(root, folder / "parts")
-        (folder / "supplier").mkdir()
-        shutil.copy(root / "fmus" / "pmsm_foc" / "pmsm_foc.fmu", folder / "supplier" / "servo.fmu")
+        for sent in ("supplier", "sent"):
+            (folder / sent).mkdir()
+            shutil.copy(root / "fmus" / "pmsm_foc" / "pmsm_foc.fmu", folder / sent / "servo.fmu")
         programs = folder / "programs"
         programs.mkdir()
         # who has no compiler has that of the drives

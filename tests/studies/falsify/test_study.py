@@ -11,6 +11,7 @@ from tests.studies.faults.pressing import pressing
 from twin.errors import InputRefused
 from twin.studies.answer import Answer
 from twin.studies.falsify.study import RUNS, falsify
+from twin.studies.steps import silent
 from twin.studies.sweep.trial import trial
 
 BOUND = "always (|plant.F_ee_B| <= 18 N)"
@@ -19,7 +20,7 @@ BOUND = "always (|plant.F_ee_B| <= 18 N)"
 def asked(folder: Path, **options) -> Answer:
     told: dict[str, Any] = {
         "experiment": EXPERIMENTS / "pressing.toml", "requirements": [BOUND], "kinds": [], "bodies": [], "runs": RUNS,
-        "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": lambda what: None,
+        "duration": None, "processes": 2, "drive": None, "settings": [], "out": folder, "say": silent,
     }  # fmt: skip
     return falsify(**told | options)
 

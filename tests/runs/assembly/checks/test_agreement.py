@@ -1,9 +1,14 @@
 """Tables that are right by themselves and do not fit together."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from tests.laws.runs import EXPERIMENTS, FORCE
 from tests.runs.assembly.checks.test_tasks import told
+from twin.errors import InputRefused
+from twin.runs.assembly.load import load_experiment
 
 EITHER = "expected either [reference] with way points or [[task]] tables"
 WAY_POINTS = ("reference.t_s=[0, 1]", "reference.p_mm=[[0, 0, -90], [0, 0, -95]]")
@@ -13,8 +18,10 @@ def test_tasks_and_way_points_exclude_each_other():
     assert told("pressing", *WAY_POINTS) == [f"{EITHER}, not both"]
 
 
-def test_without_tasks_and_way_points_there_is_nothing_to_do():
-    assert EITHER in told("robots/massage_robot")
+def test_without_tasks_and_way_points_there_is_nothing_to_do(tmp_path: Path):
+    (tmp_path / "idle.toml").write_text(f'extends = "{EXPERIMENTS}/robots/massage_robot.toml"\nduration_s = 1\n')
+    with pytest.raises(InputRefused, match=re.escape(EITHER)):
+        load_experiment(tmp_path / "idle.toml")
 
 
 @pytest.mark.parametrize(
