@@ -77,7 +77,8 @@ class Simulation:
         self.culprit = ""
         # no ticks: compiles, or loads from the cache, before anyone's clock runs
         self._address = self._loop.ctypes.data
-        advance(self._address, 0, 0, 0)
+        self._advance = advance.native.called
+        self._advance(self._address, 0, 0, 0)
 
     @property
     def finished(self) -> bool:
@@ -98,7 +99,7 @@ class Simulation:
         done, most = 0, len(self._rows)
         while done < most and not self.finished:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
-            made = advance(self._address, self.next_tick, count, done)
+            made = self._advance(self._address, self.next_tick, count, done)
             failed = made < 0
             if failed:
                 made = -1 - made
