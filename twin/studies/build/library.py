@@ -10,10 +10,11 @@ from twin.monitor.reasons import Reason
 from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
 from twin.studies.build.emission import emitted_steps, object_files
+from twin.studies.build.fixed import fixed
 from twin.studies.build.interface import fields, header, parameters_of, step_ticks
 from twin.studies.build.layout import laid_out
 from twin.studies.build.linking import c_files, guid_of, refuse_platform, static_library
-from twin.studies.build.parameters import fixed, parameters
+from twin.studies.build.parameters import parameters
 from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.platforms import HERE, PLATFORMS, Platform, platforms_named
 from twin.studies.build.study import HOME

@@ -24,7 +24,7 @@ from twin.monitor.belief import MonitorBelief
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.tunable import PLACES as TUNABLES
 from twin.studies.build.adaptive import besides, senses
-from twin.studies.build.fault_numbers import fault_beside, fault_numbers, fault_of
+from twin.studies.build.fault_numbers import fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
 
@@ -118,7 +118,7 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
     fault = fault_of(experiment, table)
     field = (table_of(CATALOGUE[fault.kind]) if fault else _TABLES[table]).model_fields[attribute]
     name = field.alias or attribute
-    value = _said(experiment, table).get(name, field.default)
+    value = said_in(experiment, table).get(name, field.default)
     text = name.removeprefix(f"{attribute}_").replace("_per_", "/").replace("per_", "1/").replace("_", ".")
     text = text if field.alias and known_unit(text) else "1"
     unit = known_unit(text)
@@ -259,48 +259,8 @@ _OF = {
     "monitor": _monitor,
 }
 
-_FIXED = {
-    "plant": ("plant.substeps", "contact.law", "contact.shape"),
-    "scale": ("scale.period_ms",),
-    "latency": ("plant.encoder_latency_ms",),
-    "encoder": ("seed", "controller.period_ms"),
-    "estimator": ("controller.gravity_compensation", "controller.period_ms"),
-    "controller": (
-        "controller.mode", "controller.period_ms", "controller.speed_limit_rad_per_s", "controller.force.reference_N",
-        "controller.force.trigger_N", "controller.force.trigger_time_s", "controller.touch.contact_N", "[reference]",
-        "[approach]", "[[task]]", "controller.force.schedule",
-    ),
-    "tank": ("controller.period_ms",),
-    "delay": ("controller.delay_ticks",),
-    "monitor": ("[monitor]",),
-}  # fmt: skip
-"""What decides on a component and may be fixed in it; what is offered after all is not."""
 
-
-def fixed(part: RobotPart, offered: list[Parameter]) -> list[str]:
-    """The keys of the experiment's file that decide on the part, and cannot be set any more."""
-    open_ones = {parameter.key for parameter in offered}
-    experiment = part.experiment
-    keys: dict[str, None] = {}
-    for component in part.components:
-        fault = fault_of(experiment, component.name)
-        if fault:
-            said = (f"{component.name}.{key}" for key in _said(experiment, component.name))
-            keys |= dict.fromkeys((*said, *fault_beside(fault)))
-        keys |= dict.fromkeys(key for key in _FIXED.get(component.name, ()) if _has(experiment, key))
-    if senses(part):
-        keys["[controller.model]"] = None
-    return ["cosim.tick_ms", *(key for key in keys if key not in open_ones)]
-
-
-def _has(experiment: Experiment, key: str) -> bool:
-    """Whether the experiment says it, or has such a table."""
-    table, _, name = key.strip("[]").rpartition(".")
-    value = _said(experiment, table).get(name)
-    return bool(value) or value == 0
-
-
-def _said(experiment: Experiment, table: str) -> Mapping[str, Any]:
+def said_in(experiment: Experiment, table: str) -> Mapping[str, Any]:
     """What the experiment says in `table`, `controller.force`, or `fault_2` for the second [[fault]]."""
     values: Any = experiment.values
     if fault_of(experiment, table):

@@ -19,11 +19,12 @@ from twin.ssp.structure import STRUCTURE
 from twin.ssp.writing import parameter_set_xml, structure_xml
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
+from twin.studies.build.fixed import fixed
 from twin.studies.build.fmu import archive, packed
 from twin.studies.build.layout import laid_out
 from twin.studies.build.linking import refuse_platform
 from twin.studies.build.ours import own_connectors, own_values
-from twin.studies.build.parameters import fixed, parameters
+from twin.studies.build.parameters import parameters
 from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.platforms import Platform, platforms_named
 from twin.studies.build.structure import Member, structure
