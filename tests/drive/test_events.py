@@ -10,7 +10,7 @@ import pytest
 from tests.drive.commanded import stepped
 from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
-from twin.cli.drive import _table
+from twin.cli import drive_info
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
@@ -238,7 +238,7 @@ def test_a_clocked_drive_qualifies_on_the_bench(shaft: Maker):
 def test_info_says_how_it_is_stepped(shaft: Maker):
     clocks = IN_CLOCK.format('intervalVariability="constant" intervalDecimal="0.005" shiftDecimal="0.003"') + OUT_CLOCK
     fmu = shaft(f'{EVENTS} {EARLY} fixedInternalStepSize="0.002"', clocks=clocks, omega_ref=CLOCKED)
-    told = _table(planned(Drive.model_validate({"fmu": str(fmu)})))
+    told = drive_info.text(planned(Drive.model_validate({"fmu": str(fmu)})))
     assert "  steps      steps of one size only; it prefers 2 ms\n" in told
     assert "  events     event mode, may return early\n" in told
     assert "  clock      beat, every 5 ms from 3 ms on\n" in told
@@ -278,4 +278,4 @@ def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, mo
     found = planned(lone_drive(str(tmp_path / "mapping.toml"), Path("/")))
     assert [value for _, value in found.settings[""]] == [[b"\x07"]]
     digest = hashlib.sha256(b"\x07").hexdigest()
-    assert f"blob = 1 bytes, sha256 {digest}" in _table(found)
+    assert f"blob = 1 bytes, sha256 {digest}" in drive_info.text(found)

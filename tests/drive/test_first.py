@@ -10,7 +10,7 @@ import pytest
 from tests.drive.first import first_description, first_drive, first_library
 from tests.drive.test_component import TICK, made, run
 from tests.drive.test_events import stepped
-from twin.cli.drive import _facts, _table
+from twin.cli import drive_info
 from twin.drive.description import described
 from twin.drive.instance import Instance
 from twin.drive.setup import Setup
@@ -83,9 +83,9 @@ def test_what_its_standard_does_not_fit_is_refused(first: Maker):
 
 def test_info_and_new_know_it(first: Maker):
     fmu = first()
-    assert "FMI 1.0 co-simulation" in _table(plan(fmu))
-    assert "steps of one size only" in _table(plan(fmu))
-    assert _facts(plan(fmu))["fmus"][0]["get_set_state"] is False  # type: ignore[index]
+    assert "FMI 1.0 co-simulation" in drive_info.text(plan(fmu))
+    assert "steps of one size only" in drive_info.text(plan(fmu))
+    assert drive_info.facts(plan(fmu))["fmus"][0]["get_set_state"] is False  # type: ignore[index]
     text, complete = proposal(described(fmu))
     assert complete and 'theta_m = "theta_m"' in text
 

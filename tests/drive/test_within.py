@@ -10,7 +10,7 @@ from tests.drive.commanded import stepped
 from tests.drive.eventful import KINDS, READ, WITHIN, Maker
 from tests.drive.test_component import TICK, run
 from tests.drive.test_events import ALL
-from twin.cli.drive import _table
+from twin.cli import drive_info
 from twin.drive.component import FmuComponent
 from twin.drive.within import Stray
 from twin.errors import ComponentFailed
@@ -134,5 +134,5 @@ def test_nothing_is_called_back_where_nothing_is_offered_or_wanted(
 def test_info_tells_what_can_be_read_within_a_step(shaft: Maker):
     offered: dict[str, Any] = {"theta_m": READ}
     said = "  outputs    can be read within a step: theta_m\n"
-    assert said in _table(planned(Drive.model_validate({"fmu": str(shaft(WITHIN, **offered))})))
-    assert said not in _table(planned(Drive.model_validate({"fmu": str(shaft(**offered))})))
+    assert said in drive_info.text(planned(Drive.model_validate({"fmu": str(shaft(WITHIN, **offered))})))
+    assert said not in drive_info.text(planned(Drive.model_validate({"fmu": str(shaft(**offered))})))

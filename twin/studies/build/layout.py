@@ -80,7 +80,6 @@ class Layout:
     places: tuple[Place, ...]
     pointers: tuple[tuple[int, int], ...]
     sources: tuple[int, ...]
-    outputs: tuple[int, ...]
     first_y: tuple[float, ...]
     image: bytes
 
@@ -119,8 +118,6 @@ def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
         for port in component.inputs
         for n in range(port.size)
     ]
-    ports = [(name, port) for name, port, _ in _outputs(part)]
-    outputs = [first_of[f"{name}.{port.name}"] + n for name, port in ports for n in range(port.size)]
     return Layout(
         tuple(variables),
         rows,
@@ -131,7 +128,6 @@ def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
             for field, array in component.pointers.items()
         ),
         tuple(sources),
-        tuple(outputs),
         tuple(float(x) for _, _, start in _outputs(part) for x in start),
         _image(part, blocks),
     )

@@ -19,7 +19,7 @@ def sizes(layout: Layout, variables: Sequence[Variable], guid: str, tick: float)
         "N_POINTERS": len(layout.pointers),
         "N_COMPONENTS": len(layout.rows),
         "N_U": len(layout.sources),
-        "N_Y": len(layout.outputs),
+        "N_Y": len(layout.first_y),
         "MEMORY_BYTES": len(layout.image),
     }
     lines = [f'#define GUID "{guid}"', f"#define TICK {_number(tick)}"]
@@ -46,7 +46,6 @@ def tables(layout: Layout, variables: Sequence[Variable]) -> str:
             _array("Pointer", "pointers[N_POINTERS + 1]", (f"{{{field}, {at}}}" for field, at in layout.pointers)),
             _array("Component", "components[N_COMPONENTS]", map(_component, layout.rows)),
             _array("int", "sources[N_U + 1]", map(str, layout.sources)),
-            _array("int", "outputs[N_Y]", map(str, layout.outputs)),
             _array("double", "first_y[N_Y]", map(_number, layout.first_y)),
             # whole numbers: a double that is none would not survive as text
             _array("uint64_t", "image[(MEMORY_BYTES + 7) / 8]", (f"{word}u" for word in doubles)),

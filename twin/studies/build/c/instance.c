@@ -96,8 +96,8 @@ static bool instance_step(Instance *instance, double t, double h)
     State *state = &instance->state;
     if (state->mode != STEPPING)
         return refuse_in_mode(instance, "DoStep");
-    const double ticks = nearbyint(h / TICK);
-    if (!(ticks >= 1.0 && ticks < 1e9 && fabs(h / TICK - ticks) < 1e-6))
+    const double ticks = h == TICK ? 1.0 : nearbyint(h / TICK);
+    if (h != TICK && !(ticks >= 1.0 && ticks < 1e9 && fabs(h / TICK - ticks) < 1e-6))
         return refuse(instance, "DoStep over %.17g s: expected a multiple of the tick, %g s", h, TICK);
     if (!(fabs(t - part_time(state)) < 0.01 * TICK))
         return refuse(instance, "DoStep from %.17g s: the time reached is %.17g s", t, part_time(state));
@@ -105,21 +105,21 @@ static bool instance_step(Instance *instance, double t, double h)
     return part_advance(state, (int64_t)ticks, &failure) || refuse_failed(instance, &failure);
 }
 
-/* Masters get every output at every step: calling memcpy for one number would be most of what that costs. */
+/* Masters get every output at every step. Where every variable is one value, as in FMI 2.0, those stand in the order
+ * of the references; a look at the table and a call of memcpy would be most of what it costs to get one. */
+enum { ALL_SCALAR = N_VARIABLES == N_VALUES };
+
 static inline void copy_values(double *to, const double *from, unsigned size)
 {
-    if (size == 1)
+    if (ALL_SCALAR || size == 1)
         *to = *from;
     else
         memcpy(to, from, size * sizeof *to);
 }
 
-static bool instance_set(Instance *instance, unsigned reference, const double *values)
+static bool set_in_bounds(Instance *instance, const Variable *variable, const double *values)
 {
     State *state = &instance->state;
-    if (reference >= N_VARIABLES)
-        return refuse_reference(instance, reference);
-    const Variable *variable = &variables[reference];
     if (variable->kind == OUTPUT)
         return refuse(instance, "Set: %s is an output", variable->name);
     if (variable->kind == PARAMETER && state->mode > INITIALIZATION)
@@ -143,6 +143,18 @@ static bool instance_set(Instance *instance, unsigned reference, const double *v
     return true;
 }
 
+static inline bool instance_set(Instance *instance, unsigned reference, const double *values)
+{
+    if (reference >= N_VARIABLES)
+        return refuse_reference(instance, reference);
+    const Variable *variable = &variables[reference];
+    /* an input may be anything: its component says what is too much for it */
+    if (variable->kind != INPUT)
+        return set_in_bounds(instance, variable, values);
+    copy_values(instance->state.values + variable->first, values, variable->size);
+    return true;
+}
+
 /* Whether a variable can be had; outputs follow from parameters and inputs until the first step. */
 static bool ready(Instance *instance, unsigned reference)
 {
@@ -155,7 +167,8 @@ static inline bool instance_get(Instance *instance, unsigned reference, double *
 {
     if ((reference >= N_VARIABLES || instance->state.mode == INITIALIZATION) && !ready(instance, reference))
         return false;
-    copy_values(values, instance->state.values + variables[reference].first, variables[reference].size);
+    const unsigned first = ALL_SCALAR ? reference : variables[reference].first;
+    copy_values(values, instance->state.values + first, variables[reference].size);
     return true;
 }
 

@@ -24,7 +24,7 @@ static bool instance_initialised(Instance *instance);
 static bool instance_step(Instance *instance, double t, double h);
 
 /* One variable, all of its values. */
-static bool instance_set(Instance *instance, unsigned reference, const double *values);
+static inline bool instance_set(Instance *instance, unsigned reference, const double *values);
 static inline bool instance_get(Instance *instance, unsigned reference, double *values);
 
 static bool instance_save(const Instance *instance, void **saved);

@@ -54,7 +54,6 @@ static const Place places[N_PLACES + 1];
 static const Pointer pointers[N_POINTERS + 1];
 static const Component components[N_COMPONENTS];
 static const int sources[N_U + 1]; /* of each value of u: >= 0 a value of y, else the value -1 - source */
-static const int outputs[N_Y];     /* where each value of y is published, -1: nowhere */
 static const double first_y[N_Y];
 static const uint64_t image[(MEMORY_BYTES + 7) / 8];
 
