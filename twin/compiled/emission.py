@@ -88,7 +88,7 @@ define {returned} @"{module.symbol}"({taken}) {{
     if returned == "void":
         body += "  ret void\n}\n"
     else:
-        # numba's codes of a function that ended well: with a value, and with None
+        # numba's code of a function that ended with a value
         body += f"""  %ended = icmp eq i32 %status, 0
   %value = load {returned}, ptr %result
   %told = select i1 %ended, {returned} %value, {returned} {bad}

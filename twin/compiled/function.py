@@ -92,6 +92,7 @@ class Function(Name):
     """
 
     def __init__(self, function: Callable, **options: Any):
+        # numba would keep both under one name, and give Python the one that it cannot call
         bare = {**options, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         super().__init__(lambda: importlib.import_module("numba").njit(**bare)(function))
         self._options = options

@@ -13,9 +13,10 @@ whatever height that is by then; its largest F less the one asked for, over the 
 import math
 
 from twin.compiled.function import njit
+from twin.controller.filter import state_variable
 from twin.controller.machine import LONGEST_TURN
 from twin.controller.phase import PhaseKind
-from twin.controller.tissue import HIGHEST, LOWEST
+from twin.controller.tissue import HIGHEST, LOWEST, moving_mass
 from twin.cosim.record import record
 
 CORNER = 35.0
@@ -54,22 +55,12 @@ TAPS = record(
     t_turn="f8",
 )
 """share: of the error that the next tap corrects. mass: of what moves up and down (kg), as of the beginning of the
-phase. g: of the filters; 0: they do not
-run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of the call before. vF,
-vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe began. k, depth: the
-stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the call before. felt:
-whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked for (N). speed,
-t_turn: its speed, and how long before its lowest point it was to turn.
+phase. g: of the filters; 0: they do not run. z_fast .. F_slow: of the filters, from the height z_0 on. kind: phase of
+the call before. vF, vv: sums of speed times force and of its square in the air. z_begun, F_begun: where the probe
+began. k, depth: the stiffness it felt (N/m), and how deep a tap goes from the touch on (m). z_before, F_before: of the
+call before. felt: whether the tap that is on has felt the surface. peak, level: its largest force, and what is asked
+for (N). speed, t_turn: its speed, and how long before its lowest point it was to turn.
 """
-
-
-@njit(cache=True)
-def _low_passed(g, fast, slow, x):
-    """(low-passed `x`, its first derivative over 2 pi f, its second over (2 pi f)^2, the two states)."""
-    high = (x - (DAMPING + g) * fast - slow) / (1.0 + g * (DAMPING + g))
-    band = g * high + fast
-    low = g * band + slow
-    return low, band, high, band + g * high, low + g * band
 
 
 @njit(cache=True, error_model="numpy")
@@ -126,9 +117,9 @@ def learn_taps(m, tissue, machine, phase, t, h, z, F, J):
         m.g, m.z_0 = math.tan(math.pi * CORNER * h), z
         m.z_fast, m.z_slow, m.F_fast, m.F_slow = 0.0, 0.0, 0.0, F
     if kind != m.kind:
-        m.mass = tissue.mass + tissue.inertia * (J[2] * J[2] + J[5] * J[5] + J[8] * J[8])
-    low, first, second, m.z_fast, m.z_slow = _low_passed(m.g, m.z_fast, m.z_slow, z - m.z_0)
-    F_low, _, _, m.F_fast, m.F_slow = _low_passed(m.g, m.F_fast, m.F_slow, F)
+        m.mass = moving_mass(tissue, J)
+    low, first, second, m.z_fast, m.z_slow = state_variable(DAMPING, m.g, m.z_fast, m.z_slow, z - m.z_0)
+    F_low, _, _, m.F_fast, m.F_slow = state_variable(DAMPING, m.g, m.F_fast, m.F_slow, F)
     z_low, v = m.z_0 + low, omega * first
     force = F_low + m.mass * omega * omega * second
     if abs(v) > MOVING and z_low > m.z_begun + CLEAR and m.k > 0.0:

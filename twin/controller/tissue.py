@@ -17,6 +17,7 @@ import math
 from typing import NamedTuple
 
 from twin.compiled.function import njit
+from twin.controller.filter import state_variable
 from twin.cosim.record import record, record_of
 
 DAMPING = 0.5
@@ -125,11 +126,23 @@ def _prepare(m, h):
     m.in_band = 1.0 / (0.5 * math.pi * m.frequency * DAMPING * h)
 
 
+@njit(cache=True)
+def squares_of(J):
+    """Sum of the squares of the z column of the Jacobian `J` (9,), rad^2/m^2."""
+    return J[2] * J[2] + J[5] * J[5] + J[8] * J[8]
+
+
+@njit(cache=True)
+def moving_mass(m, J):
+    """What moves up and down (kg) in the pose of the Jacobian `J` (9,)."""
+    return m.mass + m.inertia * squares_of(J)
+
+
 @njit(cache=True, error_model="numpy")
 def take_pose(m, J):
     """What of the robot itself depends on its pose, from the Jacobian `J` (9,) there."""
-    m.squares = J[2] * J[2] + J[5] * J[5] + J[8] * J[8]
-    m.moving = m.mass + m.inertia * m.squares
+    m.squares = squares_of(J)
+    m.moving = moving_mass(m, J)
     m.spring = m.joint_spring * m.squares
     m.noise = m.angle_rounding / math.sqrt(m.squares * m.in_band)
     m.F_noise = m.torque_rounding * math.sqrt(m.squares / m.in_band)
@@ -137,18 +150,11 @@ def take_pose(m, J):
 
 @njit(cache=True)
 def band_passed(stages, g, x):
-    """(what is left of `x` in the band, its derivative over 2 pi f), each of gain 1 in the middle.
-
-    Two state-variable filters by the trapezoidal rule, so the derivative is that of the output itself (Zavalishin 2012,
-    The Art of VA Filter Design, Ch. 4).
-    """
+    """(what is left of `x` in the band, its derivative over 2 pi f), each of gain 1 in the middle: of two filters."""
     high = x
     for i in range(STAGES):
         stage = stages[i]
-        high = (x - (DAMPING + g) * stage.fast - stage.slow) / (1.0 + g * (DAMPING + g))
-        band = g * high + stage.fast
-        low = g * band + stage.slow
-        stage.fast, stage.slow = band + g * high, low + g * band
+        _, band, high, stage.fast, stage.slow = state_variable(DAMPING, g, stage.fast, stage.slow, x)
         x = DAMPING * band
     return x, DAMPING * high
 

@@ -5,10 +5,9 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused, nearest
-from twin.experiment.source import Source, forget, laid_over, located, read_source
+from twin.experiment.source import COMMAND_LINE, Source, forget, laid_over, located, read_source
 
 FOLDERS = ("bodies", "experiments/bodies")
-CHANGED_ON_THE_COMMAND_LINE = "set on the command line"
 
 
 def fill_from_body(source: Source, folder: Path) -> None:
@@ -38,7 +37,7 @@ def replace_body(source: Source, name: str) -> None:
     """Make body `name` what the robot presses on; of the [contact] before only the height stays."""
     forget(source, "contact", keep=("height_mm",))
     source.values["contact"] = {"body": name, **source.values.get("contact", {})}
-    source.origins["contact.body"] = CHANGED_ON_THE_COMMAND_LINE
+    source.origins["contact.body"] = COMMAND_LINE
 
 
 def _file(name: Any, folder: Path) -> Path:

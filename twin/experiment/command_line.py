@@ -1,10 +1,10 @@
 """What was typed behind the name of an experiment, out of what a recording says of it."""
 
-import json
 from collections.abc import Mapping
 from typing import Any
 
-from twin.experiment.difference import COMMAND_LINE, flat
+from twin.experiment.difference import flat
+from twin.experiment.source import COMMAND_LINE, toml_value
 
 WHOLE = {"drive.fmu": "--drive", "contact.body": "--body"}
 """Keys with an option of their own."""
@@ -37,4 +37,4 @@ def _toml(value: object) -> str:
         return "{" + ", ".join(f"{key} = {_toml(item)}" for key, item in value.items()) + "}"
     if isinstance(value, list | tuple):
         return "[" + ", ".join(_toml(item) for item in value) + "]"
-    return json.dumps(value, ensure_ascii=False)
+    return toml_value(value)

@@ -12,8 +12,6 @@ from twin.experiment.recorded import Metadata, recorded_fmus, recorded_values
 
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that hold the robot's own values wherever they do not say otherwise."""
-COMMAND_LINE = "set on the command line"
-"""The origin of what an option has set."""
 SHORT = 12
 """Characters of a hash by which files are told apart."""
 

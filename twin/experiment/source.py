@@ -21,6 +21,8 @@ LONGEST_CHAIN = 32
 
 _STAND_IN = re.compile(rf"\s*({'|'.join(KEPT)})\s*\.\s*(fmu|python)\s*=")
 
+COMMAND_LINE = "set on the command line"
+"""The origin of what an option has set."""
 NAMES_OF_FMUS = ("parameters.", "wires.")
 """Ends of the dotted names of tables whose keys are names of an FMU, `motor.R`; TOML makes tables of them without
 quotes."""
@@ -130,7 +132,7 @@ def override(source: Source, texts: Iterable[str]) -> None:
             node = {name: node}
         if _STAND_IN.match(text):
             forget(source, names[0], KEPT[names[0]])
-        source.put(node, "set on the command line")
+        source.put(node, COMMAND_LINE)
 
 
 def key_names(key: str) -> list[str]:
@@ -151,7 +153,7 @@ def replace_drive(source: Source, fmu: str) -> None:
     """Make the drive at path `fmu` that of every joint, with the parameters of its own mapping or its start values."""
     forget(source, "drive")
     source.values["drive"] = {"fmu": fmu}
-    source.origins["drive.fmu"] = "set on the command line"
+    source.origins["drive.fmu"] = COMMAND_LINE
 
 
 def forget(source: Source, table: str, keep: Collection[str] | None = None) -> None:

@@ -33,6 +33,11 @@ def markdown(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     return "\n".join([lines[0], "|" + "---|" * len(head), *lines[1:]])
 
 
+def cut(text: str, length: int) -> str:
+    """A value in at most so many characters."""
+    return text if len(text) <= length else f"{text[: length - 3]}..."
+
+
 def counted(count: int, noun: str) -> str:
     """`1 run`, `2 runs`."""
     return f"{count} {noun}{'' if count == 1 else 's'}"

@@ -8,11 +8,12 @@ from twin.studies.analyse.linear.hand import DRIFT
 from twin.studies.analyse.passivity import Passivity, passivity
 from twin.studies.analyse.passivity_text import passivity_text
 from twin.studies.analyse.z_width import largest_passive
+from twin.studies.steps import silent
 
 
 @pytest.fixture(scope="module")
 def fig4() -> Passivity:
-    return passivity(shipped(), True, lambda what: None)
+    return passivity(shipped(), True, silent)
 
 
 def test_the_force_loop_is_passive_along_z_and_the_position_law_nowhere(fig4: Passivity):

@@ -1,14 +1,12 @@
 """Drives compared, as one HTML file that needs neither network nor script."""
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
-from string import Template
 from typing import Any
 
-from twin.report.page.markup import Markup, element, joined, section, table
-from twin.report.page.page import ASSETS
+from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.picture import figure
+from twin.report.page.plain import plain_page
 from twin.studies.qualify.text import shown_value
 from twin.writing import write_text
 
@@ -44,15 +42,7 @@ def drives_page(facts: Mapping[str, Any]) -> str:
         )
     found.append(("definitions", "What the measures mean", table(("measure", "is"), meanings, "definitions")))
     subtitle = " | ".join([*names, *facts["set"]])
-    return Template((ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
-        title=joined([f"{len(names)} drives compared"]),
-        subtitle=element("p", subtitle),
-        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
-        contents=joined([element("a", title, href=f"#{key}") for key, title, _ in found]),
-        sections=joined([section(key, title, html) for key, title, html in found]),
-        version=joined([version("twin")]),
-        made_of="",
-    )
+    return plain_page(f"{len(names)} drives compared", subtitle, found, [(key, title) for key, title, _ in found])
 
 
 def _measures(experiment: Mapping[str, Any], definitions: Mapping[str, Any]) -> Markup:

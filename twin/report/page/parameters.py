@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping, Sequence
 
-from twin.experiment.difference import COMMAND_LINE, FROM_ROBOT, differing, flat, name_and_unit, recorded_facts, told
+from twin.experiment.difference import FROM_ROBOT, differing, flat, name_and_unit, recorded_facts, told
+from twin.experiment.source import COMMAND_LINE
 from twin.report.page.markup import Markup, element, table
 from twin.report.page.run import ReportRun
 

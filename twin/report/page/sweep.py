@@ -1,13 +1,11 @@
 """A sweep as one HTML file that needs neither network nor script."""
 
 from collections.abc import Mapping
-from importlib.metadata import version
 from pathlib import Path
-from string import Template
 
-from twin.report.page.markup import Markup, element, joined, section, table
-from twin.report.page.page import ASSETS
+from twin.report.page.markup import Markup, element, joined, table
 from twin.report.page.picture import figure
+from twin.report.page.plain import plain_page
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.parts import Asked, headline, parts
 from twin.studies.sweep.show.table import Part
@@ -54,15 +52,8 @@ def sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path]) -> st
     if drawn:
         found.append(("pictures", "Pictures", joined(drawn.values())))
     links = [(key, NAMES.get(key.partition("-")[0], title)) for key, title, _ in found]
-    return Template((ASSETS / "plain.html").read_text(encoding="utf-8")).substitute(
-        title=joined([f"Sweep {kept.name}"]),
-        subtitle=element("p", _subtitle(kept)),
-        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
-        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
-        sections=joined([section(key, title[0].upper() + title[1:], html) for key, title, html in found]),
-        version=joined([version("twin")]),
-        made_of=" from the rows of the sweep alone",
-    )
+    sections = [(key, title[0].upper() + title[1:], html) for key, title, html in found]
+    return plain_page(f"Sweep {kept.name}", _subtitle(kept), sections, links, " from the rows of the sweep alone")
 
 
 def _subtitle(kept: KeptRows) -> str:

@@ -30,6 +30,7 @@ from twin.studies.analyse.linear_point import Linearised, closed_in
 from twin.studies.analyse.operating_point import OperatingPoint, operating_points
 from twin.studies.analyse.passivity_trial import PassivityTrial, tried_mass
 from twin.studies.analyse.z_width import Width, z_width
+from twin.studies.steps import Say
 
 FREQUENCIES = 240
 """So many are looked at of a point."""
@@ -142,7 +143,7 @@ class Passivity:
         }
 
 
-def passivity(experiment: Experiment, tried: bool, say: Callable[[str], None]) -> Passivity:
+def passivity(experiment: Experiment, tried: bool, say: Say) -> Passivity:
     """Judge `experiment`, of which the body is taken away; its drives are run in this process.
 
     Args:

@@ -1,6 +1,6 @@
 """How passive a robot is in the hand, from an experiment's file to files: picture, facts."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from twin.runs.assembly.load import load_experiment
@@ -9,6 +9,7 @@ from twin.studies.analyse.passivity_picture import draw_passivity
 from twin.studies.analyse.passivity_text import passivity_text
 from twin.studies.analyse.study import HOME
 from twin.studies.answer import Answer
+from twin.studies.steps import Say
 from twin.writing import made_folder, write_json
 
 FACTS, PICTURE = "passivity.json", "passivity.png"
@@ -21,7 +22,7 @@ def in_the_hand(
     settings: Sequence[str],
     tried: bool,
     out: Path | None,
-    say: Callable[[str], None],
+    say: Say,
 ) -> Answer:
     """What a hand feels of an experiment's robot, and files in `out`, or results/analysis/EXPERIMENT.
 

@@ -6,7 +6,7 @@ from twin.errors import InputRefused
 from twin.experiment.difference import differing, recorded_facts
 from twin.recording.logs.reader import is_recording
 from twin.recording.origin import origin
-from twin.studies.lines import counted, wrapped
+from twin.studies.lines import counted, cut, wrapped
 
 FEW = 8
 """Differences that are told; the JSON has all."""
@@ -37,10 +37,6 @@ def differences_text(differences: Differences | None) -> list[str]:
         return ["", "Nothing differs in the experiments."]
     lines = ["", "What differs in the experiments, A and B:"]
     for key, values in list(differences.items())[:FEW]:
-        lines += wrapped(" and ".join(map(_cut, values)), f"  {key}  ", later=6, whole=True)
+        lines += wrapped(" and ".join(cut(value, LONG) for value in values), f"  {key}  ", later=6, whole=True)
     more = len(differences) - FEW
     return [*lines, *([f"  and {counted(more, 'more value')}"] if more > 0 else [])]
-
-
-def _cut(text: str) -> str:
-    return text if len(text) <= LONG else f"{text[: LONG - 3]}..."

@@ -23,14 +23,14 @@ class Crew:
         self._idle, self._threads, self._stopping = idle, threads, stopping
         self._count = 0
 
-    def findings(self, files: Sequence[Path], drive: str | None) -> list[dict[str, Any]]:
+    def findings(self, files: Sequence[Path]) -> list[dict[str, Any]]:
         """What the experiments in `files` come to, in their order, whoever ran them: facts of `RunFinding`."""
-        return list(self._threads.map(lambda file: self._finding(file, drive), files))
+        return list(self._threads.map(self._finding, files))
 
-    def _finding(self, file: Path, drive: str | None) -> dict[str, Any]:
+    def _finding(self, file: Path) -> dict[str, Any]:
         worker = self._idle.get()
         try:
-            facts = worker.facts(Task(0, "", drive, {}, (str(file.absolute()),)), self._stopping)
+            facts = worker.facts(Task(0, "", None, {}, (str(file.absolute()),)), self._stopping)
             return facts or {}
         finally:
             self._idle.put(worker)

@@ -190,7 +190,7 @@ class _Judge:
             files.append(self._scratch / f"{number}.toml")
             write_text(files[-1], self._space.file(wrong, self._experiment))
         self._say(f"{len(self.distances)} of {self._runs} runs", len(self.distances) / self._runs)
-        facts = self._workers.findings(files, None)
+        facts = self._workers.findings(files)
         self.seconds += sum(one.get("seconds") or 0.0 for one in facts)
         return facts
 

@@ -5,11 +5,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from twin.studies.lines import counted, wrapped
+from twin.studies.lines import counted, cut, wrapped
 from twin.studies.results.kept import KeptRun
 
 FEW = 4
 """Differences that are told of a run; `--json` has all of them."""
+LONG = 40
+"""Characters of a value that are told; a list of way points says nothing in a line."""
 INDENT = " " * 6
 
 Differences = Mapping[str, tuple[str, str]]
@@ -68,14 +70,9 @@ def difference_lines(differences: Differences, why: str) -> list[str]:
         return wrapped(f"not compared with its file: {why}", INDENT, later=8)
     lines = []
     for key, (then, now) in list(differences.items())[:FEW]:
-        lines += wrapped(f"{key} was {cut(then)}, is {cut(now)} now", INDENT, later=8, whole=True)
+        lines += wrapped(f"{key} was {cut(then, LONG)}, is {cut(now, LONG)} now", INDENT, later=8, whole=True)
     more = len(differences) - FEW
     return [*lines, *([f"{INDENT}and {counted(more, 'more difference')}"] if more > 0 else [])]
-
-
-def cut(text: str) -> str:
-    """A value in a few characters; a list of way points says nothing in a line."""
-    return text if len(text) <= 40 else f"{text[:37]}..."
 
 
 def size_text(size: float) -> str:
