@@ -137,7 +137,7 @@ def _of(port: Port, n: int) -> str:
 
 def _words(layout: Layout) -> int:
     """8 bytes each that a `State` of part.h takes: stamp, mode, two ticks, and what is of this layout."""
-    return 4 + layout.values + len(layout.sources) + 1 + len(layout.first_y) + -(-len(layout.image) // 8)
+    return 4 + layout.values + len(layout.sources) + 1 + -(-len(layout.image) // 8)
 
 
 def _struct(name: str, fields: Mapping[str, Any]) -> Iterator[str]:

@@ -59,6 +59,8 @@ class Row(NamedTuple):
         symbol: of its function.
         step: the function.
         period: in ticks; 0: before the first step only.
+        memory: where its memory begins (bytes).
+        u, y: where its inputs begin, and among the values its outputs.
     """
 
     component: NativeComponent
@@ -80,7 +82,6 @@ class Layout:
     places: tuple[Place, ...]
     pointers: tuple[tuple[int, int], ...]
     sources: tuple[int, ...]
-    first_y: tuple[float, ...]
     image: bytes
 
     @property
@@ -110,10 +111,9 @@ def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
         for destination in parameter.destinations
         for place in _places(blocks, parameter, first_of[parameter.key], destination)
     ]
-    rows = tuple(_rows(part, {block.name: block.offset for block in blocks}))
-    y_of = {row.component.name: row.y for row in rows if row.period}
+    rows = tuple(_rows(part, {block.name: block.offset for block in blocks}, first_of))
     sources = [
-        _source(part, component, port, n, y_of, first_of)
+        _source(part, component, port, n, first_of)
         for component in part.components
         for port in component.inputs
         for n in range(port.size)
@@ -128,7 +128,6 @@ def laid_out(part: RobotPart, parameters: Sequence[Parameter]) -> Layout:
             for field, array in component.pointers.items()
         ),
         tuple(sources),
-        tuple(float(x) for _, _, start in _outputs(part) for x in start),
         _image(part, blocks),
     )
 
@@ -223,37 +222,30 @@ def _beginnings(part: RobotPart) -> Iterator[tuple[str, Beginning]]:
             yield name, beginning
 
 
-def _rows(part: RobotPart, memory: dict[str, int]) -> Iterator[Row]:
-    u = y = 0
+def _rows(part: RobotPart, memory: dict[str, int], first_of: dict[str, int]) -> Iterator[Row]:
+    u = 0
     placed = {}
     for component in part.components:
-        size = width(component.outputs)
-        row = Row(
-            component, f"step_{component.name}", component.step, component.period, memory[component.name], u, y, size
-        )
-        placed[component.name] = row
+        name, outputs = component.name, component.outputs
+        y = _first(name, outputs, first_of)
+        row = Row(component, f"step_{name}", component.step, component.period, memory[name], u, y, width(outputs))
+        placed[name] = row
         yield row
-        u, y = u + width(component.inputs), y + size
+        u += width(component.inputs)
     for n, (name, beginning) in enumerate(_beginnings(part)):
         row = placed[name]._replace(symbol=f"begin_{name}_{n}", step=beginning.step, period=0)
         if beginning.outputs:
-            row = row._replace(y=y, y_size=width(beginning.outputs))
-            y += row.y_size
+            row = row._replace(y=_first(name, beginning.outputs, first_of), y_size=width(beginning.outputs))
         yield row
 
 
-def _source(
-    part: RobotPart, component: NativeComponent, port: Port, n: int, y_of: dict[str, int], first_of: dict[str, int]
-) -> int:
-    """What feeds a value of an input: the index of an output, or -1 less that of a value from outside."""
+def _first(component: str, outputs: Sequence[Port], first_of: dict[str, int]) -> int:
+    return first_of[f"{component}.{outputs[0].name}"] if outputs else 0
+
+
+def _source(part: RobotPart, component: NativeComponent, port: Port, n: int, first_of: dict[str, int]) -> int:
+    """The value that feeds a value of an input."""
     end = part.feeds.get(End(component.name, port.name, n))
     if end is None:
-        return -1 - (first_of[port.name] + n)
-    source = part.component(end.component)
-    assert source is not None
-    start = y_of[source.name]
-    for other in source.outputs:
-        if other.name == end.port:
-            return start + end.element
-        start += other.size
-    raise AssertionError(f"{end} is no output")
+        return first_of[port.name] + n
+    return first_of[f"{end.component}.{end.port}"] + end.element

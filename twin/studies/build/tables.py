@@ -19,7 +19,6 @@ def sizes(layout: Layout, variables: Sequence[Variable], guid: str, tick: float)
         "N_POINTERS": len(layout.pointers),
         "N_COMPONENTS": len(layout.rows),
         "N_U": len(layout.sources),
-        "N_Y": len(layout.first_y),
         "MEMORY_BYTES": len(layout.image),
     }
     lines = [f'#define GUID "{guid}"', f"#define TICK {_number(tick)}"]
@@ -45,8 +44,7 @@ def tables(layout: Layout, variables: Sequence[Variable]) -> str:
             ),
             _array("Pointer", "pointers[N_POINTERS + 1]", (f"{{{field}, {at}}}" for field, at in layout.pointers)),
             _array("Component", "components[N_COMPONENTS]", map(_component, layout.rows)),
-            _array("int", "sources[N_U + 1]", map(str, layout.sources)),
-            _array("double", "first_y[N_Y]", map(_number, layout.first_y)),
+            _array("unsigned", "sources[N_U + 1]", map(str, layout.sources)),
             # whole numbers: a double that is none would not survive as text
             _array("uint64_t", "image[(MEMORY_BYTES + 7) / 8]", (f"{word}u" for word in doubles)),
             "",

@@ -21,18 +21,13 @@ static void part_point(State *state)
     }
 }
 
-/* All of y is seen: the outputs stand behind all other variables, in its order. */
-static void publish(State *state) { memcpy(state->values + N_VALUES - N_Y, state->y, sizeof state->y); }
-
 static void part_reset(State *state)
 {
     memset(state, 0, sizeof *state);
     state->stamp = part_stamp();
     memcpy(state->values, start_values, sizeof start_values);
-    memcpy(state->y, first_y, sizeof first_y);
     memcpy(state->memory, image, sizeof image);
     part_point(state);
-    publish(state);
 }
 
 static double part_time(const State *state) { return (double)state->tick * TICK; }
@@ -50,11 +45,9 @@ static Fit part_fit(const Variable *variable, double value)
 
 static bool evaluate(State *state, const Component *c, Failure *failure)
 {
-    double *u = state->u + c->u, *y = state->y + c->y;
-    for (unsigned j = 0; j < c->n_u; j++) {
-        const int source = sources[c->u + j];
-        u[j] = source >= 0 ? state->y[source] : state->values[-1 - source];
-    }
+    double *u = state->u + c->u, *y = state->values + c->y;
+    for (unsigned j = 0; j < c->n_u; j++)
+        u[j] = state->values[sources[c->u + j]];
     int32_t result = 0;
     void *exception = NULL;
     failure->component = c;
@@ -84,7 +77,6 @@ static bool part_derive(State *state, Failure *failure)
     for (int c = 0; c < N_COMPONENTS; c++)
         if (components[c].period == 0 && !evaluate(state, &components[c], failure))
             return false;
-    publish(state);
     return true;
 }
 
@@ -105,6 +97,5 @@ static bool part_advance(State *state, int64_t ticks, Failure *failure)
                 return false;
             }
         }
-    publish(state);
     return true;
 }

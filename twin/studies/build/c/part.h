@@ -43,7 +43,7 @@ typedef struct {
     const char *name;
     CompiledStep *step;
     int period; /* ticks; 0: evaluated before the first step only */
-    unsigned memory, u, n_u, y, n_y;
+    unsigned memory, u, n_u, y, n_y; /* bytes, places in u, its outputs among the values */
     bool finite;        /* whether its outputs have to be */
     const char *status; /* what status 2 means, if anything */
 } Component;
@@ -53,8 +53,7 @@ static const double start_values[N_VALUES];
 static const Place places[N_PLACES + 1];
 static const Pointer pointers[N_POINTERS + 1];
 static const Component components[N_COMPONENTS];
-static const int sources[N_U + 1]; /* of each value of u: >= 0 a value of y, else the value -1 - source */
-static const double first_y[N_Y];
+static const unsigned sources[N_U + 1]; /* of each value of u, the value that feeds it */
 static const uint64_t image[(MEMORY_BYTES + 7) / 8];
 
 /* All that a part is; copied as bytes. Pointers in it are of the instance and never of a copy. */
@@ -62,7 +61,7 @@ typedef struct {
     uint64_t stamp;
     Mode mode;
     int64_t first, tick; /* at which initialisation put it, and now */
-    double values[N_VALUES], u[N_U + 1], y[N_Y];
+    double values[N_VALUES], u[N_U + 1];
     double memory[(MEMORY_BYTES + 7) / 8];
 } State;
 
@@ -86,7 +85,7 @@ static Fit part_fit(const Variable *variable, double value);
 static bool part_derive(State *state, Failure *failure);
 /* A tunable parameter that was set between two steps takes effect. */
 static void part_tune(State *state, const Variable *variable);
-/* So many ticks, from the inputs in `values`, to which outputs are published; false if a component fails. */
+/* So many ticks, from the inputs in `values`, where the outputs are too; false if a component fails. */
 static bool part_advance(State *state, int64_t ticks, Failure *failure);
 
 #endif
