@@ -8,7 +8,7 @@ import pytest
 from twin.compiled.native import Native
 from twin.studies.build import emission
 from twin.studies.build.emission import Emitted, Module, emitted, module_of
-from twin.studies.build.platforms import Platform
+from twin.studies.build.platforms import Form, Platform
 from twin.studies.build.study import build_fmu
 
 ROOT = Path(__file__).parents[3]
@@ -29,18 +29,18 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Builds a part: `built("plant")`, once for each; steps that parts share are emitted once."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
     modules: dict[tuple[object, str], Module] = {}
-    steps: dict[tuple[str, str], Emitted] = {}
+    steps: dict[tuple[str, str, str], Emitted] = {}
 
     def known(step: Native, symbol: str) -> Module:
         if (step, symbol) not in modules:
             modules[step, symbol] = module_of(step, symbol)
         return modules[step, symbol]
 
-    def kept(step: Module, platform: Platform) -> Emitted:
-        key = step.text, platform.name
+    def kept(step: Module, platform: Platform, form: Form) -> Emitted:
+        key = step.text, platform.name, form.suffix
         if key not in steps:
-            steps[key] = emitted(step, platform)
-        MODULES[step.symbol, platform.name] = steps[key].text
+            steps[key] = emitted(step, platform, form)
+        MODULES[steps[key].symbol, platform.name] = steps[key].text
         return steps[key]
 
     def build(

@@ -39,7 +39,7 @@ def test_no_step_counts_references_allocates_or_is_of_one_processor(built: Calla
     built("plant")
     built("computer")
     symbols = {symbol for symbol, _ in MODULES}
-    assert {"step_plant", "begin_plant_0", "begin_plant_1", "step_estimator", "step_controller"} <= symbols
+    assert {"step_plant", "step_plant_avx512", "begin_plant_0", "begin_plant_1", "step_estimator", "step_controller"} <= symbols
     for symbol, text in MODULES.items():
         for foreign in ("NRT_", "llvm.x86.", "Py", "numba_"):
             assert foreign not in text, (symbol, foreign)
@@ -53,7 +53,7 @@ def test_a_step_that_allocates_cannot_leave_python() -> None:
         return 0
 
     with pytest.raises(InputRefused, match=r"its compiled step needs .*NRT_"):
-        emitted(module_of(step, "step_of_mine"), HERE)
+        emitted(module_of(step, "step_of_mine"), HERE, HERE.forms[0])
 
 
 def test_it_is_small_and_brings_no_file_beside_its_library(built: Callable[..., Path]) -> None:

@@ -7,12 +7,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from tests.studies.build.conftest import DELAYED, MASSAGE
+from tests.studies.build.conftest import DELAYED, FIG4, MASSAGE, silent
 from tests.studies.build.slaves import Slave
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.true_parameters import plant_parameters
+from twin.studies.build import fmu
+from twin.studies.build.linking import c_files
+from twin.studies.build.platforms import HERE
+from twin.studies.build.study import build_fmu
 
 FORCE = "plant.F_ee_B"
 
@@ -187,3 +191,27 @@ def test_another_builds_description_is_refused(built: Callable[..., Path]) -> No
     instantiate.restype = ctypes.c_void_p
     assert instantiate(b"it", 1, b"{other}", b"", None, 0, 0) is None
     slave.close()
+
+
+def test_every_form_of_a_step_gives_the_same_bits(
+    built: Callable[..., Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    richest = Slave(built("plant")).ready()
+    expected = moved(richest, 0, 300)
+    richest.close()
+    flags = Path("/proc/cpuinfo").read_text().split()
+    for n, form in enumerate(HERE.forms):
+        if not all(feature in flags for feature in form.features.replace("+", "").split(",") if feature):
+            continue
+
+        def held(*names: str, n: int = n) -> dict[str, bytes]:
+            files = c_files(*names)
+            assert files["part.c"].count(b"form = processor_form();") == 1
+            return files | {"part.c": files["part.c"].replace(b"form = processor_form();", b"form = %d;" % n)}
+
+        monkeypatch.setattr(fmu, "c_files", held)
+        file = tmp_path / f"plant{form.suffix}.fmu"
+        build_fmu(FIG4, "plant", "2.0", [], file, [], silent)
+        slave = Slave(file).ready()
+        assert moved(slave, 0, 300) == expected, form
+        slave.close()

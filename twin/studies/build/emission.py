@@ -16,7 +16,7 @@ from twin.compiled.emission import Module, bare
 from twin.compiled.native import Native
 from twin.errors import InputRefused
 from twin.studies.build.layout import Layout
-from twin.studies.build.platforms import Platform
+from twin.studies.build.platforms import Form, Platform
 
 
 class Emitted(NamedTuple):
@@ -38,8 +38,8 @@ def module_of(step: Native, symbol: str) -> Module:
     return emission.module_of(step.signature, step.function, symbol)
 
 
-def emitted(step: Module, platform: Platform) -> Emitted:
-    """The function `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
+def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
+    """A form of the function `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
 
     Raises:
         InputRefused: the step needs something that is not mathematics, memory of its own say.
@@ -48,21 +48,21 @@ def emitted(step: Module, platform: Platform) -> Emitted:
     llvm.initialize_all_asmprinters()
     # not the code model of numba, which puts its code wherever there is room
     machine = llvm.Target.from_triple(platform.triple).create_target_machine(
-        cpu=platform.cpu, opt=3, reloc="pic", codemodel="default"
+        cpu=platform.cpu, features=form.features, opt=3, reloc="pic", codemodel="default"
     )
     module, foreign = bare(step, machine)
     if foreign:
         raise InputRefused(f"{step.symbol}: its compiled step needs {', '.join(foreign)}; it cannot leave Python")
     function = module.get_function(step.inner)
     # hidden: two parts in one process have steps of the same name
-    function.name, function.visibility = step.symbol, "hidden"
-    return Emitted(step.symbol, str(module), machine.emit_object(module))
+    function.name, function.visibility = step.symbol + form.suffix, "hidden"
+    return Emitted(function.name, str(module), machine.emit_object(module))
 
 
 def emitted_steps(
     layout: Layout, platforms: Sequence[Platform], say: Callable[[str], None]
 ) -> dict[Platform, list[Emitted]]:
-    """All steps of a layout for each platform.
+    """All steps of a layout in all forms for each platform.
 
     Raises:
         InputRefused: a step cannot leave Python.
@@ -72,7 +72,10 @@ def emitted_steps(
         say(f"compiling {row.component.name}")
         step: Any = row.step
         modules.append(module_of(step, row.symbol))
-    return {platform: [emitted(module, platform) for module in modules] for platform in platforms}
+    return {
+        platform: [emitted(module, platform, form) for module in modules for form in platform.forms]
+        for platform in platforms
+    }
 
 
 def object_files(steps: Sequence[Emitted]) -> dict[str, bytes]:

@@ -32,7 +32,7 @@ def tables(layout: Layout, variables: Sequence[Variable]) -> str:
     return "\n".join(
         [
             '#include "part.h"',
-            *(f"extern CompiledStep {symbol};" for symbol in sorted(steps)),
+            *(f"DECLARE_STEP({symbol});" for symbol in sorted(steps)),
             _array("Variable", "variables[N_VARIABLES]", map(_variable, variables)),
             _array("double", "start_values[N_VALUES]", (_number(x) for v in layout.variables for x in v.start)),
             _array(
@@ -72,7 +72,7 @@ def _component(row: Row) -> str:
     name = row.component.name
     status = f'"{STATUS.get(name) or row.component.explain(2)}"'
     return (
-        f'{{"{name}", {row.symbol}, {row.period}, {row.memory}, {row.u}, {n_u}, {row.y}, {row.y_size}, '
+        f'{{"{name}", STEP({row.symbol}), {row.period}, {row.memory}, {row.u}, {n_u}, {row.y}, {row.y_size}, '
         f"{int(row.component.finite)}, {status}}}"
     )
 

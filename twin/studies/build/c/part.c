@@ -2,6 +2,30 @@
 #include "part.h"
 
 #include <string.h>
+#ifdef __x86_64__
+#include <cpuid.h>
+#endif
+
+/* The richest form of a step that this processor and its system can run. */
+static int processor_form(void)
+{
+#ifdef __x86_64__
+    /* Intel 64 Software Developer's Manual, vol. 1, sec. 14.3 and 15.2: the system must save what registers hold */
+    unsigned a, b, c, d, saved, high;
+    if (!__get_cpuid(1, &a, &b, &c, &d) || !(c & bit_OSXSAVE) || !(c & bit_AVX))
+        return ANY;
+    __asm__("xgetbv" : "=a"(saved), "=d"(high) : "c"(0));
+    if ((saved & 0x6) != 0x6)
+        return ANY;
+    const bool has_512 = __get_cpuid_count(7, 0, &a, &b, &c, &d) && (b & bit_AVX512F) && (b & bit_AVX512VL);
+    return has_512 && (saved & 0xe6) == 0xe6 ? AVX512 : AVX;
+#else
+    return ANY;
+#endif
+}
+
+/* Of the process: a state may be restored on another machine. */
+static int form;
 
 static uint64_t part_stamp(void)
 {
@@ -23,6 +47,7 @@ static void part_point(State *state)
 
 static void part_reset(State *state)
 {
+    form = processor_form();
     memset(state, 0, sizeof *state);
     state->stamp = part_stamp();
     memcpy(state->values, start_values, sizeof start_values);
@@ -51,7 +76,7 @@ static bool evaluate(State *state, const Component *c, Failure *failure)
     int32_t result = 0;
     void *exception = NULL;
     failure->component = c;
-    const int raised = c->step(&result, &exception, memory_of(state) + c->memory, part_time(state), c->period * TICK,
+    const int raised = c->step[form](&result, &exception, memory_of(state) + c->memory, part_time(state), c->period * TICK,
                                u, y);
     failure->status = raised ? raised : (int)result;
     if (raised || (result != 0 && result != 1))

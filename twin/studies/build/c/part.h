@@ -39,9 +39,20 @@ typedef struct {
 typedef int CompiledStep(int32_t *result, void **exception, void *self, double t, double h, const double *u,
                          double *y);
 
+/* What steps are written for beside any processor of the kind: the suffixes of their names in `platforms.py`. */
+#ifdef __x86_64__
+enum { ANY, AVX, AVX512, N_FORMS };
+#define DECLARE_STEP(name) extern CompiledStep name, name##_avx, name##_avx512
+#define STEP(name) {name, name##_avx, name##_avx512}
+#else
+enum { ANY, N_FORMS };
+#define DECLARE_STEP(name) extern CompiledStep name
+#define STEP(name) {name}
+#endif
+
 typedef struct {
     const char *name;
-    CompiledStep *step;
+    CompiledStep *step[N_FORMS];
     int period; /* ticks; 0: evaluated before the first step only */
     unsigned memory, u, n_u, y, n_y; /* bytes, places in u, its outputs among the values */
     bool finite;        /* whether its outputs have to be */
