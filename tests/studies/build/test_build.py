@@ -39,7 +39,14 @@ def test_no_step_counts_references_allocates_or_is_of_one_processor(built: Calla
     built("plant")
     built("computer")
     symbols = {symbol for symbol, _ in MODULES}
-    assert {"step_plant", "step_plant_avx512", "begin_plant_0", "begin_plant_1", "step_estimator", "step_controller"} <= symbols
+    assert {
+        "step_plant",
+        "step_plant_avx512",
+        "begin_plant_0",
+        "begin_plant_1",
+        "step_estimator",
+        "step_controller",
+    } <= symbols
     for symbol, text in MODULES.items():
         for foreign in ("NRT_", "llvm.x86.", "Py", "numba_"):
             assert foreign not in text, (symbol, foreign)

@@ -39,7 +39,7 @@ def module_of(step: Native, symbol: str) -> Module:
 
 
 def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
-    """A form of the function `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
+    """A form of `int symbol(int32 *, void **, void *self, double t, double h, const double *u, double *y)`.
 
     Raises:
         InputRefused: the step needs something that is not mathematics, memory of its own say.
