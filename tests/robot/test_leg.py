@@ -8,10 +8,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.robot.poses import GEOMETRY, geometries, reachable_poses, triple, working_poses
-from twin.robot.geometry import LEG_COS, LEG_SIN, distal_link, leg_coordinates
+from twin.compiled.function import njit
+from twin.robot import geometry as base
+from twin.robot.geometry import LEG_COS, LEG_SIN, coordinates_along, distal_link, leg_coordinates
 from twin.robot.inverse_kinematics import joint_angles, leg_angle
 from twin.robot.jacobian import jacobian, jacobian_row
-from twin.robot.leg import NO_ANCHOR, SMALL, angle_near, leg_motion, leg_vectors, move_anchor
+from twin.robot.leg import NO_ANCHOR, SMALL, angle_near, angles_near, leg_motion, leg_vectors, links, move_anchor
 
 legs = st.integers(0, 2)
 
@@ -121,3 +123,34 @@ def test_out_of_reach_there_is_no_knee_and_no_exception():
     assert all(math.isnan(value) for value in leg_vectors(GEOMETRY, 0, 0.0, 0.0, -0.5)[:3])
     # stretched: the row is infinite
     assert not math.isfinite(leg_motion(GEOMETRY, 0.06, 0.0, 0.1, 0.0, -0.05, 0.0, 0.1, 0.0, 0.0)[0])
+
+
+@njit(cache=False, error_model="numpy")
+def at_once(geometry, anchors, x, y, z, v_x, v_y, v_z):
+    C, S = base.legs()
+    u, w = coordinates_along(geometry, C, S, x, y)
+    k_r, k_z, r, w, h, q = links(geometry, u, w, z)
+    theta_l = angles_near(anchors, k_r, k_z)
+    j_r, j_w, j_z, omega_l, kappa = leg_motion(
+        geometry, k_r, k_z, r, w, h, q, C * v_x + S * v_y, C * v_y - S * v_x, v_z
+    )
+    found = np.empty((3, 12))
+    for leg in range(3):
+        found[leg, 0], found[leg, 1], found[leg, 2], found[leg, 3] = k_r[leg], k_z[leg], r[leg], w[leg]
+        found[leg, 4], found[leg, 5], found[leg, 6], found[leg, 7] = h[leg], q[leg], j_r[leg], j_w[leg]
+        found[leg, 8], found[leg, 9], found[leg, 10], found[leg, 11] = j_z[leg], omega_l[leg], kappa[leg], theta_l[leg]
+    return found
+
+
+@given(reachable_poses(), triple, triple, st.floats(0.0, 3.0 * SMALL))
+def test_three_legs_at_once_are_each_leg_alone_to_the_last_bit(p_B, v, way, far):
+    anchors = NO_ANCHOR.copy()
+    for leg in range(3):
+        # some near, some not, some of no pose at all
+        k_r, k_z, *_ = leg_vectors(GEOMETRY, leg, *(p_B + far * way * leg))
+        move_anchor(GEOMETRY, anchors, leg, k_r, k_z)
+    found = at_once(GEOMETRY, anchors, *p_B, *v)
+    for leg in range(3):
+        vectors = leg_vectors(GEOMETRY, leg, *p_B)
+        alone = *vectors, *motion(leg, p_B, v), angle_near(anchors, leg, *vectors[:2])
+        np.testing.assert_array_equal(found[leg], alone)

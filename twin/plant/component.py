@@ -31,8 +31,8 @@ from twin.plant.dynamics import (
 from twin.plant.friction import ANCHORS
 from twin.plant.parameters import PARAMETERS, STATES, PlantParameters
 from twin.plant.surface import apex_frame
-from twin.robot.geometry import LEG_COS, LEG_SIN
-from twin.robot.leg import angle_near, leg_motion, leg_vectors, move_anchor
+from twin.robot.geometry import coordinates_along, legs
+from twin.robot.leg import angles_near, leg_motion, links, move_anchor
 from twin.robot.sea import motor_load_torque
 
 LEFT_WORKSPACE = 2
@@ -163,14 +163,16 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
     # no number if a leg could not reach the platform half-way through a step
     inside = not math.isnan(vx + vy + vz)
     special, s_B = has_effects(parameters), head_sees(parameters, s_B)
+    C, S = legs()
+    u, w = coordinates_along(parameters, C, S, px, py)
+    k_r, k_z, r, w, h, q = links(parameters, u, w, pz)
     for leg in range(3):
-        k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, px, py, pz)
-        move_anchor(parameters, anchors, leg, k_r, k_z)
-        theta_l = angle_near(anchors, leg, k_r, k_z)
+        move_anchor(parameters, anchors, leg, k_r[leg], k_z[leg])
+    angles = angles_near(anchors, k_r, k_z)
+    _, _, _, speeds, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz)
+    for leg in range(3):
+        theta_l, omega_l = angles[leg], speeds[leg]
         inside = inside and not math.isnan(theta_l)
-        C, S = LEG_COS[leg], LEG_SIN[leg]
-        v_r, v_w = C * vx + S * vy, C * vy - S * vx
-        _, _, _, omega_l, _ = leg_motion(parameters, k_r, k_z, r, w, h, q, v_r, v_w, vz)
         if special:
             d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
         else:

@@ -18,13 +18,14 @@ import math
 import numpy as np
 
 from twin.compiled.function import njit
+from twin.compiled.lanes import three
 from twin.plant.contact import touch
 from twin.plant.friction import ANCHORS, drag, friction_torque, gripped, stop_torque, stopped
 from twin.plant.mounting import hanging, upward
 from twin.plant.surface import apex_frame
-from twin.robot.geometry import LEG_COS, LEG_SIN
+from twin.robot.geometry import coordinates_along, legs
 from twin.robot.gravity import arm_weight, leg_inertia, moving_mass, platform_weight
-from twin.robot.leg import angle_near, leg_motion, leg_vectors
+from twin.robot.leg import angle_near, angles_near, leg_motion, leg_vectors, links
 from twin.robot.sea import dead_zone, deflection, directed_load_torque, load_torque
 
 UNTOUCHED = np.full((3, ANCHORS), np.nan)
@@ -105,6 +106,27 @@ def joint_torque(parameters, leg, d, omega_l):
     return load_torque(k_s, parameters.N, parameters.eta, d)
 
 
+@njit(cache=True, forceinline=True)
+def _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special):
+    """Torque (N m) on the joint of `leg` by its spring, damping, dry friction and stops, and the weight of its arm.
+
+    theta_l, omega_l, k_r, k_z are those of all legs, `compiled.lanes`; the rest as in `acceleration`.
+    """
+    angle, speed, hangs = theta_l[leg], omega_l[leg], arm_weight(parameters)
+    if special:
+        d = winding(parameters, anchors, leg, theta_m[leg], angle)
+        push = hangs * hanging(up, leg, k_r[leg], k_z[leg]) + _push(parameters, anchors, leg, angle)
+    else:
+        d, push = spring_deflection(parameters, leg, theta_m[leg], angle), hangs * k_r[leg]
+    tau_l = joint_torque(parameters, leg, d, speed)
+    return tau_l - (parameters.b_j + parameters.b_j_added[leg]) * speed + push
+
+
+@njit(cache=True, forceinline=True)
+def _summed(start, lanes):
+    return start + lanes[0] + lanes[1] + lanes[2]
+
+
 # numpy's division: a robot without mass has to give infinity, because an exception of compiled code that the master
 # calls by address is lost
 @njit(cache=True, error_model="numpy", forceinline=True)
@@ -139,10 +161,7 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
     """
     x, y, z = p
     vx, vy, vz = v
-    inertia, hangs = leg_inertia(parameters, parameters), arm_weight(parameters)
-    sixth = parameters.m_b / 6.0
-    m11 = m22 = m33 = moving_mass(parameters)
-    m12 = m13 = m23 = 0.0
+    inertia, sixth = leg_inertia(parameters, parameters), parameters.m_b / 6.0
     # the platform as the surface sees it
     rx, ry, rz = x - s_B[0], y - s_B[1], z - s_B[2]
     ux, uy, uz = vx - v_s_B[0], vy - v_s_B[1], vz - v_s_B[2]
@@ -152,32 +171,32 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
     if special:
         up = upward(parameters)
         fx, fy, fz = fx - weight * up[0], fy - weight * up[1], -contact_z - weight * up[2]
-    for leg in range(3):
-        # in the leg's frame: outward, sideways, up
-        C, S = LEG_COS[leg], LEG_SIN[leg]
-        k_r, k_z, r, w, h, q = leg_vectors(parameters, leg, x, y, z)
-        j_r, j_w, j_z, omega_l, kappa = leg_motion(
-            parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz
+    # all three legs at once, in their own frames: outward, sideways, up
+    C, S = legs()
+    u, w = coordinates_along(parameters, C, S, x, y)
+    k_r, k_z, r, w, h, q = links(parameters, u, w, z)
+    j_r, j_w, j_z, omega_l, kappa = leg_motion(parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz)
+    square = omega_l * omega_l
+    theta_l = angles_near(anchors, k_r, k_z)
+    tau = (
+        three(
+            _joint(parameters, anchors, 0, theta_m, theta_l, omega_l, k_r, k_z, up, special),
+            _joint(parameters, anchors, 1, theta_m, theta_l, omega_l, k_r, k_z, up, special),
+            _joint(parameters, anchors, 2, theta_m, theta_l, omega_l, k_r, k_z, up, special),
         )
-        square = omega_l * omega_l
-        theta_l = angle_near(anchors, leg, k_r, k_z)
-        if special:
-            d = winding(parameters, anchors, leg, theta_m[leg], theta_l)
-            push = hangs * hanging(up, leg, k_r, k_z) + _push(parameters, anchors, leg, theta_l)
-        else:
-            d, push = spring_deflection(parameters, leg, theta_m[leg], theta_l), hangs * k_r
-        tau_l = joint_torque(parameters, leg, d, omega_l)
-        tau = tau_l - (parameters.b_j + parameters.b_j_added[leg]) * omega_l + push - inertia * kappa
-        f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
-        f_w = j_w * tau
-        fx, fy = fx + (C * f_r - S * f_w), fy + (S * f_r + C * f_w)
-        fz += j_z * tau + sixth * (k_r * kappa + k_z * square)
-        # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
-        a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
-        jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
-        ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
-        m11, m12, m13 = m11 + 2.0 * ax * jx, m12 + (ax * jy + ay * jx), m13 + (ax * j_z + a_z * jx)
-        m22, m23, m33 = m22 + 2.0 * ay * jy, m23 + (ay * j_z + a_z * jy), m33 + 2.0 * a_z * j_z
+        - inertia * kappa
+    )
+    f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
+    f_w = j_w * tau
+    fx, fy = _summed(fx, C * f_r - S * f_w), _summed(fy, S * f_r + C * f_w)
+    fz = _summed(fz, j_z * tau + sixth * (k_r * kappa + k_z * square))
+    # I_a/2 J_i + m_b/6 d_i, of which M has the product with J_i and its transpose
+    a_r, a_w, a_z = 0.5 * inertia * j_r + sixth * k_z, 0.5 * inertia * j_w, 0.5 * inertia * j_z - sixth * k_r
+    jx, jy = C * j_r - S * j_w, S * j_r + C * j_w
+    ax, ay = C * a_r - S * a_w, S * a_r + C * a_w
+    m, zero = moving_mass(parameters), 0.0
+    m11, m12, m13 = _summed(m, 2.0 * ax * jx), _summed(zero, ax * jy + ay * jx), _summed(zero, ax * j_z + a_z * jx)
+    m22, m23, m33 = _summed(m, 2.0 * ay * jy), _summed(zero, ay * j_z + a_z * jy), _summed(m, 2.0 * a_z * j_z)
     return _solve_symmetric(m11, m12, m13, m22, m23, m33, fx, fy, fz), (dz_1, dz_2)
 
 

@@ -9,6 +9,7 @@ import math
 from typing import NamedTuple
 
 from twin.compiled.function import njit
+from twin.compiled.lanes import three
 
 # exact, because sin and cos of phi_i in floating point are off by up to 1e-16 and would tilt the symmetry
 LEG_COS = (0.0, math.sqrt(3.0) / 2.0, -math.sqrt(3.0) / 2.0)
@@ -42,8 +43,20 @@ def leg_coordinates(geometry, leg, x, y):
     direction, w_i = -p_x sin(phi_i) + p_y cos(phi_i) the distance out of the plane in which the
     proximal link moves.
     """
-    u = x * LEG_COS[leg] + y * LEG_SIN[leg] - (geometry.a - geometry.b)
-    w = -x * LEG_SIN[leg] + y * LEG_COS[leg]
+    return coordinates_along(geometry, LEG_COS[leg], LEG_SIN[leg], x, y)
+
+
+@njit(cache=True, forceinline=True)
+def legs():
+    """cos(phi_i) and sin(phi_i) of all legs, `compiled.lanes`."""
+    return three(LEG_COS[0], LEG_COS[1], LEG_COS[2]), three(LEG_SIN[0], LEG_SIN[1], LEG_SIN[2])
+
+
+@njit(cache=True, forceinline=True)
+def coordinates_along(geometry, C, S, x, y):
+    """As `leg_coordinates`, of the leg with cos(phi_i) = `C` and sin(phi_i) = `S`."""
+    u = x * C + y * S - (geometry.a - geometry.b)
+    w = -x * S + y * C
     return u, w
 
 

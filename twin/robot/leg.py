@@ -17,6 +17,7 @@ import math
 import numpy as np
 
 from twin.compiled.function import njit
+from twin.compiled.lanes import three
 from twin.robot.geometry import leg_coordinates
 
 SMALL = 1.0 / 64.0
@@ -40,6 +41,12 @@ def leg_vectors(geometry, leg, x, y, z):
         x, y, z: platform position in the base frame in m, z < 0.
     """
     u, w = leg_coordinates(geometry, leg, x, y)
+    return links(geometry, u, w, z)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def links(geometry, u, w, z):
+    """As `leg_vectors`, of a leg whose P_i stands at (u, w, z), or of three, u and w being `compiled.lanes` then."""
     l_a, l_b = geometry.l_a, geometry.l_b
     square = u * u + z * z
     g = (square + w * w + (l_a * l_a - l_b * l_b)) * (0.5 / l_a)
@@ -60,7 +67,7 @@ def leg_motion(geometry, k_r, k_z, r, w, h, q, v_r, v_w, v_z):
         (v - d omega) . (v - d omega) - (s . d') omega^2 - (s . d) kappa = 0.
 
     Args:
-        geometry, k_r, k_z, r, w, h, q: of :func:`leg_vectors`.
+        geometry, k_r, k_z, r, w, h, q: of :func:`leg_vectors`; of three legs they are `compiled.lanes`, and so are
         v_r, v_w, v_z: velocity of the platform in m/s.
     """
     share = 1.0 / geometry.l_a / q
@@ -80,12 +87,22 @@ def angle_near(anchors, leg, k_r, k_z):
         leg: 0, 1 or 2.
         k_r, k_z: of :func:`leg_vectors`.
     """
-    turned = _turned(anchors, leg, k_r, k_z)
+    turned = _turned(anchors[leg, 1], anchors[leg, 2], k_r, k_z)
     if not abs(turned) < SMALL:
         return math.atan2(-k_z, k_r)
-    n = turned * turned
-    # arc sine
-    return anchors[leg, 0] + turned * (1.0 + n * (1.0 / 6.0 + n * (3.0 / 40.0 + n * (5.0 / 112.0 + n * 35.0 / 1152.0))))
+    return anchors[leg, 0] + _arc_sine(turned)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def angles_near(anchors, k_r, k_z):
+    """As :func:`angle_near` of all three legs, `compiled.lanes`."""
+    a = anchors
+    turned = _turned(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
+    if abs(turned[0]) < SMALL and abs(turned[1]) < SMALL and abs(turned[2]) < SMALL:
+        return three(a[0, 0], a[1, 0], a[2, 0]) + _arc_sine(turned)
+    return three(
+        angle_near(a, 0, k_r[0], k_z[0]), angle_near(a, 1, k_r[1], k_z[1]), angle_near(a, 2, k_r[2], k_z[2])
+    )  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
@@ -94,13 +111,19 @@ def move_anchor(geometry, anchors, leg, k_r, k_z):
 
     It is not moved each time: an angle would gather the rounding of all those before it.
     """
-    if not abs(_turned(anchors, leg, k_r, k_z)) < 0.5 * SMALL:
+    if not abs(_turned(anchors[leg, 1], anchors[leg, 2], k_r, k_z)) < 0.5 * SMALL:
         anchors[leg, 0] = math.atan2(-k_z, k_r)
         square = geometry.l_a * geometry.l_a
         anchors[leg, 1], anchors[leg, 2] = k_r / square, -k_z / square
 
 
 @njit(cache=True, error_model="numpy", forceinline=True)
-def _turned(anchors, leg, k_r, k_z):
+def _turned(cosine, sine, k_r, k_z):
     """Sine of the angle between a knee and its anchor."""
-    return -(k_z * anchors[leg, 1] + k_r * anchors[leg, 2])
+    return -(k_z * cosine + k_r * sine)
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def _arc_sine(turned):
+    n = turned * turned
+    return turned * (1.0 + n * (1.0 / 6.0 + n * (3.0 / 40.0 + n * (5.0 / 112.0 + n * 35.0 / 1152.0))))

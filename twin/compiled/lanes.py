@@ -1,0 +1,98 @@
+"""Three numbers side by side in one register: an arithmetic for what is the same for three legs.
+
+In a compiled function `three(a, b, c)` has +, -, *, / with its like and with plain numbers, negation, `math.sqrt`, and
+is indexed by 0, 1 and 2. Each of its numbers is rounded as it would be alone: it is faster and never another value. The
+register holds four, of which the last repeats the third, so that it can do nothing which that does not.
+"""
+
+import math
+import operator
+from typing import Any
+
+from twin.compiled.function import Name, c, ir, types
+
+
+def _made() -> Any:
+    """The type made known to numba, and what makes a value of it."""
+    from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+    from numba.extending import intrinsic, lower_builtin, models, overload, register_model
+
+    class Lanes(types.Type):  # type: ignore[misc, name-defined]
+        def __init__(self) -> None:
+            super().__init__("Lanes")
+
+    register = ir.VectorType(c.f64, 4)
+    root = ir.FunctionType(register, [register])
+    lanes, number = Lanes(), types.float64
+
+    @register_model(Lanes)
+    class Model(models.PrimitiveModel):  # type: ignore[misc]
+        def __init__(self, dmm: Any, fe_type: Any):
+            super().__init__(dmm, fe_type, register)
+
+    def placed(builder, value, lane, item):
+        return builder.insert_element(value, item, c.i32(lane))
+
+    def spread(builder, value, kind):
+        if kind is lanes:
+            return value
+        value = placed(builder, ir.Constant(register, ir.Undefined), 0, value)
+        return builder.shuffle_vector(value, value, ir.Constant(ir.VectorType(c.i32, 4), [0, 0, 0, 0]))
+
+    def told(function: Any, *cases: Any) -> None:
+        infer_global(function)(type("Told", (ConcreteTemplate,), {"key": function, "cases": list(cases)}))
+
+    def two(function: Any, instruction: str) -> None:
+        def lowered(context, builder, sig, arguments):
+            return getattr(builder, instruction)(*map(spread, (builder, builder), arguments, sig.args))
+
+        cases = (lanes, lanes), (lanes, number), (number, lanes)
+        told(function, *(signature(lanes, *case) for case in cases))
+        for case in cases:
+            lower_builtin(function, *case)(lowered)
+
+    for function, instruction in (
+        (operator.add, "fadd"), (operator.sub, "fsub"), (operator.mul, "fmul"), (operator.truediv, "fdiv")
+    ):  # fmt: skip
+        two(function, instruction)
+
+    told(operator.neg, signature(lanes, lanes))
+
+    @lower_builtin(operator.neg, lanes)
+    def negated(context, builder, sig, arguments):
+        return builder.fneg(arguments[0])
+
+    told(math.sqrt, signature(lanes, lanes))
+
+    @lower_builtin(math.sqrt, lanes)
+    def rooted(context, builder, sig, arguments):
+        return builder.call(builder.module.declare_intrinsic("llvm.sqrt.v4f64", fnty=root), arguments)
+
+    @intrinsic
+    def lane(typingctx, value, k):
+        def codegen(context, builder, sig, arguments):
+            return builder.extract_element(*arguments)
+
+        return number(lanes, types.intp), codegen
+
+    @overload(operator.getitem)
+    def indexed(value, k):
+        if isinstance(value, Lanes):
+            return lambda value, k: lane(value, k)
+        return None
+
+    @intrinsic
+    def three(typingctx, a, b, c):
+        def codegen(context, builder, sig, arguments):
+            value = ir.Constant(register, ir.Undefined)
+            for k, item in enumerate((*arguments, arguments[-1])):
+                value = placed(builder, value, k, item)
+            return value
+
+        return lanes(number, number, number), codegen
+
+    return three
+
+
+three: Any = Name(_made)
+"""Three numbers, see above."""
