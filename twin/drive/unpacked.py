@@ -12,6 +12,7 @@ import stat
 import sys
 import tempfile
 import zipfile
+from functools import lru_cache
 from pathlib import Path
 from typing import NamedTuple
 
@@ -54,13 +55,13 @@ def unpacked(file: Path, digest: str) -> Path:
     folder = home / digest
     with disk_refusals(file, f"cannot be unpacked to {home}", InputRefused, REMEDY):
         while not hold(folder):
-            _make(file, folder)
+            _make(file, digest, folder)
         try:
-            mended = _mend(file, folder)
+            mended = _mend(file, digest, folder)
         except OSError:
             # a folder where a file should be, say; what is loaded from it stays loaded
             remove(folder)
-            _make(file, folder)
+            _make(file, digest, folder)
             hold(folder)
             mended = ["all"]
         supply(digest, folder / CONTENT)
@@ -84,18 +85,18 @@ def shelf() -> Shelf:
         folder / CONTENT / name
         for folder in folders
         for name, stamp in _sealed(folder).items()
-        if _stamp(folder / CONTENT / name) != stamp
+        if _stamp(f"{folder / CONTENT}/{name}") != stamp
     ]
     return Shelf(home, len(folders), sum(file.stat().st_size for file in files), tuple(changed))
 
 
-def _make(file: Path, folder: Path) -> None:
+def _make(file: Path, digest: str, folder: Path) -> None:
     """Unpack `file` to `folder`, unless another process does so first."""
     if folder.exists() and not folder.is_dir():
         remove(folder)
     scratch = Path(tempfile.mkdtemp(prefix=f".{folder.name[:12]}-", dir=folder.parent))
     try:
-        _mend(file, scratch)
+        _mend(file, digest, scratch)
         scratch.rename(folder)
     except OSError:
         if not folder.is_dir():
@@ -105,30 +106,38 @@ def _make(file: Path, folder: Path) -> None:
     evict(folder.parent, KEPT)
 
 
-def _mend(file: Path, folder: Path) -> list[str]:
+def _mend(file: Path, digest: str, folder: Path) -> list[str]:
     """Make the files in `folder` those of the archive `file`; returns which were not."""
     content, sealed = folder / CONTENT, _sealed(folder)
     wrong = []
+    entries = _entries(file, digest)
+    content.mkdir(exist_ok=True)
+    for name in entries:
+        if name.endswith("/"):
+            (content / name).mkdir(parents=True, exist_ok=True)
+    files = [name for name in entries if not name.endswith("/")]
+    found = {name: _stamp(f"{content}/{name}") for name in files}
+    moved = [name for name in files if found[name] is None or found[name] != sealed.get(name)]
+    if not moved:
+        return []
     with zipfile.ZipFile(file) as archive:
-        # the last of two entries with one name is the one that counts
-        entries = {place(info): info for info in archive.infolist()}
-        content.mkdir(exist_ok=True)
-        for name in entries:
-            if name.endswith("/"):
-                (content / name).mkdir(parents=True, exist_ok=True)
-        files = [name for name in entries if not name.endswith("/")]
-        found = {name: _stamp(content / name) for name in files}
-        moved = [name for name in files if found[name] is None or found[name] != sealed.get(name)]
         for name in moved:
             if found[name] is None or not _is_same(archive, entries[name], content / name):
                 _put(archive, entries[name], content)
-                found[name] = _stamp(content / name)
+                found[name] = _stamp(f"{content}/{name}")
                 wrong.append(name)
-    if moved:
-        with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as beside:
-            json.dump(found, beside)
-        os.replace(beside.name, folder / SEAL)
+    with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as beside:
+        json.dump(found, beside)
+    os.replace(beside.name, folder / SEAL)
     return wrong
+
+
+@lru_cache(KEPT)
+def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
+    """What the archive `file` of that `digest` holds, by its places."""
+    with zipfile.ZipFile(file) as archive:
+        # the last of two entries with one name is the one that counts
+        return {place(info): info for info in archive.infolist()}
 
 
 def _sealed(folder: Path) -> dict[str, Stamp]:
@@ -140,10 +149,10 @@ def _sealed(folder: Path) -> dict[str, Stamp]:
     return known if isinstance(known, dict) else {}
 
 
-def _stamp(path: Path) -> Stamp | None:
+def _stamp(path: str) -> Stamp | None:
     """What changes when the file at `path` is written to, even by who sets its time back; None: no such file."""
     try:
-        found = path.lstat()
+        found = os.lstat(path)
     # a seal that was damaged may name anything
     except (OSError, ValueError):
         return None

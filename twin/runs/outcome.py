@@ -49,7 +49,8 @@ class Tally(Observer):
         self._tick = system.tick
         told = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
         signals = {"plant.F_ee_B": 3, "plant.p_B": 3, told: 3, "controller.triggered": 1, "controller.F_z_ref": 1}
-        self._columns = [(system.columns(name) if system.has(name) else None, size) for name, size in signals.items()]
+        found = [(system.columns(name).start if system.has(name) else -size, size) for name, size in signals.items()]
+        self._columns = np.concatenate([np.arange(first, first + size) for first, size in found])
         self._waiting = np.empty((0, 11))
         self._count = self._controlled = 0
         self._squares = np.zeros(3)
@@ -58,11 +59,10 @@ class Tally(Observer):
         self._last = np.empty((0, 3))
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        taken = [
-            np.full((len(rows), size), math.nan) if columns is None else rows[:, columns]
-            for columns, size in self._columns
-        ]
-        waiting = np.vstack([self._waiting, np.hstack(taken)])
+        waiting = rows.take(self._columns, axis=1)
+        waiting[:, self._columns < 0] = math.nan
+        if len(self._waiting):
+            waiting = np.vstack([self._waiting, waiting])
         # sums of floating-point numbers depend on their order: these are always of the same rows
         whole = len(waiting) // BLOCK * BLOCK
         for first in range(0, whole, BLOCK):
