@@ -3,7 +3,7 @@
 A viewer's types nest messages whose lengths depend on what is in them. Protobuf leaves that to the writer: a zero may
 be written out, and an integer may take more bytes than it needs (its conformance tests ask every reader to take
 both). So all messages of a form can have one length, and like those of `messages.py` a series of them is one record
-repeated, with columns of numbers assigned into it.
+repeated, with columns of numbers put into it.
 """
 
 import struct
@@ -14,18 +14,16 @@ import numpy as np
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
+from twin.recording.filling import DOUBLE, GROUPS, NANOS, SECONDS, filled
 from twin.recording.layout import check_stream
-from twin.recording.messages import HEAD_SIZE, head_dtype, numbered_records, record_template
+from twin.recording.messages import HEAD_SIZE, record_template
 
-# seconds and nanoseconds as integers of five groups of 7 bits; both of these need all five
-WIDTH = 5
+# seconds and nanoseconds as integers of five groups of 7 bits, `filling.GROUPS`; both of these need all five
 BLANK_TIME = Timestamp(seconds=2**34, nanos=2**29)
 """Stands in an example where the message's own time goes."""
 TIME_BYTES = BLANK_TIME.SerializeToString(deterministic=True)
 # behind their tags of one byte each
-SECONDS, NANOS = 1, 1 + WIDTH + 1
-SHIFTS = 7 * np.arange(WIDTH)
-MORE = np.array([0x80] * (WIDTH - 1) + [0], dtype=np.uint8)
+SECONDS_AT, NANOS_AT = 1, 1 + GROUPS + 1
 # the upper half of a double of about 1e307 that nobody writes in earnest; the lower half is the column
 BLANK = 0x7FC0_7749
 
@@ -64,17 +62,11 @@ class FormLayout:
 
     Attributes:
         template: one record (stride,) uint8 with its blanks still in it.
-        head: structured dtype of the record's front.
-        columns: column of the rows that goes to each place, (k,).
-        places: bytes of each of these doubles, (k, 8) offsets.
-        times: offsets of the first byte of each time.
+        places: where times and the numbers of a row go, see `filling`.
     """
 
     template: np.ndarray
-    head: np.dtype
-    columns: np.ndarray
     places: np.ndarray
-    times: tuple[int, ...]
 
 
 def form_layout(channel: int, form: Form) -> FormLayout:
@@ -89,15 +81,11 @@ def form_layout(channel: int, form: Form) -> FormLayout:
     missing = set(range(form.width)) - {column for column, _ in found}
     if missing:
         raise ValueError(f"form {form.name}: columns {sorted(missing)} have no blank in the example")
-    starts = np.array([place for _, place in found], dtype=np.int64) + HEAD_SIZE
-    template = record_template(channel, body)
-    return FormLayout(
-        template,
-        head_dtype(len(template)),
-        np.array([column for column, _ in found], dtype=np.int64),
-        starts[:, None] + np.arange(8),
-        tuple(place + HEAD_SIZE for place in _places(body, TIME_BYTES)),
-    )
+    places = [(DOUBLE, column, place) for column, place in found]
+    for place in _places(body, TIME_BYTES):
+        places += [(SECONDS, 0, place + SECONDS_AT), (NANOS, 0, place + NANOS_AT)]
+    table = np.array(places, dtype=np.int64).reshape(-1, 3) + np.array([0, 0, HEAD_SIZE])
+    return FormLayout(record_template(channel, body), table)
 
 
 def form_records(layout: FormLayout, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
@@ -107,19 +95,9 @@ def form_records(layout: FormLayout, times: np.ndarray, first_sequence: int, row
         times: of the messages, ns, (n,) integer, from 0 to 2^34 s.
         rows: (n, width) float64.
     """
-    records = numbered_records(layout.template, layout.head, times, first_sequence)
-    numbers = np.ascontiguousarray(rows[:, layout.columns], dtype="<f8")
-    records[:, layout.places] = numbers.view(np.uint8).reshape(len(rows), -1, 8)
-    seconds, nanos = _groups(times // 10**9), _groups(times % 10**9)
-    for start in layout.times:
-        records[:, start + SECONDS : start + SECONDS + WIDTH] = seconds
-        records[:, start + NANOS : start + NANOS + WIDTH] = nanos
+    records = filled(layout.template, layout.places, times, first_sequence, rows)
+    assert records is not None, "there are no integers"
     return records
-
-
-def _groups(numbers: np.ndarray) -> np.ndarray:
-    """`numbers` (n,) as protobuf's base-128 integers of `WIDTH` bytes each, (n, WIDTH) uint8."""
-    return (numbers[:, None] >> SHIFTS & 0x7F).astype(np.uint8) | MORE
 
 
 def _places(body: bytes, wanted: bytes) -> Iterator[int]:

@@ -3,8 +3,8 @@
 Every field has a fixed length on the wire (https://protobuf.dev/programming-guides/encoding: double and
 sfixed64 are 8 bytes, bool is 1 as it is 0 or 1) and is written even where it is zero. So the messages of a
 topic have one length, and the MCAP Message records (https://mcap.dev/spec#message-op0x05) around them too. A
-series is then a template repeated n times with columns of numbers assigned into it; no message is encoded or
-decoded on its own.
+series is then a template repeated n times with columns of numbers put into it; no message is encoded or decoded on
+its own.
 """
 
 from collections.abc import Sequence
@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from mcap.opcode import Opcode
 
+from twin.recording.filling import BOOL, DOUBLE, INTEGER, filled
 from twin.recording.layout import Field, Kind
 
 # the fixed front of an MCAP Message record, little endian and unpadded
@@ -25,6 +26,7 @@ CONSTANT_HEAD = slice(0, 11)
 # opcode and length are not counted in the length of a record
 RECORD_PREFIX = 9
 VALUE_TYPES: dict[Kind, np.dtype] = {"double": np.dtype("<f8"), "int": np.dtype("<i8"), "bool": np.dtype("?")}
+PLACE_KINDS: dict[Kind, int] = {"double": DOUBLE, "int": INTEGER, "bool": BOOL}
 # wire types of protobuf
 VARINT, I64, LEN = 0, 1, 2
 
@@ -38,12 +40,14 @@ class MessageLayout:
         framing: slices of the record that hold no number and are equal in every message of the topic.
         head: structured dtype of the record's front, itemsize = stride.
         values: structured dtype of the record's numbers, one name per field, itemsize = stride.
+        places: where the numbers of a row go, see `filling`.
     """
 
     template: np.ndarray
     framing: tuple[slice, ...]
     head: np.dtype
     values: np.dtype
+    places: np.ndarray
 
     @property
     def stride(self) -> int:
@@ -71,7 +75,13 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
     names = [field.name for field in fields]
     values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
     template = record_template(channel, bytes(record[HEAD_SIZE:]))
-    return MessageLayout(template, tuple(framing), head_dtype(len(record)), values)
+    elements = [
+        (PLACE_KINDS[field.kind], offset + n * value_type.base.itemsize)
+        for field, value_type, offset in zip(fields, formats, offsets, strict=True)
+        for n in range(field.size)
+    ]
+    places = np.array([(kind, column, offset) for column, (kind, offset) in enumerate(elements)], dtype=np.int64)
+    return MessageLayout(template, tuple(framing), head_dtype(len(record)), values, places)
 
 
 def head_dtype(stride: int) -> np.dtype:
@@ -110,22 +120,22 @@ def message_records(
     Raises:
         ValueError: an `int` field holds something other than whole numbers (nan included).
     """
-    records = numbered_records(layout.template, layout.head, times, first_sequence)
-    values = records.view(layout.values)[:, 0]
+    records = filled(layout.template, layout.places, times, first_sequence, rows)
+    if records is None:
+        raise ValueError(_no_integer(fields, rows))
+    return records
+
+
+def _no_integer(fields: Sequence[Field], rows: np.ndarray) -> str:
     start = 0
     for field in fields:
-        columns = rows[:, start] if field.size == 1 else rows[:, start : start + field.size]
+        values = rows[:, start : start + field.size]
+        # one beyond 2^63 is whole, but no integer
+        wrong = values[~((values == np.floor(values)) & (values >= -(2.0**63)) & (values < 2.0**63))]
+        if field.kind == "int" and wrong.size:
+            return f"field {field.name} holds whole numbers, got {wrong[0]}"
         start += field.size
-        if field.kind == "int":
-            # a float beyond the integers converts to some integer without complaint
-            with np.errstate(invalid="ignore"):
-                counts = columns.astype(np.int64)
-            if not np.array_equal(counts, columns):
-                wrong = columns[counts != columns][0]
-                raise ValueError(f"field {field.name} holds whole numbers, got {wrong}")
-            columns = counts
-        values[field.name] = columns != 0 if field.kind == "bool" else columns
-    return records
+    raise AssertionError("every integer is one")
 
 
 def varint(number: int) -> bytes:

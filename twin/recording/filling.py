@@ -1,0 +1,71 @@
+"""Message records of one stride: a template repeated, with times and numbers put where they go, by compiled code.
+
+Where the numbers of a row go is a table of places, (k, 3) int64: kind, column of the rows, offset in the record. Times
+are those of the messages, in seconds and nanoseconds as a form has them.
+"""
+
+import numpy as np
+
+from twin.compiled.function import carray
+from twin.compiled.memory import copy, put
+from twin.compiled.native import entry
+
+DOUBLE, INTEGER, BOOL, SECONDS, NANOS = range(5)
+"""Kinds of places: a double, a 64-bit integer, a byte that is 0 or 1, and a time in groups of 7 bits."""
+SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
+"""Where an MCAP Message record (https://mcap.dev/spec#message-op0x05) has what differs from one to the next."""
+GROUPS = 5
+"""Of 7 bits, in which a form has seconds and nanoseconds."""
+SECOND = 10**9
+
+
+@entry("int", "int", "int", "int", "int", "integers", "int", "doubles", "int", "integers", "int")
+def _fill(records, count, stride, template, times, first_sequence, rows, step, places, number):
+    at, row, place = carray(times, count), carray(rows, count * step), carray(places, number * 3)
+    for i in range(count):
+        to = records + i * stride
+        copy(to, template, stride)
+        put(to + SEQUENCE_AT, np.uint32(first_sequence + i))
+        put(to + LOG_TIME_AT, at[i])
+        put(to + PUBLISH_TIME_AT, at[i])
+        for k in range(number):
+            kind, column, where = place[3 * k], place[3 * k + 1], to + place[3 * k + 2]
+            if kind == DOUBLE:
+                put(where, row[i * step + column])
+            elif kind == BOOL:
+                put(where, np.uint8(row[i * step + column] != 0.0))
+            elif kind == INTEGER:
+                value = row[i * step + column]
+                # what is beyond the integers, and NaN, has none to be compared with
+                if not -(2.0**63) <= value < 2.0**63 or value != np.floor(value):
+                    return 0
+                put(where, np.int64(value))
+            else:
+                rest = at[i] // SECOND if kind == SECONDS else at[i] % SECOND
+                for group in range(GROUPS):
+                    more = 0x80 if group < GROUPS - 1 else 0
+                    put(where + group, np.uint8(rest >> 7 * group & 0x7F | more))
+    return 1
+
+
+def filled(
+    template: np.ndarray, places: np.ndarray, times: np.ndarray, first_sequence: int, rows: np.ndarray
+) -> np.ndarray | None:
+    """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
+
+    Args:
+        template: one record, (stride,) uint8, without sequence number, times and numbers.
+        places: see above.
+        times: ns, (n,) integer.
+        first_sequence: number of the first record.
+        rows: (n, columns) float64.
+    """
+    times = np.ascontiguousarray(times, dtype=np.int64)
+    if rows.dtype != np.float64 or not rows.size or rows.strides[1] != rows.itemsize or rows.strides[0] % rows.itemsize:
+        rows = np.ascontiguousarray(rows, dtype=np.float64)
+    records = np.empty((len(times), len(template)), dtype=np.uint8)
+    whole = _fill(
+        records, len(times), len(template), template, times, first_sequence, rows, rows.strides[0] // rows.itemsize,
+        places, len(places),
+    )  # fmt: skip
+    return records if whole else None
