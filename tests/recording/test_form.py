@@ -16,7 +16,7 @@ from mcap.writer import Writer as McapWriter
 from mcap_protobuf.decoder import DecoderFactory
 
 from twin.recording.errors import RecordingDamaged
-from twin.recording.form import BLANK_TIME, Form, blank, form_layout, form_records
+from twin.recording.form import BLANK_TIME, Form, blank, form_filling, form_records
 from twin.recording.messages import HEAD_SIZE
 from twin.recording.reader import read
 from twin.recording.schema import descriptor_set, descriptors_of
@@ -30,7 +30,7 @@ times = st.integers(0, 2**63 - 1)
 
 @given(times, st.floats(width=64), st.floats(width=64))
 def test_protobuf_reads_every_time_and_number_that_was_filled_in(time: int, first: float, second: float):
-    records = form_records(form_layout(1, TF), np.array([time]), 0, np.array([[first, second]]))
+    records = form_records(form_filling(1, TF), np.array([time]), 0, np.array([[first, second]]))
     message = FrameTransform.FromString(records[0, HEAD_SIZE:].tobytes())
     assert message.timestamp.ToNanoseconds() == time
     found = struct.pack("<ddd", message.translation.x, message.translation.y, message.translation.z)
@@ -40,7 +40,7 @@ def test_protobuf_reads_every_time_and_number_that_was_filled_in(time: int, firs
 
 @given(times, st.floats(allow_nan=False))
 def test_a_message_says_what_protobuf_would_write_of_it(time: int, number: float):
-    records = form_records(form_layout(1, TF), np.array([time]), 0, np.array([[number, number]]))
+    records = form_records(form_filling(1, TF), np.array([time]), 0, np.array([[number, number]]))
     stamp = Timestamp()
     stamp.FromNanoseconds(time)
     written = FrameTransform(
@@ -61,7 +61,7 @@ def test_another_reader_finds_every_message_at_its_time(finished: Path):
 def test_a_column_without_a_blank_is_refused():
     example = FrameTransform(timestamp=BLANK_TIME, translation=Vector3(x=blank(0)))
     with pytest.raises(ValueError, match=r"form tf: columns \[1\] have no blank in the example"):
-        form_layout(1, Form("tf", example, 2, 1))
+        form_filling(1, Form("tf", example, 2, 1))
 
 
 def test_a_form_without_columns_is_the_same_message_again(tmp_path: Path):

@@ -48,24 +48,35 @@ def _fill(records, count, stride, template, times, first_sequence, rows, step, p
     return 1
 
 
-def filled(
-    template: np.ndarray, places: np.ndarray, times: np.ndarray, first_sequence: int, rows: np.ndarray
-) -> np.ndarray | None:
-    """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
+class Filling:
+    """Makes records of rows.
 
     Args:
         template: one record, (stride,) uint8, without sequence number, times and numbers.
         places: see above.
-        times: ns, (n,) integer.
-        first_sequence: number of the first record.
-        rows: (n, columns) float64.
     """
-    times = np.ascontiguousarray(times, dtype=np.int64)
-    if rows.dtype != np.float64 or not rows.size or rows.strides[1] != rows.itemsize or rows.strides[0] % rows.itemsize:
-        rows = np.ascontiguousarray(rows, dtype=np.float64)
-    records = np.empty((len(times), len(template)), dtype=np.uint8)
-    whole = _fill(
-        records, len(times), len(template), template, times, first_sequence, rows, rows.strides[0] // rows.itemsize,
-        places, len(places),
-    )  # fmt: skip
-    return records if whole else None
+
+    def __init__(self, template: np.ndarray, places: np.ndarray):
+        self.template, self._places = template, places
+        # numpy takes as long to tell an address as it takes to fill a record
+        self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
+
+    def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
+        """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
+
+        Args:
+            times: ns, (n,) integer.
+            first_sequence: number of the first record.
+            rows: (n, columns) float64.
+        """
+        times = np.ascontiguousarray(times, dtype=np.int64)
+        item = np.dtype(np.float64).itemsize
+        if rows.dtype != np.float64 or not rows.size or rows.strides[1] != item or rows.strides[0] % item:
+            rows = np.ascontiguousarray(rows, dtype=np.float64)
+        count, stride = len(times), len(self.template)
+        records = np.empty((count, stride), dtype=np.uint8)
+        whole = _fill(
+            records, count, stride, self._template_at, times, first_sequence, rows, rows.strides[0] // item,
+            self._places_at, len(self._places),
+        )  # fmt: skip
+        return records if whole else None

@@ -14,7 +14,7 @@ import numpy as np
 from google.protobuf.message import Message
 from google.protobuf.timestamp_pb2 import Timestamp
 
-from twin.recording.filling import DOUBLE, GROUPS, NANOS, SECONDS, filled
+from twin.recording.filling import DOUBLE, GROUPS, NANOS, SECONDS, Filling
 from twin.recording.layout import check_stream
 from twin.recording.messages import HEAD_SIZE, record_template
 
@@ -56,21 +56,8 @@ class Form:
         check_stream(self.name, self.period)
 
 
-@dataclass(frozen=True)
-class FormLayout:
-    """Where the bytes of one form's Message records are.
-
-    Attributes:
-        template: one record (stride,) uint8 with its blanks still in it.
-        places: where times and the numbers of a row go, see `filling`.
-    """
-
-    template: np.ndarray
-    places: np.ndarray
-
-
-def form_layout(channel: int, form: Form) -> FormLayout:
-    """Layout of the Message records of channel number `channel`.
+def form_filling(channel: int, form: Form) -> Filling:
+    """Filling of the Message records of channel number `channel`.
 
     Raises:
         ValueError: a column has no blank in the example.
@@ -85,17 +72,17 @@ def form_layout(channel: int, form: Form) -> FormLayout:
     for place in _places(body, TIME_BYTES):
         places += [(SECONDS, 0, place + SECONDS_AT), (NANOS, 0, place + NANOS_AT)]
     table = np.array(places, dtype=np.int64).reshape(-1, 3) + np.array([0, 0, HEAD_SIZE])
-    return FormLayout(record_template(channel, body), table)
+    return Filling(record_template(channel, body), table)
 
 
-def form_records(layout: FormLayout, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
+def form_records(filling: Filling, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray:
     """Message records of `rows`, (n, stride) uint8.
 
     Args:
         times: of the messages, ns, (n,) integer, from 0 to 2^34 s.
         rows: (n, width) float64.
     """
-    records = filled(layout.template, layout.places, times, first_sequence, rows)
+    records = filling.records(times, first_sequence, rows)
     assert records is not None, "there are no integers"
     return records
 

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from mcap.opcode import Opcode
 
-from twin.recording.filling import BOOL, DOUBLE, INTEGER, filled
+from twin.recording.filling import BOOL, DOUBLE, INTEGER, Filling
 from twin.recording.layout import Field, Kind
 
 # the fixed front of an MCAP Message record, little endian and unpadded
@@ -36,18 +36,16 @@ class MessageLayout:
     """Where the bytes of one topic's Message records are.
 
     Attributes:
-        template: one record (stride,) uint8 with every number zero: tags, lengths and channel only.
+        filling: of a record with every number zero: tags, lengths and channel only.
         framing: slices of the record that hold no number and are equal in every message of the topic.
         head: structured dtype of the record's front, itemsize = stride.
         values: structured dtype of the record's numbers, one name per field, itemsize = stride.
-        places: where the numbers of a row go, see `filling`.
     """
 
-    template: np.ndarray
+    filling: Filling
     framing: tuple[slice, ...]
     head: np.dtype
     values: np.dtype
-    places: np.ndarray
 
     @property
     def stride(self) -> int:
@@ -74,14 +72,14 @@ def message_layout(channel: int, fields: Sequence[Field]) -> MessageLayout:
         record += bytes(field.size * value_type.itemsize)
     names = [field.name for field in fields]
     values = np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": len(record)})
-    template = record_template(channel, bytes(record[HEAD_SIZE:]))
     elements = [
         (PLACE_KINDS[field.kind], offset + n * value_type.base.itemsize)
         for field, value_type, offset in zip(fields, formats, offsets, strict=True)
         for n in range(field.size)
     ]
     places = np.array([(kind, column, offset) for column, (kind, offset) in enumerate(elements)], dtype=np.int64)
-    return MessageLayout(template, tuple(framing), head_dtype(len(record)), values, places)
+    filling = Filling(record_template(channel, bytes(record[HEAD_SIZE:])), places)
+    return MessageLayout(filling, tuple(framing), head_dtype(len(record)), values)
 
 
 def head_dtype(stride: int) -> np.dtype:
@@ -120,7 +118,7 @@ def message_records(
     Raises:
         ValueError: an `int` field holds something other than whole numbers (nan included).
     """
-    records = filled(layout.template, layout.places, times, first_sequence, rows)
+    records = layout.filling.records(times, first_sequence, rows)
     if records is None:
         raise ValueError(_no_integer(fields, rows))
     return records

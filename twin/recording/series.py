@@ -85,7 +85,7 @@ class Series:
         stride = self.layout.stride
         records = np.concatenate([np.empty(0, f"V{stride}"), *self.parts]).view(np.uint8).reshape(-1, stride)
         for part in self.layout.framing:
-            if np.any(records[:, part] != self.layout.template[part]):
+            if np.any(records[:, part] != self.layout.filling.template[part]):
                 raise ValueError("messages whose bytes are not those of their schema")
         return records
 

@@ -16,6 +16,8 @@ from mcap.opcode import Opcode
 
 # small enough that little is lost with the last one, large enough to compress; before compression, bytes
 LARGEST_CHUNK = 256 * 1024
+# of a log time and an offset in an index, bytes
+ENTRY = 16
 KEPT, KEPT_MESSAGES = 32, 5000
 """So many weaves of so many messages at most are remembered: a few MB."""
 
@@ -50,13 +52,15 @@ class Piece:
     Attributes:
         content: which bytes of it.
         start, end: log times of the first and of the last message, ns.
-        entries: by channel number the log times and the offsets in this piece, (n, 2) uint64.
+        entries: log times and offsets in this piece, of one channel after another, (n, 2) uint64.
+        channels: of each channel its number, how its index begins, and where in the bytes of `entries` its own are.
     """
 
     content: slice
     start: int
     end: int
-    entries: dict[int, np.ndarray]
+    entries: np.ndarray
+    channels: tuple[tuple[int, bytes, slice], ...]
 
     def indexes(self, begin: int, shift: int) -> dict[int, bytes]:
         """Encoded MessageIndex records by channel.
@@ -67,11 +71,8 @@ class Piece:
             begin: log time of the first message of the weave, ns.
             shift: bytes of the chunk that stand before the messages.
         """
-        found = {}
-        for channel, entries in self.entries.items():
-            own = (entries + np.array([begin, shift], dtype="<u8")).tobytes()
-            found[channel] = struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + len(own), channel, len(own)) + own
-        return found
+        own = (self.entries + np.array([begin, shift], dtype="<u8")).tobytes()
+        return {channel: head + own[where] for channel, head, where in self.channels}
 
 
 @dataclass(frozen=True)
@@ -133,8 +134,15 @@ def _kept(shapes: tuple[Shape, ...], times: bytes) -> tuple[int, tuple[np.ndarra
 def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piece:
     first, last = offsets[[0, -1]].tolist()
     entries = np.stack([since, offsets[:-1] - first], axis=1).astype("<u8")
-    by_channel = {channel: entries[channels == channel] for channel in np.unique(channels).tolist()}
-    return Piece(slice(first, last), int(since[0]), int(since[-1]), by_channel)
+    numbers, counts = np.unique(channels, return_counts=True)
+    sizes = ENTRY * counts
+    ends = np.cumsum(sizes)
+    places = tuple(
+        (number, struct.pack("<BQHI", Opcode.MESSAGE_INDEX, 6 + size, number, size), slice(end - size, end))
+        for number, size, end in zip(numbers.tolist(), sizes.tolist(), ends.tolist(), strict=True)
+    )
+    in_turn = entries[np.argsort(channels, kind="stable")]
+    return Piece(slice(first, last), int(since[0]), int(since[-1]), in_turn, places)
 
 
 def record_windows(content: np.ndarray, stride: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from mcap.writer import MCAP0_MAGIC
 from twin import __version__
 from twin.recording.chunks import COMPRESSION_LEVEL, chunk, encoded
 from twin.recording.errors import RecordingFailed
-from twin.recording.form import Form, form_layout, form_records
+from twin.recording.form import Form, form_filling, form_records
 from twin.recording.layout import Topic
 from twin.recording.messages import message_layout, message_records
 from twin.recording.output import Output
@@ -244,7 +244,7 @@ def append_chunks(
 
 def _opened(topic: Topic | Form, channel: int) -> OpenTopic:
     if isinstance(topic, Form):
-        return OpenTopic(channel, topic.period, topic.width, partial(form_records, form_layout(channel, topic)))
+        return OpenTopic(channel, topic.period, topic.width, partial(form_records, form_filling(channel, topic)))
     width = sum(field.size for field in topic.fields)
     records = partial(message_records, message_layout(channel, topic.fields), topic.fields)
     return OpenTopic(channel, topic.period, width, records)

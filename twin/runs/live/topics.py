@@ -5,7 +5,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 from foxglove_schemas_protobuf.Log_pb2 import Log
 
-from twin.recording.form import form_layout, form_records
+from twin.recording.form import form_filling, form_records
 from twin.recording.layout import Kind
 from twin.recording.messages import HEAD_SIZE, VALUE_TYPES, message_layout
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
@@ -28,7 +28,7 @@ class Topics:
 
     def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
         self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
-        self._layouts = {form.name: form_layout(0, form) for form in scene.forms}
+        self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
         told = [*_streams(streams), *_forms(scene), (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})]
         self.channels = tuple(Channel(number, f"/{name}", *rest) for number, (name, *rest) in enumerate(told, start=1))
         self._numbers = {channel.topic[1:]: channel.number for channel in self.channels}
@@ -109,7 +109,7 @@ class Encoder:
                 columns[field.kind] += range(column, column + field.size)
                 places[field.kind] += range(start, start + field.size * length)
                 column += field.size
-            messages.append(layout.template[HEAD_SIZE:])
+            messages.append(layout.filling.template[HEAD_SIZE:])
             self._spans.append((end, end := end + len(messages[-1])))
         self._bytes = np.concatenate(messages)
         self._columns = {kind: np.array(found, dtype=np.intp) for kind, found in columns.items()}
