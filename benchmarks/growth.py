@@ -105,6 +105,10 @@ def growths() -> Iterator[Growth]:
         "stepping 60 s with faults", "faults", [1, 4, 16, 64],
         lambda count: stepped(lasting(faulty(count), 60.0), timed=False)[0],
     )  # fmt: skip
+    yield grown(
+        "stepping Fig. 4, slow drives", "steps of each drive a tick", [1, 4, 16, 64],
+        lambda steps: stepped(load_experiment(EXPERIMENT, [f"drive.substeps={steps:g}"]), timed=False)[0],
+    )  # fmt: skip
     yield grown("a sweep of Fig. 4, two processes", "runs", [10, 100, 1000], swept)
     with tempfile.TemporaryDirectory() as scratch:
         folder = Path(scratch) / "run"

@@ -3,6 +3,9 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from twin.studies.figure import BLUE, GREEN, INK, ORANGE, PINK, SKY, VERMILION, picture
 from twin.studies.lines import counted
 from twin.studies.sweep.folder import KeptRows
@@ -41,5 +44,5 @@ def draw_front(kept: KeptRows, asked: Asked, path: Path) -> None:
         figure.suptitle(f"{kept.name}: {len(ranked)} of {kept.runs} runs{text}", x=0.01, ha="left", fontsize=10)
 
 
-def _points(rows: Sequence[Row], asked: Asked) -> list[list[float]]:
-    return [[value(row, metric) for row in rows] for metric in (asked.by, asked.against)]
+def _points(rows: Sequence[Row], asked: Asked) -> NDArray[np.float64]:
+    return np.array([[value(row, metric) for row in rows] for metric in (asked.by, asked.against)])

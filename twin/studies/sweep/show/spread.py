@@ -27,9 +27,9 @@ def draw_spreads(kept: KeptRows, path: Path) -> None:
             found = spread(kept.rows, metric)
             assert found is not None
             for number, drive in enumerate(drives):
-                values = [value(row, metric) for row in kept.rows if row["drive"] == drive]
+                values = np.array([value(row, metric) for row in kept.rows if row["drive"] == drive])
                 axes.hist(
-                    [one for one in values if np.isfinite(one)], found.edges, color=COLORS[number % len(COLORS)],
+                    values[np.isfinite(values)], found.edges, color=COLORS[number % len(COLORS)],
                     histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
                 )  # fmt: skip
             axes.axvline(found.quantiles[2], color=INK, lw=1.0, ls="--")

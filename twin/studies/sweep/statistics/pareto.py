@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Sequence
+from operator import itemgetter
 
 from twin.studies.sweep.rows import Row
 from twin.studies.sweep.statistics.ranking import best, value
@@ -12,12 +13,11 @@ def pareto_front(rows: Sequence[Row], one: str, other: str) -> list[Row]:
 
     A run beats another if it has no more of either metric and less of one of them.
     """
-    both = [row for row in best(rows, one) if not math.isnan(value(row, other))]
+    both = [(value(row, one), value(row, other), row) for row in best(rows, one)]
     front: list[Row] = []
-    least = math.inf
-    for row in sorted(both, key=lambda row: (value(row, one), value(row, other))):
-        same = front and all(value(row, metric) == value(front[-1], metric) for metric in (one, other))
-        if value(row, other) < least or same:
+    last, least = (math.nan, math.nan), math.inf
+    for a, b, row in sorted((found for found in both if not math.isnan(found[1])), key=itemgetter(0, 1)):
+        if b < least or (a, b) == last:
             front.append(row)
-            least = value(row, other)
+            last, least = (a, b), b
     return front

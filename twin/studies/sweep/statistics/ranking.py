@@ -36,7 +36,7 @@ def usual_metric(rows: Sequence[Row]) -> str:
 
 def metrics_in(rows: Sequence[Row]) -> list[str]:
     """Names of all metrics that some run has a number for, those of every sweep first."""
-    found = dict.fromkeys(name for row in rows for name in row["metrics"] if not math.isnan(value(row, name)))
+    found = dict.fromkeys(name for row in rows for name, number in row["metrics"].items() if number is not None)
     return [name for name in METRICS if name in found] + [name for name in found if name not in METRICS]
 
 
@@ -69,9 +69,8 @@ def _unranked(metric: str) -> bool:
 def best(rows: Sequence[Row], metric: str) -> list[Row]:
     """Runs that did not trip and keep the sweep's limits and have the metric, least first; ties in order of runs."""
     fit = [row for row in rows if row["status"] == "done" and row["within_limits"] is not False]
-    return sorted(
-        (row for row in fit if not math.isnan(value(row, metric))), key=lambda row: (value(row, metric), row["run"])
-    )
+    found = [(number, row["run"], n) for n, row in enumerate(fit) if not math.isnan(number := value(row, metric))]
+    return [fit[n] for _, _, n in sorted(found)]
 
 
 def is_number(parameter: Value | None) -> bool:
