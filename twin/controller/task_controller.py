@@ -19,7 +19,7 @@ from twin.controller.feed_forward import FEED_FORWARD, FeedForward, friction_for
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
-from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
+from twin.controller.pid import LOW_PASS, PID, Gains, kept_share, loop, rest
 from twin.controller.taps import learn_taps
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
@@ -60,6 +60,7 @@ MEMORY = record(
     machine=MACHINE,
     phases="i8",
     count="i8",
+    low=LOW_PASS,
     F_z="f8",
     F_rate="f8",
     dp_z="f8",
@@ -97,7 +98,7 @@ def fed_forward(m, phase, J, t, h, v_shift):
 def control(m, t, h, u, y, shift, v_shift):
     """A call of machine and law, its z reference shifted by `shift` (m) besides, which moves at `v_shift` (m/s)."""
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
-    share = low_pass_share(m.law.corner, h)
+    share = kept_share(m.low, m.law.corner, h)
     before = m.F_z
     m.F_z += share * (-u.F_ee_B[2] - m.F_z)
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)
