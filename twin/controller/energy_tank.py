@@ -81,7 +81,7 @@ def passed_on(left, horizon, P, Q):
         P: power of the whole command now (W).
         Q: what makes more power of it if the head is held (N m^2/(m s^2)).
     """
-    if Q <= 0.0:
+    if Q <= 0.0 or horizon * (P + 0.5 * Q * horizon) <= left:
         return 1.0
     root = P * P + 2.0 * Q * left
     most = (math.sqrt(root) - P if root > 0.0 else -P) / (Q * horizon)

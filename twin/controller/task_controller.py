@@ -85,7 +85,8 @@ def fed_forward(m, phase, J, t, h, v_shift):
         m.v[0], m.v[1], m.v[2] = machine.v[0], machine.v[1], machine.v[2]
     for i in range(3):
         m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * (m.v[2] + v_shift))
-    if phase.force_on:
+    # what stands still rubs the same a call later
+    if phase.force_on and (phase.radius > 0.0 or machine.length > 0.0):
         F_x, F_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
         motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag + h, m.p, m.v)
         next_x, next_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])

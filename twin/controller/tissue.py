@@ -69,12 +69,16 @@ STAGE = record(fast="f8", slow="f8")
 TISSUE = record_of(
     Sensing,
     g="f8",
+    omega="f8",
     keep="f8",
     in_band="f8",
+    settling="f8",
+    averaging="f8",
     squares="f8",
     moving="f8",
     spring="f8",
     noise="f8",
+    least="f8",
     F_noise="f8",
     z=(STAGE, (STAGES,)),
     F=(STAGE, (STAGES,)),
@@ -107,10 +111,11 @@ TISSUE = record_of(
 )
 """Settings and state.
 
-g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls
-per independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the
-Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of
-rounding in the band, of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began from. z_1, z_2, F_1:
+g .. averaging: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), what is kept of the past per
+call, calls per independent value in the band, when they have settled (s), share of a call in `power`. squares ..
+F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z column (rad^2/m^2), what moves up
+and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band, of height (m) and force
+(N), with `least` the power from which on something moves. z, F: the band-passes. z_0, F_0: what they began from. z_1, z_2, F_1:
 of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz .. FF: the
 normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
 made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither
@@ -124,6 +129,10 @@ def _prepare(m, h):
     m.keep = math.exp(-h / m.window)
     # noise bandwidth of two equal stages: pi/4 f/Q
     m.in_band = 1.0 / (0.5 * math.pi * m.frequency * DAMPING * h)
+    m.omega = 2.0 * math.pi * m.frequency
+    m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
+    # a few swings
+    m.averaging = min(2.0 * m.frequency * h, 1.0)
 
 
 @njit(cache=True)
@@ -145,6 +154,7 @@ def take_pose(m, J):
     m.moving = moving_mass(m, J)
     m.spring = m.joint_spring * m.squares
     m.noise = m.angle_rounding / math.sqrt(m.squares * m.in_band)
+    m.least = (EXCITED * m.noise) ** 2
     m.F_noise = m.torque_rounding * math.sqrt(m.squares / m.in_band)
 
 
@@ -203,7 +213,7 @@ def _solve(m):
     # worse than what is doubted of the last one, and no contradiction to it: no news
     if m.known and error > m.std and abs(k - m.k) < 2.0 * (error + m.std):
         return
-    m.k, m.c, m.error = min(k, HIGHEST), c / (2.0 * math.pi * m.frequency), error
+    m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
     m.known, m.F_k, m.age = 1, m.zzF / m.zz, 0.0
 
 
@@ -232,10 +242,8 @@ def sense(m, h, z, F, J, pressing):
         z_f, v_f = band_passed(m.z, m.g, m.z_1 - m.z_0)
         F_f, _ = band_passed(m.F, m.g, m.F_1 + inertia - m.F_0)
         m.z_2, m.z_1, m.F_1 = m.z_1, z, F
-        # a few swings
-        m.power += min(2.0 * m.frequency * h, 1.0) * (z_f * z_f - m.power)
-        settled = m.since > SETTLING / (math.pi * m.frequency * DAMPING)
-        if settled and m.power > (EXCITED * m.noise) ** 2:
+        m.power += m.averaging * (z_f * z_f - m.power)
+        if m.since > m.settling and m.power > m.least:
             m.excited = 1
             m.n = m.keep * m.n + 1.0
             # what moved most tells most, and of the force that was there then
@@ -268,9 +276,8 @@ def dither(m, h):
     if not m.dithering and doubt > m.doubtful:
         m.dithering, m.phase = 1, 0.0
         _unlearn(m)
-    omega = 2.0 * math.pi * m.frequency
     if m.dithering:
-        m.phase += omega * h
+        m.phase += m.omega * h
         # it ends with a whole swing
         if m.phase >= 2.0 * math.pi:
             m.phase -= 2.0 * math.pi
@@ -282,4 +289,4 @@ def dither(m, h):
     # what is not known may be hard
     k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
     amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
-    return amplitude * math.sin(m.phase), amplitude * omega * math.cos(m.phase)
+    return amplitude * math.sin(m.phase), amplitude * m.omega * math.cos(m.phase)
