@@ -114,10 +114,11 @@ def step(m, t, h, u, y):
     stored = power = force = power_on = force_on = 0.0
     for i in range(3):
         stored += 0.5 * m.tau[i] * m.tau[i] / (tank.k_s * tank.N * tank.N * tank.eta)
-        power += m.tau[i] * u.omega_ref[i] / tank.N
+        power += m.tau[i] * u.omega_ref[i]
         force += tank.k_s * tank.eta * u.omega_ref[i] * u.omega_ref[i]
-        power_on += m.tau[i] * m.omega[i] / tank.N
+        power_on += m.tau[i] * m.omega[i]
         force_on += tank.k_s * tank.eta * m.omega[i] * m.omega[i]
+    power, power_on = power / tank.N, power_on / tank.N
     on = COASTING * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
     share = passed_on(m.level - stored - coasting, tank.horizon, power, force) if m.age <= tank.late else 0.0
