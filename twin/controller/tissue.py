@@ -192,7 +192,15 @@ def forget(m):
 
 
 @njit(cache=True, error_model="numpy")
-def _solve(m):
+def _doubted(m, error, k, F_k, age, F):
+    """What may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
+    changed = CHANGE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
+    older = DRIFT * age
+    return math.sqrt(error * error + k * k * (changed * changed + older * older))
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(m, F):
     """k, c and the standard error of k from the normal equations, as of the mean force that they remember."""
     det = m.zz * m.vv - m.zv * m.zv
     # z and v of one swing are a quarter apart; where they are not, a swing has only begun
@@ -210,11 +218,12 @@ def _solve(m):
     # rounding of the joints moves height and force together, as a spring would
     rounding = (abs(k) + m.spring) * m.noise * m.noise * m.n / m.zz
     error = math.sqrt(scatter + rounding * rounding) + max(k - HIGHEST, 0.0)
-    # worse than what is doubted of the last one, and no contradiction to it: no news
-    if m.known and error > m.std and abs(k - m.k) < 2.0 * (error + m.std):
+    F_k = m.zzF / m.zz
+    # more to be doubted by now than the last one, and no contradiction to it: no news
+    if m.known and _doubted(m, error, k, F_k, 0.0, F) > m.std and abs(k - m.k) < 2.0 * (error + m.std):
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
-    m.known, m.F_k, m.age = 1, m.zzF / m.zz, 0.0
+    m.known, m.F_k, m.age = 1, F_k, 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -251,20 +260,18 @@ def sense(m, h, z, F, J, pressing):
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
             m.vF, m.FF = m.keep * m.vF + v_f * F_f, m.keep * m.FF + F_f * F_f
-            _solve(m)
+            _solve(m, F)
     _doubt(m, h, F)
 
 
 @njit(cache=True, error_model="numpy")
 def _doubt(m, h, F):
-    """What may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
+    """Keep what may be wrong with the estimate by now."""
     if not m.known:
         m.std = HIGHEST
         return
     m.age += h
-    changed = CHANGE * abs(F - m.F_k) / max(F, m.F_k) if m.since > 0.0 else 0.0
-    older = DRIFT * m.age
-    m.std = min(math.sqrt(m.error * m.error + m.k * m.k * (changed * changed + older * older)), HIGHEST)
+    m.std = min(_doubted(m, m.error, m.k, m.F_k, m.age, F), HIGHEST)
 
 
 @njit(cache=True, error_model="numpy")
