@@ -208,11 +208,6 @@ def _solve(m, F):
         return
     k = -(m.zF * m.vv - m.vF * m.zv) / det
     c = -(m.vF * m.zz - m.zF * m.zv) / det
-    if k < LOWEST:
-        # no tissue does that: something else moves height and force, a surface that jumps
-        m.error = max(m.error, m.k)
-        _unlearn(m)
-        return
     left = max(m.FF + k * m.zF + c * m.vF, 0.0) / m.n
     scatter = max(left, m.F_noise * m.F_noise) * m.in_band * m.vv / det
     # rounding of the joints moves height and force together, as a spring would
@@ -221,6 +216,11 @@ def _solve(m, F):
     F_k = m.zzF / m.zz
     # more to be doubted by now than the last one, and no contradiction to it: no news
     if m.known and _doubted(m, error, k, F_k, 0.0, F) > m.std and abs(k - m.k) < 2.0 * (error + m.std):
+        return
+    if k < LOWEST:
+        # no tissue does that: something else moves height and force, a surface that jumps
+        m.error = max(m.error, m.k)
+        _unlearn(m)
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
     m.known, m.F_k, m.age = 1, F_k, 0.0
