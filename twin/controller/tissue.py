@@ -70,6 +70,8 @@ TISSUE = record_of(
     Sensing,
     g="f8",
     omega="f8",
+    turn_sine="f8",
+    turn_cosine="f8",
     keep="f8",
     in_band="f8",
     settling="f8",
@@ -108,18 +110,20 @@ TISSUE = record_of(
     excited="i8",
     dithering="i8",
     phase="f8",
+    sine="f8",
+    cosine="f8",
 )
 """Settings and state.
 
-g .. averaging: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), what is kept of the past per
-call, calls per independent value in the band, when they have settled (s), share of a call in `power`. squares ..
-F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z column (rad^2/m^2), what moves up
-and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band, of height (m) and force
-(N), with `least` the power from which on something moves. z, F: the band-passes. z_0, F_0: what they began from. z_1, z_2, F_1:
-of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz .. FF: the
-normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
-made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither
-(rad).
+g .. averaging: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of what the
+dither turns by in a call, what is kept of the past per call, calls per independent value in the band, when they have
+settled (s), share of a call in `power`. squares .. F_noise: of the pose in which contact began: sum of the squares of
+the Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms
+of rounding in the band, of height (m) and force (N), with `least` the power from which on something moves. z, F: the
+band-passes. z_0, F_0: what they began from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean
+square of the band-passed height. n, zzF, zz .. FF: the normal equations. known: whether there is an estimate; k, c: it
+(N/m, N s/m); error: its standard error when it was made, F_k, age: at which mean force, and how long ago. std: what may
+be wrong with it by now. phase, sine, cosine: of the dither (rad, 1, 1).
 """
 
 
@@ -130,6 +134,7 @@ def _prepare(m, h):
     # noise bandwidth of two equal stages: pi/4 f/Q
     m.in_band = 1.0 / (0.5 * math.pi * m.frequency * DAMPING * h)
     m.omega = 2.0 * math.pi * m.frequency
+    m.turn_sine, m.turn_cosine = math.sin(m.omega * h), math.cos(m.omega * h)
     m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
     # a few swings
     m.averaging = min(2.0 * m.frequency * h, 1.0)
@@ -193,10 +198,10 @@ def forget(m):
 
 @njit(cache=True, error_model="numpy")
 def _doubted(m, error, k, F_k, age, F):
-    """What may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
+    """Square of what may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
     changed = CHANGE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
     older = DRIFT * age
-    return math.sqrt(error * error + k * k * (changed * changed + older * older))
+    return error * error + k * k * (changed * changed + older * older)
 
 
 @njit(cache=True, error_model="numpy")
@@ -215,7 +220,7 @@ def _solve(m, F):
     error = math.sqrt(scatter + rounding * rounding) + max(k - HIGHEST, 0.0)
     F_k = m.zzF / m.zz
     # more to be doubted by now than the last one, and no contradiction to it: no news
-    if m.known and _doubted(m, error, k, F_k, 0.0, F) > m.std and abs(k - m.k) < 2.0 * (error + m.std):
+    if m.known and _doubted(m, error, k, F_k, 0.0, F) > m.std * m.std and abs(k - m.k) < 2.0 * (error + m.std):
         return
     if k < LOWEST:
         # no tissue does that: something else moves height and force, a surface that jumps
@@ -271,7 +276,7 @@ def _doubt(m, h, F):
         m.std = HIGHEST
         return
     m.age += h
-    m.std = min(_doubted(m, m.error, m.k, m.F_k, m.age, F), HIGHEST)
+    m.std = min(math.sqrt(_doubted(m, m.error, m.k, m.F_k, m.age, F)), HIGHEST)
 
 
 @njit(cache=True, error_model="numpy")
@@ -281,10 +286,15 @@ def dither(m, h):
         return 0.0, 0.0
     doubt = m.std / m.k if m.known else HIGHEST
     if not m.dithering and doubt > m.doubtful:
-        m.dithering, m.phase = 1, 0.0
+        m.dithering, m.phase, m.sine, m.cosine = 1, 0.0, 0.0, 1.0
         _unlearn(m)
     if m.dithering:
         m.phase += m.omega * h
+        # turned on from call to call: sine and cosine themselves would cost a sixth of all that happens here
+        m.sine, m.cosine = (
+            m.sine * m.turn_cosine + m.cosine * m.turn_sine,
+            m.cosine * m.turn_cosine - m.sine * m.turn_sine,
+        )
         # it ends with a whole swing
         if m.phase >= 2.0 * math.pi:
             m.phase -= 2.0 * math.pi
@@ -296,4 +306,4 @@ def dither(m, h):
     # what is not known may be hard
     k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
     amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
-    return amplitude * math.sin(m.phase), amplitude * m.omega * math.cos(m.phase)
+    return amplitude * m.sine, amplitude * m.omega * m.cosine
