@@ -36,11 +36,20 @@ class Breathing(NamedTuple):
 
 
 BREATH = record_of(
-    Breathing, omega="f8", x="f8", q="f8", v="f8", share="f8", z="f8", F="f8", running="i8", low="f8", ahead="f8"
+    Breathing,
+    omega="f8",
+    x="f8",
+    q="f8",
+    v="f8",
+    share="f8",
+    z="f8",
+    F="f8",
+    running="i8",
+    low="f8",
+    ahead="f8",
 )
 """Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
-force of the call before, and whether there was one; share of the low-pass; how far ahead
-the velocity is fed (s)."""
+force of the call before, and whether there was one; share of the low-pass; how far ahead it is fed forward (s)."""
 
 
 @njit(cache=True)

@@ -7,8 +7,7 @@ is so for kp < (b/m + g K)(1 + g b), by Routh's criterion on m s^3 + (b + g K m)
 high-pass leaves steady forces alone.
 """
 
-from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from twin.compiled.function import njit
 from twin.controller.pid import LOW_PASS, kept_share
@@ -25,8 +24,8 @@ class Damping(NamedTuple):
 DAMPER = record_of(Damping, slow="3f8", started="i8", low=LOW_PASS)
 
 
-def damper(damping: Damping, slow: Sequence[float] = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
-    """A record of dtype `DAMPER` that has felt nothing yet, unless its state is given."""
+def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
+    """A record of dtype `DAMPER` that has felt nothing yet, unless its state is given: slow torques (3,), N m."""
     return (*damping, slow, started, (0.0, 0.0, 0.0))
 
 

@@ -198,7 +198,10 @@ def forget(m):
 
 @njit(cache=True, error_model="numpy")
 def _doubted(m, error, k, F_k, age, F):
-    """Square of what may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
+    """Square of what may be wrong with k by now.
+
+    Tissue stiffens with force, at most in proportion, and differs elsewhere.
+    """
     changed = CHANGE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
     older = DRIFT * age
     return error * error + k * k * (changed * changed + older * older)
