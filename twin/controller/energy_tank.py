@@ -9,8 +9,9 @@ the force,
     s P T + s^2 Q T^2/2 <= what is left,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
 
 What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
-presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Energy that comes back
-fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the motors
+presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Where more is gone than
+there was, and no share of the command brings it back in time, each motor that gives way does so as it is told: another
+that does what it likes must not hold it back. Energy that comes back fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the motors
 stand still until the next one.
 """
 
@@ -35,7 +36,7 @@ INPUTS = (
 )
 OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "commanded motor speeds, as far as the tank allows them"),
-    Port("share", 1, "1", "of the commanded speeds that is left"),
+    Port("share", 1, "1", "of the commanded speeds that is left; of an overdrawn tank that of the whole command"),
     Port("level", 1, "J", "what is in the tank"),
     Port("stored", 1, "J", "what the springs hold of the force on the environment, as believed"),
     Port("given", 1, "J", "energy given to what was touched, less what came back, as believed"),
@@ -121,9 +122,15 @@ def step(m, t, h, u, y):
     power, power_on = power / tank.N, power_on / tank.N
     on = COASTING * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
-    share = passed_on(m.level - stored - coasting, tank.horizon, power, force) if m.age <= tank.late else 0.0
+    left, told = m.level - stored - coasting, m.age <= tank.late
+    share = passed_on(left, tank.horizon, power, force) if told else 0.0
+    # whole commands make it last at no share of them: then each motor that gives way may, and no other
+    overdrawn = told and left < 0.0 and power * power + 2.0 * force * left <= 0.0
     for i in range(3):
-        y.omega_ref[i] = share * u.omega_ref[i]
+        own = share
+        if overdrawn:
+            own = 1.0 if m.tau[i] * u.omega_ref[i] < 0.0 else 0.0
+        y.omega_ref[i] = own * u.omega_ref[i]
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
     return 0
