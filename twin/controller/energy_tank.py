@@ -36,7 +36,7 @@ INPUTS = (
 )
 OUTPUTS = (
     Port("omega_ref", 3, "rad/s", "commanded motor speeds, as far as the tank allows them"),
-    Port("share", 1, "1", "of the commanded speeds that is left; of an overdrawn tank that of the whole command"),
+    Port("share", 1, "1", "of the commanded speeds that is left"),
     Port("level", 1, "J", "what is in the tank"),
     Port("stored", 1, "J", "what the springs hold of the force on the environment, as believed"),
     Port("given", 1, "J", "energy given to what was touched, less what came back, as believed"),
@@ -89,6 +89,25 @@ def passed_on(left, horizon, P, Q):
     return min(max(most, 0.0), 1.0)
 
 
+@njit(cache=True, error_model="numpy")
+def _given_way(tau, omega_ref, passed):
+    """No share of the whole command makes the store last: each motor that gives way may, and no other.
+
+    Args:
+        tau: joint torques (3,), N m.
+        omega_ref: commanded (3,), rad/s, not all of them 0.
+        passed: what of it is passed on (3,), written.
+
+    Returns:
+        The share of it.
+    """
+    asked = left = 0.0
+    for i in range(3):
+        passed[i] = omega_ref[i] if tau[i] * omega_ref[i] < 0.0 else 0.0
+        asked, left = asked + abs(omega_ref[i]), left + abs(passed[i])
+    return left / asked
+
+
 @step_function(MEMORY, INPUTS, OUTPUTS)
 def step(m, t, h, u, y):
     tank = m.tank
@@ -124,13 +143,11 @@ def step(m, t, h, u, y):
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
     left, told = m.level - stored - coasting, m.age <= tank.late
     share = passed_on(left, tank.horizon, power, force) if told else 0.0
-    # whole commands make it last at no share of them: then each motor that gives way may, and no other
-    overdrawn = told and left < 0.0 and power * power + 2.0 * force * left <= 0.0
     for i in range(3):
-        own = share
-        if overdrawn:
-            own = 1.0 if m.tau[i] * u.omega_ref[i] < 0.0 else 0.0
-        y.omega_ref[i] = own * u.omega_ref[i]
+        y.omega_ref[i] = share * u.omega_ref[i]
+    if told and left < 0.0 < force and power * power + 2.0 * force * left <= 0.0:
+        share = _given_way(m.tau, u.omega_ref, y.omega_ref)
+    for i in range(3):
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
     return 0
