@@ -22,10 +22,10 @@ OTHERS = {
 
 
 def call_seconds(experiment: Experiment) -> float:
-    """Time of a call of the controller in a run (s), what the loop does around it included."""
+    """Time of a call of the controller in a run (s), and of its tank; what the loop does around them included."""
     with assemble(experiment) as assembly:
         done = simulate(assembly, experiment.duration_ticks, timed=True).completed()
-    return done.costs["controller"] * experiment.controller_ticks
+    return (done.costs["controller"] + done.costs.get("tank", 0.0)) * experiment.controller_ticks
 
 
 def calls_alone(loop: CLoop, component: Any) -> float:

@@ -111,6 +111,12 @@ def test_without_a_tank_some_of_them_give_a_body_far_more():
     assert most_given(pressed(ALONE, SHORT[4], body="back")) > 4.0 * SIZE
 
 
+def test_a_drive_that_runs_away_gives_no_more_because_of_the_tank():
+    # the two that still obey pull away, whatever the third is told
+    fault = 'fault=[{kind="drive_runaway", onset_s=5.53, magnitude_rad_per_s=8}]'
+    assert most_given(pressed(TANK, ALONE, fault)) <= 1.01 * most_given(pressed(ALONE, fault))
+
+
 @pytest.mark.parametrize("name", ["pushing", "rolling"])
 def test_friction_empties_it_and_then_the_robot_stops(name: str):
     run = pressed(TANK, ALONE, name=name)

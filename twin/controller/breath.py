@@ -35,9 +35,21 @@ class Breathing(NamedTuple):
     lag: float
 
 
-BREATH = record_of(Breathing, omega="f8", x="f8", q="f8", v="f8", share="f8", z="f8", F="f8", running="i8", low="f8")
+BREATH = record_of(
+    Breathing,
+    omega="f8",
+    x="f8",
+    q="f8",
+    v="f8",
+    share="f8",
+    z="f8",
+    F="f8",
+    running="i8",
+    low="f8",
+    ahead="f8",
+)
 """Settings and state: the oscillator's; velocity of the surface, low-passed; the share that is fed forward; height and
-force of the call before, and whether there was one; share of the low-pass."""
+force of the call before, and whether there was one; share of the low-pass; how far ahead it is fed forward (s)."""
 
 
 @njit(cache=True)
@@ -64,6 +76,7 @@ def breathe(m, tissue, h, z, F):
     """
     if m.omega == 0.0:
         m.omega, m.low = 2.0 * math.pi * m.rate, low_pass_share(CORNER, h)
+        m.ahead = m.lag + h * (1.0 - m.low) / m.low
     if not tissue.known or tissue.since == 0.0 or not tissue.pressing:
         m.running, m.share = 0, 0.0
         return 0.0
@@ -75,5 +88,5 @@ def breathe(m, tissue, h, z, F):
     trusted = tissue.std < TRUSTED * tissue.k
     m.share = min(m.share + m.omega * h, 1.0) if trusted else max(m.share - m.omega * h, 0.0)
     # a fraction of a rad
-    ahead = m.omega * (m.lag + h * (1.0 - m.low) / m.low)
+    ahead = m.omega * m.ahead
     return m.share * (m.x * (1.0 - 0.5 * ahead * ahead) - m.q * ahead)

@@ -12,7 +12,7 @@ import numpy as np
 
 from twin.compiled.function import carray, njit
 from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
-from twin.controller.pid import PID, Gains, accept, loop, low_pass_share, proposal
+from twin.controller.pid import LOW_PASS, PID, Gains, accept, kept_share, loop, proposal
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
@@ -62,6 +62,7 @@ MEMORY = record(
     law=LAW,
     force=PID,
     position=(PID, (3,)),
+    low=LOW_PASS,
     lead="3f8",
     F_z="f8",
     triggered="i8",
@@ -134,7 +135,7 @@ def control(m, t, h, u, y, shift):
     times, points = carray(doubles_at(m.times), m.way_points), carray(doubles_at(m.points), (m.way_points, 3))
     p_ref_B = y.p_ref_B
     p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
-    m.F_z += low_pass_share(m.law.corner, h) * (-u.F_ee_B[2] - m.F_z)
+    m.F_z += kept_share(m.low, m.law.corner, h) * (-u.F_ee_B[2] - m.F_z)
     if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
     y.dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0

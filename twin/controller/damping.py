@@ -7,10 +7,10 @@ is so for kp < (b/m + g K)(1 + g b), by Routh's criterion on m s^3 + (b + g K m)
 high-pass leaves steady forces alone.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from twin.compiled.function import njit
-from twin.controller.pid import low_pass_share
+from twin.controller.pid import LOW_PASS, kept_share
 from twin.cosim.record import record_of
 
 
@@ -21,12 +21,12 @@ class Damping(NamedTuple):
     corner: float
 
 
-DAMPER = record_of(Damping, slow="3f8", started="i8")
+DAMPER = record_of(Damping, slow="3f8", started="i8", low=LOW_PASS)
 
 
-def damper(damping: Damping) -> tuple:
-    """A record of dtype `DAMPER` that has felt nothing yet."""
-    return (*damping, (0.0, 0.0, 0.0), 0)
+def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
+    """A record of dtype `DAMPER` that has felt nothing yet, unless its state is given: slow torques (3,), N m."""
+    return (*damping, slow, started, (0.0, 0.0, 0.0))
 
 
 @njit(cache=True)
@@ -37,7 +37,7 @@ def damp(damper, torque_per_spring, tau_l, h, lead):
         torque_per_spring: N eta, by which the joint torques `tau_l` (3,) N m exceed the springs'.
         h: time since the last call (s).
     """
-    share = low_pass_share(damper.corner, h) if damper.started else 1.0
+    share = kept_share(damper.low, damper.corner, h) if damper.started else 1.0
     damper.started = 1
     for i in range(3):
         tau = tau_l[i] / torque_per_spring

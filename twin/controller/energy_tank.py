@@ -9,9 +9,10 @@ the force,
     s P T + s^2 Q T^2/2 <= what is left,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
 
 What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
-presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Energy that comes back
-fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the motors
-stand still until the next one.
+presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Where more is gone than
+there was, and no share of the command brings it back in time, each motor that gives way does so as it is told: another
+that does what it likes must not hold it back. Energy that comes back fills the store, up to its size. A message that is
+late tells nothing of the energy that goes meanwhile: the motors stand still until the next one.
 """
 
 import math
@@ -81,11 +82,30 @@ def passed_on(left, horizon, P, Q):
         P: power of the whole command now (W).
         Q: what makes more power of it if the head is held (N m^2/(m s^2)).
     """
-    if Q <= 0.0:
+    if Q <= 0.0 or horizon * (P + 0.5 * Q * horizon) <= left:
         return 1.0
     root = P * P + 2.0 * Q * left
     most = (math.sqrt(root) - P if root > 0.0 else -P) / (Q * horizon)
     return min(max(most, 0.0), 1.0)
+
+
+@njit(cache=True, error_model="numpy")
+def _given_way(tau, omega_ref, passed):
+    """No share of the whole command makes the store last: each motor that gives way may, and no other.
+
+    Args:
+        tau: joint torques (3,), N m.
+        omega_ref: commanded (3,), rad/s, not all of them 0.
+        passed: what of it is passed on (3,), written.
+
+    Returns:
+        The share of it.
+    """
+    asked = left = 0.0
+    for i in range(3):
+        passed[i] = omega_ref[i] if tau[i] * omega_ref[i] < 0.0 else 0.0
+        asked, left = asked + abs(omega_ref[i]), left + abs(passed[i])
+    return left / asked
 
 
 @step_function(MEMORY, INPUTS, OUTPUTS)
@@ -114,15 +134,20 @@ def step(m, t, h, u, y):
     stored = power = force = power_on = force_on = 0.0
     for i in range(3):
         stored += 0.5 * m.tau[i] * m.tau[i] / (tank.k_s * tank.N * tank.N * tank.eta)
-        power += m.tau[i] * u.omega_ref[i] / tank.N
+        power += m.tau[i] * u.omega_ref[i]
         force += tank.k_s * tank.eta * u.omega_ref[i] * u.omega_ref[i]
-        power_on += m.tau[i] * m.omega[i] / tank.N
+        power_on += m.tau[i] * m.omega[i]
         force_on += tank.k_s * tank.eta * m.omega[i] * m.omega[i]
+    power, power_on = power / tank.N, power_on / tank.N
     on = COASTING * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
-    share = passed_on(m.level - stored - coasting, tank.horizon, power, force) if m.age <= tank.late else 0.0
+    left, told = m.level - stored - coasting, m.age <= tank.late
+    share = passed_on(left, tank.horizon, power, force) if told else 0.0
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
+    if told and left < 0.0 < force and power * power + 2.0 * force * left <= 0.0:
+        share = _given_way(m.tau, u.omega_ref, y.omega_ref)
+    for i in range(3):
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
     return 0

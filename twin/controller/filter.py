@@ -15,7 +15,8 @@ def state_variable(damping, g, fast, slow, x):
         g: tan(pi f h), of the corner f (Hz) and the period h (s).
         fast, slow: states after the call before; at rest 0 and the signal.
     """
-    high = (x - (damping + g) * fast - slow) / (1.0 + g * (damping + g))
+    # a factor, which does not wait for x and is one for all stages of a filter
+    high = (x - (damping + g) * fast - slow) * (1.0 / (1.0 + g * (damping + g)))
     band = g * high + fast
     low = g * band + slow
     return low, band, high, band + g * high, low + g * band

@@ -4,7 +4,7 @@ import math
 from typing import NamedTuple
 
 from twin.compiled.function import njit
-from twin.cosim.record import record_of
+from twin.cosim.record import record, record_of
 
 
 class Gains(NamedTuple):
@@ -17,6 +17,8 @@ class Gains(NamedTuple):
 
 
 PID = record_of(Gains, integral="f8", derivative="f8", error="f8", started="i8")
+LOW_PASS = record(corner="f8", h="f8", share="f8")
+"""The share of a low-pass that was worked out last, and for what: an exponential costs as much as a loop."""
 
 
 def loop(gains: Gains) -> tuple:
@@ -31,13 +33,25 @@ def low_pass_share(corner, h):
 
 
 @njit(cache=True)
+def kept_share(kept, corner, h):
+    """`low_pass_share`, worked out where corner or period are not those of the call before.
+
+    Args:
+        kept: a record of `LOW_PASS`; at first 0.
+    """
+    if kept.corner != corner or kept.h != h:
+        kept.corner, kept.h, kept.share = corner, h, low_pass_share(corner, h)
+    return kept.share
+
+
+@njit(cache=True)
 def proposal(pid, e, h):
     """(output, integral): what the loop would do for error `e`; `accept` keeps the integral.
 
     The derivative acts on the error and starts at 0. Whoever limits the output accepts the integral only if the output
     was within its limit: conditional integration, so nothing winds up.
     """
-    if pid.started:
+    if pid.started and pid.kd != 0.0:
         rate = (e - pid.error) / h
         pid.derivative += low_pass_share(pid.derivative_corner, h) * (rate - pid.derivative)
     pid.error = e

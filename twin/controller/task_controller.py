@@ -19,7 +19,7 @@ from twin.controller.feed_forward import FEED_FORWARD, FeedForward, friction_for
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
-from twin.controller.pid import PID, Gains, loop, low_pass_share, rest
+from twin.controller.pid import LOW_PASS, PID, Gains, kept_share, loop, rest
 from twin.controller.taps import learn_taps
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
@@ -60,6 +60,7 @@ MEMORY = record(
     machine=MACHINE,
     phases="i8",
     count="i8",
+    low=LOW_PASS,
     F_z="f8",
     F_rate="f8",
     dp_z="f8",
@@ -84,7 +85,8 @@ def fed_forward(m, phase, J, t, h, v_shift):
         m.v[0], m.v[1], m.v[2] = machine.v[0], machine.v[1], machine.v[2]
     for i in range(3):
         m.lead[i] = m.law.N * (J[3 * i] * m.v[0] + J[3 * i + 1] * m.v[1] + J[3 * i + 2] * (m.v[2] + v_shift))
-    if phase.force_on:
+    # what stands still rubs the same a call later
+    if phase.force_on and (phase.radius > 0.0 or machine.length > 0.0):
         F_x, F_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
         motion(phase, machine.start, machine.end, machine.length, elapsed + forward.lag + h, m.p, m.v)
         next_x, next_y = friction_force(forward.mu, machine.F_ref, m.v[0], m.v[1])
@@ -97,7 +99,7 @@ def fed_forward(m, phase, J, t, h, v_shift):
 def control(m, t, h, u, y, shift, v_shift):
     """A call of machine and law, its z reference shifted by `shift` (m) besides, which moves at `v_shift` (m/s)."""
     phases, machine = carray(_phases_at(m.phases), m.count), m.machine
-    share = low_pass_share(m.law.corner, h)
+    share = kept_share(m.low, m.law.corner, h)
     before = m.F_z
     m.F_z += share * (-u.F_ee_B[2] - m.F_z)
     m.F_rate += share * ((m.F_z - before) / h - m.F_rate)

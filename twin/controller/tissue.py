@@ -69,12 +69,18 @@ STAGE = record(fast="f8", slow="f8")
 TISSUE = record_of(
     Sensing,
     g="f8",
+    omega="f8",
+    turn_sine="f8",
+    turn_cosine="f8",
     keep="f8",
     in_band="f8",
+    settling="f8",
+    averaging="f8",
     squares="f8",
     moving="f8",
     spring="f8",
     noise="f8",
+    least="f8",
     F_noise="f8",
     z=(STAGE, (STAGES,)),
     F=(STAGE, (STAGES,)),
@@ -104,17 +110,20 @@ TISSUE = record_of(
     excited="i8",
     dithering="i8",
     phase="f8",
+    sine="f8",
+    cosine="f8",
 )
 """Settings and state.
 
-g, keep, in_band: of the filters, worked out at the first call: tan(pi f h), what is kept of the past per call, calls
-per independent value in the band. squares .. F_noise: of the pose in which contact began: sum of the squares of the
-Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of
-rounding in the band, of height (m) and force (N). z, F: the band-passes. z_0, F_0: what they began from. z_1, z_2, F_1:
-of the calls before. since: time in contact (s). power: mean square of the band-passed height. n, zzF, zz .. FF: the
-normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was
-made, F_k, age: at which mean force, and how long ago. std: what may be wrong with it by now. phase: of the dither
-(rad).
+g .. averaging: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of what the
+dither turns by in a call, what is kept of the past per call, calls per independent value in the band, when they have
+settled (s), share of a call in `power`. squares .. F_noise: of the pose in which contact began: sum of the squares of
+the Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms
+of rounding in the band, of height (m) and force (N), with `least` the power from which on something moves. z, F: the
+band-passes. z_0, F_0: what they began from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean
+square of the band-passed height. n, zzF, zz .. FF: the normal equations. known: whether there is an estimate; k, c: it
+(N/m, N s/m); error: its standard error when it was made, F_k, age: at which mean force, and how long ago. std: what may
+be wrong with it by now. phase, sine, cosine: of the dither (rad, 1, 1).
 """
 
 
@@ -124,6 +133,11 @@ def _prepare(m, h):
     m.keep = math.exp(-h / m.window)
     # noise bandwidth of two equal stages: pi/4 f/Q
     m.in_band = 1.0 / (0.5 * math.pi * m.frequency * DAMPING * h)
+    m.omega = 2.0 * math.pi * m.frequency
+    m.turn_sine, m.turn_cosine = math.sin(m.omega * h), math.cos(m.omega * h)
+    m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
+    # a few swings
+    m.averaging = min(2.0 * m.frequency * h, 1.0)
 
 
 @njit(cache=True)
@@ -145,6 +159,7 @@ def take_pose(m, J):
     m.moving = moving_mass(m, J)
     m.spring = m.joint_spring * m.squares
     m.noise = m.angle_rounding / math.sqrt(m.squares * m.in_band)
+    m.least = (EXCITED * m.noise) ** 2
     m.F_noise = m.torque_rounding * math.sqrt(m.squares / m.in_band)
 
 
@@ -182,7 +197,18 @@ def forget(m):
 
 
 @njit(cache=True, error_model="numpy")
-def _solve(m):
+def _doubted(m, error, k, F_k, age, F):
+    """Square of what may be wrong with k by now.
+
+    Tissue stiffens with force, at most in proportion, and differs elsewhere.
+    """
+    changed = CHANGE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
+    older = DRIFT * age
+    return error * error + k * k * (changed * changed + older * older)
+
+
+@njit(cache=True, error_model="numpy")
+def _solve(m, F):
     """k, c and the standard error of k from the normal equations, as of the mean force that they remember."""
     det = m.zz * m.vv - m.zv * m.zv
     # z and v of one swing are a quarter apart; where they are not, a swing has only begun
@@ -190,21 +216,22 @@ def _solve(m):
         return
     k = -(m.zF * m.vv - m.vF * m.zv) / det
     c = -(m.vF * m.zz - m.zF * m.zv) / det
-    if k < LOWEST:
-        # no tissue does that: something else moves height and force, a surface that jumps
-        m.error = max(m.error, m.k)
-        _unlearn(m)
-        return
     left = max(m.FF + k * m.zF + c * m.vF, 0.0) / m.n
     scatter = max(left, m.F_noise * m.F_noise) * m.in_band * m.vv / det
     # rounding of the joints moves height and force together, as a spring would
     rounding = (abs(k) + m.spring) * m.noise * m.noise * m.n / m.zz
     error = math.sqrt(scatter + rounding * rounding) + max(k - HIGHEST, 0.0)
-    # worse than what is doubted of the last one, and no contradiction to it: no news
-    if m.known and error > m.std and abs(k - m.k) < 2.0 * (error + m.std):
+    F_k = m.zzF / m.zz
+    # more to be doubted by now than the last one, and no contradiction to it: no news
+    if m.known and _doubted(m, error, k, F_k, 0.0, F) > m.std * m.std and abs(k - m.k) < 2.0 * (error + m.std):
         return
-    m.k, m.c, m.error = min(k, HIGHEST), c / (2.0 * math.pi * m.frequency), error
-    m.known, m.F_k, m.age = 1, m.zzF / m.zz, 0.0
+    if k < LOWEST:
+        # no tissue does that: something else moves height and force, a surface that jumps
+        m.error = max(m.error, m.k)
+        _unlearn(m)
+        return
+    m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
+    m.known, m.F_k, m.age = 1, F_k, 0.0
 
 
 @njit(cache=True, error_model="numpy")
@@ -232,10 +259,8 @@ def sense(m, h, z, F, J, pressing):
         z_f, v_f = band_passed(m.z, m.g, m.z_1 - m.z_0)
         F_f, _ = band_passed(m.F, m.g, m.F_1 + inertia - m.F_0)
         m.z_2, m.z_1, m.F_1 = m.z_1, z, F
-        # a few swings
-        m.power += min(2.0 * m.frequency * h, 1.0) * (z_f * z_f - m.power)
-        settled = m.since > SETTLING / (math.pi * m.frequency * DAMPING)
-        if settled and m.power > (EXCITED * m.noise) ** 2:
+        m.power += m.averaging * (z_f * z_f - m.power)
+        if m.since > m.settling and m.power > m.least:
             m.excited = 1
             m.n = m.keep * m.n + 1.0
             # what moved most tells most, and of the force that was there then
@@ -243,20 +268,18 @@ def sense(m, h, z, F, J, pressing):
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
             m.vF, m.FF = m.keep * m.vF + v_f * F_f, m.keep * m.FF + F_f * F_f
-            _solve(m)
+            _solve(m, F)
     _doubt(m, h, F)
 
 
 @njit(cache=True, error_model="numpy")
 def _doubt(m, h, F):
-    """What may be wrong with k by now: tissue stiffens with force, at most in proportion, and differs elsewhere."""
+    """Keep what may be wrong with the estimate by now."""
     if not m.known:
         m.std = HIGHEST
         return
     m.age += h
-    changed = CHANGE * abs(F - m.F_k) / max(F, m.F_k) if m.since > 0.0 else 0.0
-    older = DRIFT * m.age
-    m.std = min(math.sqrt(m.error * m.error + m.k * m.k * (changed * changed + older * older)), HIGHEST)
+    m.std = min(math.sqrt(_doubted(m, m.error, m.k, m.F_k, m.age, F)), HIGHEST)
 
 
 @njit(cache=True, error_model="numpy")
@@ -266,11 +289,15 @@ def dither(m, h):
         return 0.0, 0.0
     doubt = m.std / m.k if m.known else HIGHEST
     if not m.dithering and doubt > m.doubtful:
-        m.dithering, m.phase = 1, 0.0
+        m.dithering, m.phase, m.sine, m.cosine = 1, 0.0, 0.0, 1.0
         _unlearn(m)
-    omega = 2.0 * math.pi * m.frequency
     if m.dithering:
-        m.phase += omega * h
+        m.phase += m.omega * h
+        # turned on from call to call: sine and cosine themselves would cost a sixth of all that happens here
+        m.sine, m.cosine = (
+            m.sine * m.turn_cosine + m.cosine * m.turn_sine,
+            m.cosine * m.turn_cosine - m.sine * m.turn_sine,
+        )
         # it ends with a whole swing
         if m.phase >= 2.0 * math.pi:
             m.phase -= 2.0 * math.pi
@@ -282,4 +309,4 @@ def dither(m, h):
     # what is not known may be hard
     k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
     amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
-    return amplitude * math.sin(m.phase), amplitude * omega * math.cos(m.phase)
+    return amplitude * m.sine, amplitude * m.omega * m.cosine

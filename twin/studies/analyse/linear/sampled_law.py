@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from twin.controller.belief import BELIEF, Belief
-from twin.controller.damping import DAMPER, Damping, damp
+from twin.controller.damping import DAMPER, Damping, damp, damper
 from twin.controller.estimator import ESTIMATE, estimate
 from twin.controller.pid import PID, Gains, accept, low_pass_share, proposal
 from twin.studies.analyse.linear.drive_model import Matrix
@@ -144,6 +144,6 @@ def _damped(settings: Settings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Ma
     lead = np.zeros(3)
     if settings.damping is None:
         return lead, slow
-    damper = np.array([(*settings.damping, slow, 1)], dtype=DAMPER)[0]
-    damp(damper, settings.N * settings.eta, tau_l, settings.period, lead)
-    return lead, damper["slow"].copy()
+    felt = np.array([damper(settings.damping, slow, started=True)], dtype=DAMPER)[0]
+    damp(felt, settings.N * settings.eta, tau_l, settings.period, lead)
+    return lead, felt["slow"].copy()
