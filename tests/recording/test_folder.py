@@ -55,6 +55,14 @@ def test_an_unfinished_recording_is_found_where_there_is_no_other(tmp_path: Path
     assert recording_in(tmp_path) == tmp_path / "run.mcap.partial"
 
 
+@pytest.mark.parametrize("misspelt", ["results/presing", "presing", "pressing"])
+def test_a_misspelt_run_leads_to_the_one_that_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, misspelt: str):
+    monkeypatch.chdir(tmp_path)
+    create_run_folder(Path("results"), "pressing", NOON)
+    with pytest.raises(RecordingRefused, match=f"^{misspelt}: no recording; did you mean 'results/pressing'\\?$"):
+        recording_in(Path(misspelt))
+
+
 def test_where_no_recording_is_a_sentence_says_so(tmp_path: Path):
     with pytest.raises(RecordingRefused, match="no recording"):
         recording_in(tmp_path)

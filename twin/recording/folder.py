@@ -6,9 +6,11 @@ from datetime import datetime
 from pathlib import Path
 
 from twin.errors import disk_refusals
+from twin.files import meant
 from twin.recording.errors import RecordingRefused
 from twin.writing import made_folder
 
+RESULTS = Path("results")
 RECORDING = "run.mcap"
 LATEST = "latest"
 
@@ -65,4 +67,6 @@ def recording_in(path: Path) -> Path:
         for name in (RECORDING, f"{RECORDING}.partial"):
             if os.path.isfile(folder / name):
                 return folder / name
-    raise RecordingRefused(f"{path}: no recording; expected an .mcap file, a run's folder or results/<experiment>")
+    hint = "" if os.path.exists(path) else meant(path) or meant(RESULTS / path)
+    hint = hint or "; expected an .mcap file, a run's folder or results/<experiment>"
+    raise RecordingRefused(f"{path}: no recording{hint}")
