@@ -67,6 +67,6 @@ def recording_in(path: Path) -> Path:
         for name in (RECORDING, f"{RECORDING}.partial"):
             if os.path.isfile(folder / name):
                 return folder / name
-    hint = "" if os.path.exists(path) else meant(path) or meant(RESULTS / path)
+    hint = "" if os.path.exists(path) else meant(RESULTS / path) or meant(path)
     hint = hint or "; expected an .mcap file, a run's folder or results/<experiment>"
     raise RecordingRefused(f"{path}: no recording{hint}")
