@@ -60,7 +60,9 @@ def recording_in(path: Path) -> Path:
     # not Path.is_file, which raises for a name that is too long
     if os.path.isfile(path):
         return path
-    runs = [path, path / LATEST]
+    latest = path / LATEST
+    # a path that is told means another run after the next one, unless it names the run
+    runs = [path, path / os.readlink(latest) if os.path.islink(latest) else latest]
     if os.path.isdir(path):
         runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
     for folder in runs:
