@@ -67,8 +67,8 @@ picture: run tasks  ## redraw the README's pictures
 	cp results/analysis/fig4_force_position/disks.png docs/disks.png
 	$(VENV)/bin/python -m validation.people docs/bodies.png
 
-fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources
-	$(VENV)/bin/python fmus/build.py
+fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources; DRIVES=mine builds that one
+	$(VENV)/bin/python fmus/build.py $(DRIVES)
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \
