@@ -2,8 +2,8 @@
 
 A comment right above a block changes that: `<!-- slow -->` leaves it to `make endurance`, `<!-- not run: WHY -->` holds
 its commands to their options only. A TOML, Python or C block whose first line is a comment with a path, `# experiments/
-mine.toml` or `/* fmus/mine/model.c: ...`, is a file of that name for the blocks after it. Text right after commands that
-are refused is what they say.
+mine.toml` or `/* fmus/mine/model.c: ...`, is a file of that name for the blocks after it. Text right after commands
+that are refused is what they say.
 """
 
 import re

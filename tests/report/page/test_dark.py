@@ -60,9 +60,7 @@ def test_every_line_stands_out_from_the_dark_ground(colour: str):
 @pytest.mark.parametrize("group", TOGETHER)
 def test_lines_of_one_picture_are_as_far_apart_as_on_white(group: tuple[str, ...]):
     for a, b in combinations(group, 2):
-        before, after = (
-            float(np.linalg.norm(x - y)) for x, y in ((lab(rgb(a)), lab(rgb(b))), (lab(dark(a)), lab(dark(b))))
-        )
+        before, after = (float(np.linalg.norm(lab(seen(a)) - lab(seen(b)))) for seen in (rgb, dark))
         # three quarters: one map for all colours cannot keep each of 40 distances
         assert after > 0.7 * min(before, FAR), (a, b, before, after)
 
