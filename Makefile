@@ -60,15 +60,17 @@ docs: export NO_MKDOCS_2_WARNING := 1
 docs: $(VENV)/.test-$(EXTRAS)  ## the site: site/index.html
 	$(VENV)/bin/python -m mkdocs build --strict
 
-picture: run tasks  ## redraw the README's pictures
+picture: $(VENV)/.test-$(EXTRAS) run tasks  ## redraw the README's pictures
 	cp results/fig4/fig4.png docs/fig4.png
 	cp results/fig5/fig5.png docs/fig5.png
 	$(TWIN) analyse fig4_force_position --no-try
 	cp results/analysis/fig4_force_position/disks.png docs/disks.png
 	$(VENV)/bin/python -m validation.people docs/bodies.png
+	$(TWIN) report results/fig4_force_position
+	$(VENV)/bin/python docs/builder/report_picture.py results/fig4_force_position/latest/report.html docs/report.png
 
-fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources
-	$(VENV)/bin/python fmus/build.py
+fmus: $(VENV)/.test-test,fmus  ## rebuild the drive FMUs from their sources; DRIVES=mine builds that one
+	$(VENV)/bin/python fmus/build.py $(DRIVES)
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 11))' \

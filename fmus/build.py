@@ -6,13 +6,14 @@
 import argparse
 from importlib.util import find_spec
 from pathlib import Path
+from subprocess import CalledProcessError
 
 from builder.archive import write_fmu
 from builder.compile import TARGETS, TARGETS_FMI3
 from builder.drive import FMUS, drive_names, folder_of, load_drive, part_names
 from builder.modelica import modelica_drive_names, pack_modelica_drive
 from builder.python_slave import pack_python_drive, python_drive_names
-from builder.references import carry_references
+from builder.references import carry_references, told_references
 
 
 def main() -> None:
@@ -31,10 +32,14 @@ def main() -> None:
             parser.error(f"drive '{name}' is made with {' and '.join(missing)}: pip install .[fmus]")
     for name in names:
         target = folder_of(name) / f"{name}.fmu"
-        if asked.references:
-            carry_references(name, target)
-        else:
-            build(name, FMUS / ".build" / name, target)
+        try:
+            if not asked.references:
+                build(name, FMUS / ".build" / name, target)
+            if name in told_references():
+                carry_references(name, target)
+        except CalledProcessError:
+            # the compiler has said where and why
+            parser.exit(1, f"drive '{name}' was not built\n")
         print(target.relative_to(FMUS.parent))
 
 
@@ -47,7 +52,7 @@ def _tools() -> dict[str, tuple[str, ...]]:
 
 
 def build(name: str, scratch: Path, target: Path) -> None:
-    """Build drive `name` under `scratch` into the file `target`, whatever it is made of."""
+    """Build drive `name` under `scratch` into the file `target`, whatever it is made of, without reference files."""
     if name in python_drive_names():
         pack_python_drive(name, scratch, target)
     elif name in modelica_drive_names():
@@ -55,8 +60,6 @@ def build(name: str, scratch: Path, target: Path) -> None:
     else:
         drive = load_drive(name)
         write_fmu(drive, {"2.0": TARGETS, "3.0": TARGETS_FMI3}[drive.fmi], scratch, target)
-    if name not in part_names():
-        carry_references(name, target)
 
 
 if __name__ == "__main__":

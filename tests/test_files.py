@@ -77,6 +77,15 @@ def test_a_file_is_named_as_what_was_expected(tmp_path: Path) -> None:
             read_toml(path, "sweep file")
 
 
+def test_a_misspelt_path_leads_to_the_file_beside_it_of_the_same_kind(tmp_path: Path) -> None:
+    for name in ("pressing.toml", "presing.txt", "rolling.toml"):
+        (tmp_path / name).touch()
+    assert refusal(tmp_path / "presing.toml").endswith(f"no such file; did you mean '{tmp_path / 'pressing.toml'}'?")
+    # the ending that all have in common makes no two names alike
+    assert refusal(tmp_path / "sweep.toml").endswith("no such file")
+    assert refusal(tmp_path / "nowhere" / "pressing.toml").endswith("no such file")
+
+
 @pytest.mark.parametrize(
     ("content", "told"),
     [

@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 
 LONGEST_WORD = 200
@@ -100,12 +100,17 @@ def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", mos
         most: so many are offered.
     """
     names = list(known)
-    words = re.compile(rf"(?<![^\W_]){re.escape(got)}(?![^\W_])")
-    close = [name for name in names if got and words.search(name)][:most]
-    close = close or difflib.get_close_matches(got, names, most, cutoff=0.5)
+    close = closest(got, names, most)
     if not close:
         return otherwise.replace("{}", ", ".join(names) or "none")
     return "did you mean " + " or ".join(f"'{name}'" for name in close) + "?"
+
+
+def closest(got: str, names: Sequence[str], most: int = 1) -> list[str]:
+    """Those of `names` that may have been meant by `got`, at most so many, as `nearest` tells them."""
+    words = re.compile(rf"(?<![^\W_]){re.escape(got)}(?![^\W_])")
+    close = [name for name in names if got and words.search(name)][:most]
+    return close or difflib.get_close_matches(got, names, most, cutoff=0.5)
 
 
 def visible(text: str) -> str:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from twin.errors import BAD_NAME, InputRefused, disk_refusals
+from twin.errors import BAD_NAME, InputRefused, closest, disk_refusals
 
 LIMIT = 10 * 2**20
 """Bytes of the largest text file that is read: an experiment has some kilobytes."""
@@ -57,7 +57,7 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
             # a pipe that nobody writes to would otherwise be waited for here
             handle = os.open(path, os.O_RDONLY | getattr(os, "O_NONBLOCK", 0) | getattr(os, "O_BINARY", 0))
         except FileNotFoundError:
-            raise InputRefused(f"{path}: no such {kind}") from None
+            raise InputRefused(f"{path}: no such {kind}{meant(path)}") from None
     found = os.fstat(handle)
     what = ""
     if stat.S_ISDIR(found.st_mode):
@@ -70,6 +70,16 @@ def open_regular(path: Path, limit: int, kind: str = "file") -> BinaryIO:
         os.close(handle)
         raise InputRefused(f"{path}: {what}")
     return open(handle, "rb")
+
+
+def meant(path: Path) -> str:
+    """`; did you mean 'experiments/pressing.toml'?`, where nothing is at `path`: what stands beside it and is spelt
+    alike; "" if nothing is, or nobody may look."""
+    try:
+        beside = {there.stem: there for there in path.parent.iterdir() if there.suffix == path.suffix}
+    except BAD_NAME:
+        return ""
+    return "".join(f"; did you mean '{beside[name]}'?" for name in closest(path.stem, list(beside)))
 
 
 def foreign_kind(content: bytes) -> str:

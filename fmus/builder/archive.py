@@ -29,7 +29,9 @@ def write_fmu(drive: Drive, platforms: Iterable[str], scratch: Path, target: Pat
         entries[f"binaries/{platform}/{library.name}"] = library
     for source in (*drive.sources, scratch / "variables.h", scratch / "variables.c"):
         entries[f"sources/{source.name}"] = source
-    entries["documentation/README.md"] = folder_of(drive.name) / "README.md"
+    readme = folder_of(drive.name) / "README.md"
+    if readme.is_file():
+        entries["documentation/README.md"] = readme
     write_zip(target, entries)
 
 

@@ -36,6 +36,11 @@ FILES: tuple[tuple[str, ...], ...] = (
 """Name, role, type and description of what is carried."""
 
 
+def told_references() -> dict[str, Any]:
+    """What fmus/references.toml tells of each drive; one of which it tells nothing carries no reference files."""
+    return tomllib.loads((FMUS / "references.toml").read_text(encoding="utf-8"))
+
+
 def carry_references(name: str, target: Path) -> None:
     """Write the reference files of drive `name` into its FMU `target`, in place of those that it has.
 
@@ -47,7 +52,7 @@ def carry_references(name: str, target: Path) -> None:
     # what the drives are built with needs neither
     from fmpy import read_model_description, simulate_fmu
 
-    told = tomllib.loads((FMUS / "references.toml").read_text(encoding="utf-8"))[name]
+    told = told_references()[name]
     description = read_model_description(str(target), validate=False)
     set_ = told.get("parameters", {})
     parameters = [(v, set_.get(v.name, v.start)) for v in description.modelVariables if v.causality == "parameter"]

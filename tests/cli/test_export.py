@@ -17,7 +17,7 @@ def test_two_formats_at_once_are_refused(tmp_path: Path):
     samples.finished(tmp_path / "run.mcap")
     done = twin("export", ".", "--csv", "--mat", cwd=tmp_path)
     assert done.returncode == 2
-    assert done.stderr == "got 2 formats; expected one of --csv, --parquet, --mat and --ros2\n"
+    assert done.stderr == "twin export: expected one of --csv, --parquet, --mat and --ros2, got --csv and --mat\n"
 
 
 def test_a_bag_of_ros_2_is_written_and_a_damaged_one_refused(tmp_path: Path):

@@ -1,8 +1,9 @@
 """The fenced blocks of a Markdown page, and what running each of them means.
 
 A comment right above a block changes that: `<!-- slow -->` leaves it to `make endurance`, `<!-- not run: WHY -->` holds
-its commands to their options only. A TOML or Python block whose first line is a comment with a path, `# experiments/
-mine.toml`, is a file of that name for the blocks after it. Text right after commands that are refused is what they say.
+its commands to their options only. A TOML, Python or C block whose first line is a comment with a path, `# experiments/
+mine.toml` or `/* fmus/mine/model.c: ...`, is a file of that name for the blocks after it. Text right after commands
+that are refused is what they say.
 """
 
 import re
@@ -14,7 +15,7 @@ FENCE = re.compile(
     r"^(?P<indent> *)(?P<fence>`{3,}|~{3,})(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)(?P=fence)$",
     re.MULTILINE | re.DOTALL,
 )
-FILE_NAME = re.compile(r"# (\S+\.(?:toml|py))\n")
+FILE_NAME = re.compile(r"(?:# (\S+\.(?:toml|py))\n|/\* (\S+\.c):)")
 EXPECTED_EXIT = re.compile(r"\s+# exit (\d+)$")
 PROSE = ("text", "math", "diff")
 """Fenced, but nothing that could be run: output, pictures made of characters, equations, patches."""
@@ -44,7 +45,7 @@ class Block:
     def file_name(self) -> str:
         """The name its first line gives it; "" if none."""
         named = FILE_NAME.match(self.text)
-        return named[1] if named else ""
+        return (named[1] or named[2]) if named else ""
 
     @property
     def commands(self) -> list[tuple[str, int]]:

@@ -75,6 +75,7 @@ class Workshop:
             AssertionError: a command ended with another exit code than the page says; it has the command's output.
         """
         if block.file_name:
+            (self.folder / block.file_name).parent.mkdir(parents=True, exist_ok=True)
             (self.folder / block.file_name).write_text(block.text)
         refusal, self._refusal = self._refusal, ""
         match block.language:
@@ -84,7 +85,7 @@ class Workshop:
                 self._shell(block)
             case "toml":
                 self._toml(block)
-            case "c":
+            case "c" if not block.file_name:
                 self._c(block)
             case "python" if not block.file_name:
                 self._python(block, namespace)
@@ -166,8 +167,8 @@ class Workshop:
     def _toml(self, block: Block) -> None:
         """A mapping of a drive, a column map, a sweep, or else a complete experiment."""
         table = tomllib.loads(block.text)
-        if table.keys() == {"contact"} and block.file_name:
-            # a body; the experiment after it presses on it
+        if block.file_name and (table.keys() == {"contact"} or "variable" in table):
+            # a body, on which the experiment after it presses; a drive, which tests/fmu builds
             return
         if table.keys() <= set(Drive.model_fields):
             Drive.model_validate(table)

@@ -45,7 +45,7 @@ def test_a_recording_is_found_by_file_run_and_experiment(tmp_path: Path):
         (folder / "run.mcap").touch()
     assert recording_in(older / "run.mcap") == older / "run.mcap"
     assert recording_in(older) == older / "run.mcap"
-    assert recording_in(tmp_path / "fig4").resolve() == (newer / "run.mcap").resolve()
+    assert recording_in(tmp_path / "fig4") == newer / "run.mcap"
     (tmp_path / "fig4" / LATEST).unlink()
     assert recording_in(tmp_path / "fig4") == newer / "run.mcap"
 
@@ -53,6 +53,14 @@ def test_a_recording_is_found_by_file_run_and_experiment(tmp_path: Path):
 def test_an_unfinished_recording_is_found_where_there_is_no_other(tmp_path: Path):
     (tmp_path / "run.mcap.partial").touch()
     assert recording_in(tmp_path) == tmp_path / "run.mcap.partial"
+
+
+@pytest.mark.parametrize("misspelt", ["results/presing", "presing", "pressing"])
+def test_a_misspelt_run_leads_to_the_one_that_is_there(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, misspelt: str):
+    monkeypatch.chdir(tmp_path)
+    create_run_folder(Path("results"), "pressing", NOON)
+    with pytest.raises(RecordingRefused, match=f"^{misspelt}: no recording; did you mean 'results/pressing'\\?$"):
+        recording_in(Path(misspelt))
 
 
 def test_where_no_recording_is_a_sentence_says_so(tmp_path: Path):

@@ -3,9 +3,19 @@
 
 def main() -> None:
     """Entry point; ends the process with the exit code of what happened."""
-    from twin.cli.ahead import run_expected
+    import sys
 
-    with run_expected():
-        from twin.cli.app import main
+    from twin.runs.guard.interrupt import INTERRUPTED, keep_interrupts
 
-        main()
+    keep_interrupts()
+    try:
+        from twin.cli.ahead import run_expected
+
+        with run_expected():
+            from twin.cli.app import main
+
+            main()
+    except KeyboardInterrupt:
+        # while the commands themselves are being imported, or at the very end
+        print("interrupted", file=sys.stderr)
+        sys.exit(INTERRUPTED)

@@ -34,8 +34,7 @@ from twin.cli.options import as_spelt_now
 from twin.cli.streams import READER_GONE, Unread, standard_streams
 from twin.cli.terminal import guard_terminal
 from twin.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
-
-INTERRUPTED = 130
+from twin.runs.guard.interrupt import INTERRUPTED
 
 app = typer.Typer(name="twin", no_args_is_help=True, pretty_exceptions_enable=False)
 

@@ -1,4 +1,4 @@
-"""What is compiled while a run is made ready, told as it goes: the first run takes some seconds longer."""
+"""What is compiled while a run is made ready, told as it goes."""
 
 import threading
 import time
@@ -39,5 +39,6 @@ class CompileWatch:
         while not self._over.wait(PERIOD):
             new = compiled_pieces() - self._before
             if new:
-                # how many are lacking of those that were there in part, nobody knows
-                self._progress.compile(new, 0 if self._before else PIECES, time.monotonic() - began)
+                # how many are lacking of those that were there in part, or of a run that needs more, nobody knows
+                about = PIECES if not self._before and new < PIECES else 0
+                self._progress.compile(new, about, time.monotonic() - began)

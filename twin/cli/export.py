@@ -52,7 +52,8 @@ def export(
     """
     chosen = [form for form, wanted in zip(Format, (csv, parquet, mat, ros2), strict=True) if wanted]
     if len(chosen) != 1:
-        raise InputRefused(f"got {len(chosen)} formats; expected one of --csv, --parquet, --mat and --ros2")
+        got = " and ".join(f"--{form.value}" for form in chosen) or "none"
+        raise InputRefused(f"twin export: expected one of --csv, --parquet, --mat and --ros2, got {got}")
     tell_latest([run])
     from twin.recording.export.export import export_recording
 

@@ -13,6 +13,8 @@ NARROW = 60
 """A line of so many columns has no room for a bar."""
 SOON = 1.0
 """s. What is over sooner needs no estimate."""
+PATIENCE = 3.0
+"""s. Who waits longer for code that is compiled wants to know."""
 MINUTE = 60.0
 """How often (s) whoever has no terminal is told how far it is."""
 
@@ -87,9 +89,9 @@ class Progress:
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
-        if about and not self._told:
+        if (about or seconds > PATIENCE) and not self._told:
             self._told = True
-            print("compiling, once: the first run takes some seconds longer", file=sys.stderr, flush=True)
+            print("compiling, once: the first run takes up to half a minute longer", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""
@@ -169,9 +171,9 @@ class Bar(Progress):
         self._moving = False
 
     def compile(self, done: int, about: int, seconds: float) -> None:
-        # never full: more than foretold may be needed
-        completed = min(done, 0.98 * about)
-        self._line.update(self._task, clock=compiling(done, about, seconds), total=about or None, completed=completed)
+        self._line.update(self._task, clock=compiling(done, about, seconds), completed=done)
+        # `update` would take None for "as it was", and go on to promise an end
+        self._line.tasks[0].total = about or None
         self._line.start()
 
     def say(self, what: str) -> None:

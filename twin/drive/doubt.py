@@ -46,7 +46,7 @@ def to_paste(
     still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
     if still and not rotor and proposals(variables, TAU_MOTOR, set()):
         lines.append("It gives a torque and no angle: if its shaft is to be ours, add [drive.rotor] J_kg_m2 = 1e-4.")
-    lines.append("Complete this and put it into the experiment:")
+    lines.append("Complete this in the experiment, or without 'drive.' in the mapping.toml beside the FMU:")
     if other:
         lines += ["[drive]", f'command = "{other}"']
     if other and other != "position":

@@ -12,6 +12,7 @@ from twin.experiment import schema
 from twin.experiment.mistakes import sentences
 from twin.experiment.replaced import names_drive
 from twin.experiment.source import laid_over, located, read_source
+from twin.files import meant
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")
@@ -57,6 +58,11 @@ def lone_drive(fmu: str, folder: Path) -> schema.Drive:
         return schema.Drive.model_validate(table)
     except ValidationError as error:
         raise InputRefused(f"{fmu}: " + "; ".join(sentences(error, schema.Drive, "drive"))) from None
+
+
+def drives_in(shelf: Path) -> list[str]:
+    """The names of the folders in `shelf` that hold a drive, sorted."""
+    return sorted(f.name for f in shelf.glob("*") if (f / MAPPING).is_file() or any(f.glob("*.fmu")))
 
 
 def shelved(fmu: str, folder: Path) -> str:
@@ -145,9 +151,11 @@ def _archive(path: Path, folder: Path) -> Path:
         if os.path.isfile(inside):
             return inside
         raise InputRefused(f"{path}: a folder without {inside.name} or {MAPPING}; name the .fmu file itself")
+    if not os.path.isfile(path) and path.suffix == ".fmu":
+        raise InputRefused(f"{path}: no such FMU{meant(path)}")
     if not os.path.isfile(path):
         shelf = located("fmus", folder)
-        known = [drive.name for drive in sorted(shelf.glob("*")) if os.path.isdir(drive)]
-        hint = nearest(path.stem, known, "expected an .fmu file or a folder of fmus/")
+        beside = meant(path).removeprefix("; ")
+        hint = nearest(path.stem, drives_in(shelf), beside or "expected an .fmu file or a folder of fmus/")
         raise InputRefused(f"{path}: no such drive; {hint}")
     return path

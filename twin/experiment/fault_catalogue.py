@@ -1,4 +1,4 @@
-"""Every kind of fault by name. `docs/faults.md` shows it as a table, with the mechanisms."""
+"""Every kind of fault by name. `docs/faults_reference.md` shows it as a table, with the mechanisms."""
 
 from twin.errors import InputRefused, nearest
 from twin.experiment.fault_kind import ALWAYS, EVERY, NEVER, POSITIVE, SHARE, Kind, Seen
@@ -212,5 +212,5 @@ def expected(got: str, names: tuple[str, ...]) -> str:
     """`expected 'a', 'b'; did you mean 'b'?`, or, of many names, the likely ones only."""
     hint = nearest(got, names, "", 3)
     if len(names) > MANY:
-        return hint or "no such kind; docs/faults.md lists them all, twin faults tries them"
+        return hint or "no such kind; docs/faults_reference.md lists them all, twin faults tries them"
     return "expected " + ", ".join(f"'{name}'" for name in names) + (f"; {hint}" if hint else "")

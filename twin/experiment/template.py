@@ -47,7 +47,7 @@ LED_BY_TASKS = (
     "Tasks stand instead of [reference]; they need [approach], [controller.touch], .feed_forward and .damping."
 )
 OTHER = "Instead of twin's own, an FMU or a Python class: docs/roles.md."
-BREAKS = "What breaks: docs/faults.md has every kind."
+BREAKS = "What breaks: docs/faults_reference.md has every kind."
 CHANGES = "What of the controller changes on the way."
 MEASURED = "What twin check measures: docs/regression.md has every kind."
 TRUE = "What is true where it differs from [robot]: any key of it. The controller does not know."

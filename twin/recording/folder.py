@@ -6,9 +6,11 @@ from datetime import datetime
 from pathlib import Path
 
 from twin.errors import disk_refusals
+from twin.files import meant
 from twin.recording.errors import RecordingRefused
 from twin.writing import made_folder
 
+RESULTS = Path("results")
 RECORDING = "run.mcap"
 LATEST = "latest"
 
@@ -58,11 +60,15 @@ def recording_in(path: Path) -> Path:
     # not Path.is_file, which raises for a name that is too long
     if os.path.isfile(path):
         return path
-    runs = [path, path / LATEST]
+    latest = path / LATEST
+    # a path that is told means another run after the next one, unless it names the run
+    runs = [path, path / os.readlink(latest) if os.path.islink(latest) else latest]
     if os.path.isdir(path):
         runs += sorted((f for f in path.iterdir() if f.is_dir()), reverse=True)
     for folder in runs:
         for name in (RECORDING, f"{RECORDING}.partial"):
             if os.path.isfile(folder / name):
                 return folder / name
-    raise RecordingRefused(f"{path}: no recording; expected an .mcap file, a run's folder or results/<experiment>")
+    hint = "" if os.path.exists(path) else meant(RESULTS / path) or meant(path)
+    hint = hint or "; expected an .mcap file, a run's folder or results/<experiment>"
+    raise RecordingRefused(f"{path}: no recording{hint}")

@@ -112,8 +112,8 @@ def test_text_fits_80_columns_says_the_verdict_first_and_names_every_kind():
 
 
 def documented(root: Path, title: str) -> dict[str, list[str]]:
-    """The cells of a table of docs/faults.md behind `title`, by kind."""
-    behind = (root / "docs" / "faults.md").read_text().partition(f"\n{title}\n")[2]
+    """The cells of a table of docs/faults_reference.md behind `title`, by kind."""
+    behind = (root / "docs" / "faults_reference.md").read_text().partition(f"\n{title}\n")[2]
     lines = behind.strip().partition("\n\n")[0].splitlines()
     return {cells[0]: cells for line in lines[2:] if (cells := [c.strip() for c in line.strip("| ").split(" | ")])}
 

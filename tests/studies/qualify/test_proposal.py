@@ -51,7 +51,7 @@ def test_the_file_and_the_sentence_of_a_refusal_propose_the_same(root: Path, dri
     try:
         bound = bindings("a.fmu", fmu.variables, Wiring())
     except RolesUnclear as unclear:
-        said = str(unclear).partition("experiment:\n")[2]
+        said = str(unclear).partition("FMU:\n")[2]
         assert tomllib.loads(said)["drive"].get("command", "velocity") == tomllib.loads(text)["command"]
         choices = dict(re.findall(r'^(\w+) = "(.*)"', said.partition("[drive.inputs]")[2], re.M))
         others = {role: names.split(", ") for role, names in re.findall(r'^(\w+) = ".*"   # or: (.*)', said, re.M)}

@@ -9,6 +9,7 @@ from string import Template
 from typing import Any
 
 from twin.report.page.block import DataBlock
+from twin.report.page.dark import dark_filter
 from twin.report.page.markup import Markup, element, joined
 from twin.report.page.panels import curves
 from twin.report.page.picture import picture
@@ -83,6 +84,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tu
         title=joined([title]),
         subtitle=element("p", " | ".join(run.label for run in runs)),
         style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        dark=dark_filter(),
         contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
         verdict=verdict_section(runs, judged),
         remark=_remark(scenes, factor),

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from importlib.metadata import version
 from string import Template
 
+from twin.report.page.dark import dark_filter
 from twin.report.page.markup import Markup, element, joined, section
 from twin.report.page.page import ASSETS
 
@@ -27,6 +28,7 @@ def plain_page(
         title=joined([title]),
         subtitle=element("p", subtitle),
         style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        dark=dark_filter(),
         contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
         sections=joined([section(*one) for one in sections]),
         version=joined([version("twin")]),

@@ -16,6 +16,7 @@ import threading
 from collections.abc import Iterator
 
 from twin.runs.guard.failure import failure_report
+from twin.runs.guard.interrupt import interrupt_main, keep_interrupts
 from twin.runs.guard.job import function_called
 
 STOP = "stop"
@@ -31,6 +32,7 @@ def main() -> None:
     os.dup2(2, 1)
     # whoever started us may have had it ignored
     signal.signal(signal.SIGINT, signal.default_int_handler)
+    keep_interrupts()
     _die_with(parent)
     lines = _lines(orders)
     name = next(lines)
@@ -90,8 +92,7 @@ def _lines(fd: int) -> Iterator[str]:
 def _obey(lines: Iterator[str], begun: "queue.SimpleQueue[str]") -> None:
     for line in lines:
         if line == STOP:
-            # a real signal, because it also ends a system call that waits
-            signal.pthread_kill(threading.main_thread().ident or 0, signal.SIGINT)
+            interrupt_main()
         else:
             begun.put(line)
 

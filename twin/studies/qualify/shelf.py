@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.errors import InputRefused
-from twin.experiment.drive_files import MAPPING, lone_drive
+from twin.experiment.drive_files import drives_in, lone_drive
 from twin.experiment.source import located
 from twin.runs.assembly.drives import planned
 from twin.studies.lines import wrapped
@@ -44,8 +44,7 @@ def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
     shelf = located(SHELF, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
-    folders = sorted(f for f in shelf.iterdir() if f.is_dir() and ((f / MAPPING).is_file() or any(f.glob("*.fmu"))))
-    return tuple(_looked_at(folder) for folder in folders)
+    return tuple(_looked_at(shelf / name) for name in drives_in(shelf))
 
 
 def shelf_text(drives: Sequence[ShelvedDrive]) -> str:

@@ -121,7 +121,7 @@ def test_all_faults_of_all_joints_at_once_make_a_system(robot):
     ("fault", "said"),
     [
         (Fault("encoder_bais", "joint_encoder_1", 0), "kind = \"encoder_bais\": did you mean 'encoder_bias'"),
-        (Fault("zzz", "joint_encoder_1", 0), "no such kind; docs/faults.md lists them all"),
+        (Fault("zzz", "joint_encoder_1", 0), "no such kind; docs/faults_reference.md lists them all"),
         (Fault("drive_dead", "drive_4", 0), "target = \"drive_4\" of drive_dead: expected 'drive_1', "),
         (Fault("encoder_flip", "drive_1", 0), "expected 'joint_encoder_1', 'joint_encoder_2', 'joint_encoder_3'"),
     ],
