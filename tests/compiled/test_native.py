@@ -199,12 +199,13 @@ def test_the_interpreters_lock_is_free_while_it_runs(place: Path):
 
 
 USES = """
-import sys
+import sys, tempfile
 from twin.compiled import store
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.usual import usual
-from twin.runs.trace import run_in_memory
-run_in_memory(load_experiment("fig4_force_position"))
+from twin.runs.run import execute
+with tempfile.TemporaryDirectory() as folder:
+    execute(load_experiment("fig4_force_position"), folder)
 print("numba" in sys.modules, sorted({n._name for n in usual()} ^ store._loaded))
 """
 
