@@ -2,20 +2,22 @@
 
 In a compiled function `three(a, b, c)` has +, -, *, / with its like and with plain numbers, negation, `math.sqrt`, and
 is indexed by 0, 1 and 2. Each of its numbers is rounded as it would be alone: it is faster and never another value. The
-register holds four, of which the last repeats the third, so that it can do nothing which that does not.
+register holds four, of which the last is nobody's.
 """
 
 import math
 import operator
+from functools import cache
 from typing import Any
 
 from twin.compiled.function import Name, c, ir, types
 
 
-def _made() -> Any:
-    """The type made known to numba, and what makes a value of it."""
+@cache
+def _made() -> tuple[Any, Any]:
+    """The type made known to numba, and what makes values of it."""
     from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
-    from numba.extending import intrinsic, lower_builtin, models, overload, register_model
+    from numba.extending import intrinsic, lower_builtin, models, register_model
 
     class Lanes(types.Type):  # type: ignore[misc, name-defined]
         def __init__(self) -> None:
@@ -68,18 +70,19 @@ def _made() -> Any:
     def rooted(context, builder, sig, arguments):
         return builder.call(builder.module.declare_intrinsic("llvm.sqrt.v4f64", fnty=root), arguments)
 
+    told(operator.getitem, signature(number, lanes, types.intp))
+
+    @lower_builtin(operator.getitem, lanes, types.Integer)
+    def indexed(context, builder, sig, arguments):
+        return builder.extract_element(*arguments)
+
     @intrinsic
-    def lane(typingctx, value, k):
+    def with_lane(typingctx, value, k, item):
         def codegen(context, builder, sig, arguments):
-            return builder.extract_element(*arguments)
+            value, k, item = arguments
+            return builder.insert_element(value, item, k)
 
-        return number(lanes, types.intp), codegen
-
-    @overload(operator.getitem)
-    def indexed(value, k):
-        if isinstance(value, Lanes):
-            return lambda value, k: lane(value, k)
-        return None
+        return lanes(lanes, types.intp, number), codegen
 
     @intrinsic
     def three(typingctx, a, b, c):
@@ -91,8 +94,10 @@ def _made() -> Any:
 
         return lanes(number, number, number), codegen
 
-    return three
+    return three, with_lane
 
 
-three: Any = Name(_made)
+three: Any = Name(lambda: _made()[0])
 """Three numbers, see above."""
+with_lane: Any = Name(lambda: _made()[1])
+"""`with_lane(lanes, k, number)`: the lanes with another number k."""

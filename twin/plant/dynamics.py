@@ -18,7 +18,7 @@ import math
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.compiled.lanes import three
+from twin.compiled.lanes import with_lane
 from twin.plant.contact import touch
 from twin.plant.friction import ANCHORS, drag, friction_torque, gripped, stop_torque, stopped
 from twin.plant.mounting import hanging, upward
@@ -178,14 +178,11 @@ def acceleration(parameters, p, v, z_b, theta_m, s_B, v_s_B, apex, anchors, spec
     j_r, j_w, j_z, omega_l, kappa = leg_motion(parameters, k_r, k_z, r, w, h, q, C * vx + S * vy, C * vy - S * vx, vz)
     square = omega_l * omega_l
     theta_l = angles_near(anchors, k_r, k_z)
-    tau = (
-        three(
-            _joint(parameters, anchors, 0, theta_m, theta_l, omega_l, k_r, k_z, up, special),
-            _joint(parameters, anchors, 1, theta_m, theta_l, omega_l, k_r, k_z, up, special),
-            _joint(parameters, anchors, 2, theta_m, theta_l, omega_l, k_r, k_z, up, special),
-        )
-        - inertia * kappa
-    )
+    tau = omega_l
+    for leg in range(3):
+        own = _joint(parameters, anchors, leg, theta_m, theta_l, omega_l, k_r, k_z, up, special)
+        tau = with_lane(tau, leg, own)
+    tau = tau - inertia * kappa
     f_r = j_r * tau - sixth * (k_z * kappa - k_r * square)
     f_w = j_w * tau
     fx, fy = _summed(fx, C * f_r - S * f_w), _summed(fy, S * f_r + C * f_w)

@@ -17,7 +17,7 @@ import math
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.compiled.lanes import three
+from twin.compiled.lanes import three, with_lane
 from twin.robot.geometry import leg_coordinates
 
 SMALL = 1.0 / 64.0
@@ -100,9 +100,10 @@ def angles_near(anchors, k_r, k_z):
     turned = _turned(three(a[0, 1], a[1, 1], a[2, 1]), three(a[0, 2], a[1, 2], a[2, 2]), k_r, k_z)
     if abs(turned[0]) < SMALL and abs(turned[1]) < SMALL and abs(turned[2]) < SMALL:
         return three(a[0, 0], a[1, 0], a[2, 0]) + _arc_sine(turned)
-    return three(
-        angle_near(a, 0, k_r[0], k_z[0]), angle_near(a, 1, k_r[1], k_z[1]), angle_near(a, 2, k_r[2], k_z[2])
-    )  # fmt: skip
+    angles = turned
+    for leg in range(3):
+        angles = with_lane(angles, leg, angle_near(a, leg, k_r[leg], k_z[leg]))
+    return angles
 
 
 @njit(cache=True, error_model="numpy")
