@@ -13,13 +13,13 @@ from dataclasses import dataclass
 import numpy as np
 from mcap.opcode import Opcode
 
-from twin.recording.filling import BOOL, DOUBLE, INTEGER, Filling
+from twin.recording.filling import BOOL, DOUBLE, INTEGER, LOG_TIME_AT, PUBLISH_TIME_AT, SEQUENCE_AT, Filling
 from twin.recording.layout import Field, Kind
 
 # the fixed front of an MCAP Message record, little endian and unpadded
 HEAD_NAMES = ["opcode", "length", "channel", "sequence", "log_time", "publish_time"]
 HEAD_FORMATS = [np.dtype(code) for code in ("u1", "<u8", "<u2", "<u4", "<u8", "<u8")]
-HEAD_OFFSETS = [0, 1, 9, 11, 15, 23]
+HEAD_OFFSETS = [0, 1, 9, SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT]
 HEAD_SIZE = 31
 # opcode, length and channel; sequence and times differ from message to message
 CONSTANT_HEAD = slice(0, 11)
