@@ -57,3 +57,13 @@ def test_a_count_that_is_no_whole_number_of_64_bits_is_refused(count: float) -> 
 @given(st.integers(0, 2**64 - 1))
 def test_varints_are_those_of_protobuf(number: int) -> None:
     assert varint(number) == _VarintBytes(number)
+
+
+def test_fields_that_json_would_call_alike_have_names_of_their_own() -> None:
+    fields = tuple(Field(name, 1, "double", "1", "") for name in ("theta_m", "thetaM", "theta_M", "A", "A_", "b"))
+    file = FileDescriptorSet.FromString(descriptor_set("twin.Plant", fields)).file[0]
+    pool = DescriptorPool()
+    # refuses two of one name
+    pool.Add(file)
+    names = [field.json_name for field in pool.FindMessageTypeByName("twin.Plant").fields]
+    assert len({*names}) == len(fields) and names[-1] == "b"

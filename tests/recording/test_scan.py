@@ -53,6 +53,13 @@ def flipped(content: bytes, position: int, mask: int) -> bytes:
     return bytes(changed)
 
 
+def test_a_file_of_nothing_but_its_first_bytes_is_unfinished_although_it_ends_as_it_begins(
+    finished: Path, altered: Altered
+) -> None:
+    recording = read(altered(finished.read_bytes()[:8]))
+    assert recording.note.startswith("unfinished recording: read up to its metadata, no chunk is complete")
+
+
 @given(share)
 def test_a_file_cut_anywhere_reads_to_its_last_complete_chunk(
     finished: Path, truth: Truth, altered: Altered, chunk_spans: list[tuple[int, int]], share: float

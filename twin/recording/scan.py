@@ -76,7 +76,8 @@ class Scan:
         """
         size = self.file.seek(0, os.SEEK_END)
         self.file.seek(max(0, size - len(MCAP0_MAGIC)))
-        finished = self.file.read() == MCAP0_MAGIC
+        # of a file that ends with its first bytes these are no last ones
+        finished = self.file.read() == MCAP0_MAGIC and size > len(MCAP0_MAGIC)
         self.file.seek(0)
         crc = zlib.crc32(self.file.read(len(MCAP0_MAGIC)))
         position = len(MCAP0_MAGIC)

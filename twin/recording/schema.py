@@ -6,6 +6,7 @@ trailing comment does: `3 values`. So the file's own schema is enough to lay its
 """
 
 import re
+from collections import Counter
 from collections.abc import Sequence
 
 from foxglove_schemas_protobuf.Log_pb2 import Log
@@ -55,10 +56,13 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
     simple_name = message_name.removeprefix(f"{PACKAGE}.")
     file = FileDescriptorProto(name=f"{PACKAGE}/{simple_name}.proto", package=PACKAGE, syntax="proto3")
     message = file.message_type.add(name=simple_name)
+    known = Counter(_json_name(field.name) for field in fields)
     for index, field in enumerate(fields):
+        # no two fields may have one name in JSON, which by default is that without underscores
+        own = {"json_name": field.name} if known[_json_name(field.name)] > 1 else {}
         repeated = field.size > 1
         label = FieldDescriptorProto.LABEL_REPEATED if repeated else FieldDescriptorProto.LABEL_OPTIONAL
-        message.field.add(name=field.name, number=index + 1, type=PROTOBUF_TYPES[field.kind], label=label)
+        message.field.add(name=field.name, number=index + 1, type=PROTOBUF_TYPES[field.kind], label=label, **own)
         file.source_code_info.location.add(
             path=[MESSAGE_TYPE, 0, FIELD, index],
             span=[index, 0, 0],
@@ -66,6 +70,12 @@ def descriptor_set(message_name: str, fields: Sequence[Field]) -> bytes:
             trailing_comments=f"{field.size} values" if repeated else "",
         )
     return FileDescriptorSet(file=[file]).SerializeToString(deterministic=True)
+
+
+def _json_name(name: str) -> str:
+    """What protobuf calls the field `name` in JSON unless it is told otherwise: `thetaM` for `theta_m`."""
+    first, *others = name.split("_")
+    return first + "".join(word[:1].upper() + word[1:] for word in others)
 
 
 def described_fields(message_name: str, descriptors: bytes) -> tuple[Field, ...]:
