@@ -5,7 +5,8 @@ import math
 import numpy as np
 import pytest
 
-from twin.controller.tissue import HIGHEST, TISSUE, band_passed, dither, sense
+from twin.controller.dither import dither
+from twin.controller.tissue import HIGHEST, TISSUE, band_passed, sense
 
 T_s = 2e-3
 MASS, INERTIA, SQUARES = 0.15, 8e-5, 600.0

@@ -18,7 +18,10 @@ def put(typingctx, address, value):
 
 @intrinsic
 def copy(typingctx, to, source, count):
-    """Copy `count` bytes from address `source` to address `to`, which do not overlap."""
+    """Copy `count` bytes from address `source` to address `to`, which do not overlap.
+
+    As a loop it would be unrolled for far more than what is copied.
+    """
 
     def codegen(context, builder, signature, arguments):
         from numba.core import cgutils

@@ -12,9 +12,10 @@ import numpy as np
 
 from twin.compiled.function import njit
 from twin.controller.breath import BREATH, Breathing, breathe
+from twin.controller.dither import dither
 from twin.controller.schedule import SCHEDULE, SchedulePoint, Scheduling, follow_reference, schedule_gains, table_of
 from twin.controller.taps import TAPS
-from twin.controller.tissue import TISSUE, Sensing, dither, sense
+from twin.controller.tissue import TISSUE, Sensing, sense
 from twin.cosim.port import Port
 from twin.cosim.record import record
 

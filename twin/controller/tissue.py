@@ -31,8 +31,6 @@ DRIFT = 0.03
 """Share of k_hat by which the tissue may change in a second in which nothing is learnt."""
 CHANGE = 0.7
 """Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
-LARGEST = 5e-4
-"""Largest amplitude of the dither (m)."""
 LOWEST, HIGHEST = 50.0, 20000.0
 """Bounds of k_hat (N/m): softer than any body, stiffer than what these springs can tell from rigid."""
 
@@ -184,7 +182,7 @@ def _begin(m, z, F):
 
 
 @njit(cache=True)
-def _unlearn(m):
+def unlearn(m):
     """The next estimate is of what comes, the last one stands until then."""
     m.n, m.zzF, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
@@ -192,7 +190,7 @@ def _unlearn(m):
 @njit(cache=True)
 def forget(m):
     """What was learnt is of another place: nothing is known from now on."""
-    _unlearn(m)
+    unlearn(m)
     m.known, m.dithering, m.phase, m.age = 0, 0, 0.0, 0.0
 
 
@@ -228,7 +226,7 @@ def _solve(m, F):
     if k < LOWEST:
         # no tissue does that: something else moves height and force, a surface that jumps
         m.error = max(m.error, m.k)
-        _unlearn(m)
+        unlearn(m)
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
     m.known, m.F_k, m.age = 1, F_k, 0.0
@@ -280,33 +278,3 @@ def _doubt(m, h, F):
         return
     m.age += h
     m.std = min(math.sqrt(_doubted(m, m.error, m.k, m.F_k, m.age, F)), HIGHEST)
-
-
-@njit(cache=True, error_model="numpy")
-def dither(m, h):
-    """(shift of the reference (m), its rate (m/s)) of this call; 0 where the tissue is known well enough."""
-    if m.since == 0.0 or m.dither == 0.0:
-        return 0.0, 0.0
-    doubt = m.std / m.k if m.known else HIGHEST
-    if not m.dithering and doubt > m.doubtful:
-        m.dithering, m.phase, m.sine, m.cosine = 1, 0.0, 0.0, 1.0
-        _unlearn(m)
-    if m.dithering:
-        m.phase += m.omega * h
-        # turned on from call to call: sine and cosine themselves would cost a sixth of all that happens here
-        m.sine, m.cosine = (
-            m.sine * m.turn_cosine + m.cosine * m.turn_sine,
-            m.cosine * m.turn_cosine - m.sine * m.turn_sine,
-        )
-        # it ends with a whole swing
-        if m.phase >= 2.0 * math.pi:
-            m.phase -= 2.0 * math.pi
-            if doubt < m.enough:
-                m.dithering, m.phase = 0, 0.0
-                return 0.0, 0.0
-    else:
-        return 0.0, 0.0
-    # what is not known may be hard
-    k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
-    amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
-    return amplitude * m.sine, amplitude * m.omega * m.cosine

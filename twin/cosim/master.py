@@ -13,9 +13,10 @@ go back and forth again with the weights of a tick whose end is known.
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
+from twin.compiled.memory import copy
 from twin.compiled.native import entry
 from twin.cosim.component import NOT_FINITE
-from twin.cosim.native import call_step, clock_cycles, copy_doubles, doubles_at, integers_at
+from twin.cosim.native import call_step, clock_cycles, doubles_at, integers_at
 
 TABLE = np.dtype(
     [
@@ -168,7 +169,7 @@ def ticks(m, first, count, row):
                 if status != 0:
                     m.culprit, m.status = c, status
                     return k - first
-        copy_doubles(m.rows + 8 * m.row_width * (row + k - first), m.y, m.row_width)
+        copy(m.rows + 8 * m.row_width * (row + k - first), m.y, 8 * m.row_width)
         if k == m.last:
             return k - first + 1
         if m.iterations > 1 and not _call_all(m, table, mark, False):
@@ -186,7 +187,7 @@ def ticks(m, first, count, row):
                         return k - first + 1
         if m.steady:
             # they stand side by side, at the end
-            copy_doubles(m.y + 8 * (width - m.steady), m.y + 8 * (2 * width - m.steady), m.steady)
+            copy(m.y + 8 * (width - m.steady), m.y + 8 * (2 * width - m.steady), 8 * m.steady)
         else:
             for c in range(sampled, components):
                 part = table[c]

@@ -65,26 +65,6 @@ integers_at = pointer_to(np.uint64)
 
 
 @intrinsic
-def copy_doubles(typingctx, to, source, count):
-    """Copy `count` doubles from address `source` to address `to`, which do not overlap.
-
-    As a loop it would be unrolled for arrays far longer than what components exchange.
-    """
-
-    def codegen(context, builder, signature, arguments):
-        to_, source_, count_ = arguments
-        kind = ir.FunctionType(c.pointer, [c.pointer, c.pointer, c.i64])
-        from numba.core import cgutils
-
-        memcpy = cgutils.get_or_insert_function(builder.module, kind, "memcpy")
-        size = builder.shl(count_, ir.Constant(c.i64, 3))
-        builder.call(memcpy, [builder.inttoptr(to_, c.pointer), builder.inttoptr(source_, c.pointer), size])
-        return context.get_dummy_value()
-
-    return types.void(types.int64, types.int64, types.int64), codegen
-
-
-@intrinsic
 def clock_cycles(typingctx):
     """The processor's cycle counter; differences are proportional to time."""
 

@@ -119,9 +119,7 @@ class Instance:
 
     def clock_bits(self, variable: Variable) -> int:
         """The clocks with which alone `variable` changes, a bit for each."""
-        if not variable.clocks:
-            return 0
-        return sum(1 << int(i) for i in np.flatnonzero(np.isin(self.clocks["reference"], variable.clocks)))
+        return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
 
     def clock_name(self, index: int) -> str:
         """Of a clock of `clocks`."""

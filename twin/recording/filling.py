@@ -17,6 +17,7 @@ SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
 GROUPS = 5
 """Of 7 bits, in which a form has seconds and nanoseconds."""
 SECOND = 10**9
+NO_PLACES = np.empty((0, 3), dtype=np.int64)
 
 
 @entry("int", "int", "int", "int", "int", "integers", "int", "doubles", "int", "integers", "int")

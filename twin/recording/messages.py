@@ -95,16 +95,6 @@ def record_template(channel: int, body: bytes) -> np.ndarray:
     return template
 
 
-def numbered_records(template: np.ndarray, head: np.dtype, times: np.ndarray, first_sequence: int) -> np.ndarray:
-    """A record for each of `times` (ns, (n,) integer), numbered from `first_sequence`, (n, stride) uint8."""
-    records = np.empty((len(times), len(template)), dtype=np.uint8)
-    records[:] = template
-    fronts = records.view(head)[:, 0]
-    fronts["sequence"] = np.arange(first_sequence, first_sequence + len(times))
-    fronts["log_time"] = fronts["publish_time"] = times
-    return records
-
-
 def message_records(
     layout: MessageLayout, fields: Sequence[Field], times: np.ndarray, first_sequence: int, rows: np.ndarray
 ) -> np.ndarray:

@@ -18,7 +18,8 @@ from twin.errors import InputRefused, disk_refusals
 from twin.recording.chunks import COMPRESSION_LEVEL, encoded
 from twin.recording.export.ros_layout import RosTopic, definition, ros_topics
 from twin.recording.export.table import NANOSECONDS, message_times, numbers_of, row_times, topics_of
-from twin.recording.messages import HEAD_SIZE, head_dtype, numbered_records, record_template
+from twin.recording.filling import NO_PLACES, Filling
+from twin.recording.messages import HEAD_SIZE, record_template
 from twin.recording.output import Output
 from twin.recording.recording import Recording
 from twin.recording.summary import Summary
@@ -119,7 +120,9 @@ def _records(
 ) -> np.ndarray:
     """MCAP records of the messages of `topic` at `times` (ns) with the rows `picked` of the recording."""
     template = record_template(channel, topic.body)
-    records = numbered_records(template, head_dtype(len(template)), times, first)
+    # its numbers are put in below: they come of several topics
+    records = Filling(template, NO_PLACES).records(times, first, np.empty((len(times), 0)))
+    assert records is not None, "there are no integers"
     if topic.stamp:
         stamp = np.stack([times // NANOSECONDS, times % NANOSECONDS], axis=1).astype("<u4")
         at = HEAD_SIZE + topic.stamp
