@@ -27,6 +27,9 @@ GUARDED = (
 )
 """Where the commands find the function that runs a job in a process of its own."""
 
+COMPILING = "compiling, once: "
+"""What a command begins a line with while it compiles."""
+
 _ONE_JOB = threading.RLock()
 
 # before anything takes the place of that function: they keep what they find under its name
@@ -72,8 +75,15 @@ def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, is
 
 def twin_process(*arguments: object, cwd: Path, **settings: Any) -> "subprocess.CompletedProcess[str]":
     """`twin ARGUMENTS` in the folder `cwd`, as a process; `settings` are those of `subprocess.run`."""
-    command = [sys.executable, "-m", "twin", *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=300, **settings)
+    return process_run([sys.executable, "-m", "twin", *map(str, arguments)], cwd=cwd, timeout=300, **settings)
+
+
+def process_run(command: list[str], **settings: Any) -> "subprocess.CompletedProcess[str]":
+    """`command` as `subprocess.run` has it, without the line that says that code is being compiled: whether it is
+    said depends on which tests ran before."""
+    done = subprocess.run(command, capture_output=True, text=True, **settings)
+    done.stderr = "".join(line for line in done.stderr.splitlines(True) if not line.startswith(COMPILING))
+    return done
 
 
 def _exit_code(main: Callable[[], None]) -> int:

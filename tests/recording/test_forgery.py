@@ -84,6 +84,16 @@ def test_a_chunk_that_was_taken_out_before_others_is_missed_by_them(
         read(sealed(without_chunk(data, number), tmp_path / "x.mcap"))
 
 
+def test_messages_before_the_declaration_of_their_topic_are_not_believed(data: list[Record], tmp_path: Path) -> None:
+    first, *_ = chunks(data)
+    inside = records(content_of(data[first][1]))
+    moved = [record for record in inside if record[0] == Opcode.MESSAGE]
+    moved += [record for record in inside if record[0] != Opcode.MESSAGE]
+    changed = with_content(data[first][1], joined(moved))
+    with pytest.raises(RecordingDamaged, match="a chunk before which the declaration of its topics is missing"):
+        read(sealed([*data[:first], (CHUNK, changed), *data[first + 1 :]], tmp_path / "x.mcap"))
+
+
 def run_of(path: Path, duration: float, ticks: int, first: int = 0, hole: int = 0) -> Path:
     """A recording that says it is to last `duration` (s), and has `ticks` from `first` on, and a hole in the middle."""
     metadata = {"experiment": {"values": json.dumps({"duration_s": duration})}}

@@ -1,6 +1,5 @@
 """Chunks taken apart into the series of numbers and the events they hold."""
 
-import struct
 from collections import Counter
 from dataclasses import dataclass, field
 from io import BytesIO
@@ -12,21 +11,15 @@ from mcap.opcode import Opcode
 from mcap.records import Channel, Message, Schema
 
 from twin.recording.layout import Field, check_stream
-from twin.recording.messages import HEAD_SIZE, RECORD_PREFIX, MessageLayout, message_layout
+from twin.recording.messages import RECORD_PREFIX, MessageLayout, message_layout
 from twin.recording.scan import Damage
 from twin.recording.schema import described_fields
-from twin.recording.weave import record_windows
+from twin.recording.walk import CHANNEL, LENGTH, PLACE, SEQUENCE, Records
 
 NANOSECONDS = 1e9
 # message types for viewers, which hold no numbers that are not in the series too
 FOREIGN = "foxglove."
 MISSING = "a chunk before which messages are missing"
-# in the body of a Message record, behind the channel
-SEQUENCE, SEQUENCE_OFFSET = struct.Struct("<I"), 2
-# channel, sequence number and two times: no message is shorter
-MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
-# opcode, length and, in messages, channel: the front of every record in a chunk
-FRONT = struct.Struct("<BQH")
 
 
 @dataclass(frozen=True)
@@ -53,28 +46,12 @@ class Series:
     Attributes:
         fields: from the file's schema.
         layout: of one record.
-        parts: records of each chunk, (n,) opaque items of layout.stride bytes.
+        parts: records of each chunk, (n, layout.stride) uint8.
     """
 
     fields: tuple[Field, ...]
     layout: MessageLayout
     parts: list[np.ndarray] = field(default_factory=list)
-
-    def records_at(self, content: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-        """Records (n,) at `offsets` (n,) of a chunk's content (bytes,) uint8.
-
-        Raises:
-            ValueError: they have another length than the layout.
-        """
-        lengths = record_windows(content, 8)[offsets + 1].view("<u8")
-        if np.any(lengths != self.layout.stride - RECORD_PREFIX):
-            raise ValueError("messages whose length is not that of their schema")
-        return record_windows(content, self.layout.stride)[offsets]
-
-    def begins_at(self, sequence: int, records: np.ndarray) -> bool:
-        """Whether the sequence numbers of `records` (n,) count from `sequence` on."""
-        expected = np.arange(sequence, sequence + len(records))
-        return np.array_equal(records.view(self.layout.head)["sequence"], expected)
 
     def all_records(self) -> np.ndarray:
         """All records, (n, stride) uint8.
@@ -82,8 +59,7 @@ class Series:
         Raises:
             ValueError: bytes between the numbers are not what the schema asks for.
         """
-        stride = self.layout.stride
-        records = np.concatenate([np.empty(0, f"V{stride}"), *self.parts]).view(np.uint8).reshape(-1, stride)
+        records = np.concatenate([np.empty((0, self.layout.stride), np.uint8), *self.parts])
         for part in self.layout.framing:
             if np.any(records[:, part] != self.layout.filling.template[part]):
                 raise ValueError("messages whose bytes are not those of their schema")
@@ -117,34 +93,46 @@ class Contents:
             Damage: messages that precede the chunk's are not there.
             ValueError, KeyError, struct.error, McapError, DecodeError: not what twin writes.
         """
-        offsets: dict[int, list[int]] = {}
-        events, counts, place = [], self.counts.copy(), 0
-        while place < len(content):
-            opcode, length, channel = FRONT.unpack_from(content, place)
-            body = content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
-            if opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
-                self._declare(opcode, body)
-            elif opcode != Opcode.MESSAGE or length < MESSAGE_FRONT:
-                raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")
-            elif channel not in self._channels:
+        records = Records(content)
+        declared = self._declared(position, content, records.table)
+        messages = records.table[records.table[:, CHANNEL] >= 0]
+        channels, firsts, counts = np.unique(messages[:, CHANNEL], return_index=True, return_counts=True)
+        parts, logs = {}, []
+        for channel, first, count in zip(channels.tolist(), firsts.tolist(), counts.tolist(), strict=True):
+            if channel not in self._channels or messages[first, PLACE] < declared.get(channel, 0):
                 raise Damage(position, "a chunk before which the declaration of its topics is missing")
-            else:
-                if channel in self.series:
-                    offsets.setdefault(channel, []).append(place)
-                elif channel not in self.foreign:
-                    events.append(_event(body))
-                elif SEQUENCE.unpack_from(body, SEQUENCE_OFFSET)[0] != counts[channel]:
+            if channel in self.series:
+                part = records.of(channel, count, self.counts[channel], self.series[channel].layout.stride)
+                if part is None:
                     raise Damage(position, MISSING)
-                counts[channel] += 1
-            place += RECORD_PREFIX + length
-        array = np.frombuffer(content, dtype=np.uint8)
-        parts = {c: self.series[c].records_at(array, np.array(own)) for c, own in offsets.items()}
-        if not all(self.series[c].begins_at(self.counts[c], records) for c, records in parts.items()):
-            raise Damage(position, MISSING)
-        for channel, records in parts.items():
-            self.series[channel].parts.append(records)
+                parts[channel] = part
+                continue
+            sequence = messages[messages[:, CHANNEL] == channel, SEQUENCE]
+            if not np.array_equal(sequence, np.arange(count) + self.counts[channel]):
+                raise Damage(position, MISSING)
+            if channel not in self.foreign:
+                logs.append(channel)
+        events = [_event(_body(content, record)) for record in messages[np.isin(messages[:, CHANNEL], logs)]]
+        for channel, part in parts.items():
+            self.series[channel].parts.append(part)
         self.events += events
-        self.counts = counts
+        self.counts.update(dict(zip(channels.tolist(), counts.tolist(), strict=True)))
+
+    def _declared(self, position: int, content: bytes, table: np.ndarray) -> dict[int, int]:
+        """Declare what the chunk declares: by channel number, where in the chunk that is.
+
+        Raises:
+            Damage: there is something else in it than declarations and messages.
+        """
+        declared: dict[int, int] = {}
+        for record in table[table[:, CHANNEL] < 0]:
+            place, opcode, length = record[: LENGTH + 1].tolist()
+            if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
+                raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")
+            known = set(self._channels)
+            self._declare(opcode, _body(content, record))
+            declared |= dict.fromkeys(self._channels.keys() - known, place)
+        return declared
 
     def _declare(self, opcode: int, body: bytes) -> None:
         stream = ReadDataStream(BytesIO(body))
@@ -171,6 +159,12 @@ class Contents:
             raise ValueError(f"two channels of the topic {topic}")
         self.series[channel.id] = Series(fields, message_layout(channel.id, fields))
         self.topics[channel.id] = topic
+
+
+def _body(content: bytes, record: np.ndarray) -> bytes:
+    """Of a record, by its row in the table of `content`."""
+    place, _, length = record[: LENGTH + 1].tolist()
+    return content[place + RECORD_PREFIX : place + RECORD_PREFIX + length]
 
 
 def _event(body: bytes) -> Event:

@@ -92,6 +92,8 @@ class Writer:
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
         self._pending: list[RecordBlock] = []
         self._slice_topics: set[str] = set()
+        # most topics have the same
+        self._slice_times: dict[range, np.ndarray] = {}
         self._output = Output(Path(path))
         self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
         for name, entries in metadata.items():
@@ -124,10 +126,13 @@ class Writer:
         self._slice_topics.add(topic)
         if len(rows) == 0:
             return
-        times = self._times(first_tick + opened.period * np.arange(len(rows)))
+        ticks = range(first_tick, first_tick + opened.period * len(rows), opened.period)
+        if ticks not in self._slice_times:
+            self._slice_times[ticks] = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
+        times = self._slice_times[ticks]
         records = opened.records(times, self._summary.message_counts[opened.channel], rows)
         self._buffer(RecordBlock(opened.channel, times, records))
-        opened.next_tick = first_tick + opened.period * len(rows)
+        opened.next_tick = ticks.stop
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
         """Record what happened at `tick` as a `foxglove.Log` on `/events`.
@@ -209,6 +214,7 @@ class Writer:
             RecordingFailed: disk full or recording closed.
         """
         self._slice_topics.clear()
+        self._slice_times.clear()
         if sum(block.records.size for block in self._pending) >= SMALLEST_CHUNK:
             self._write_chunks()
 

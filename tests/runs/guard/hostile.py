@@ -8,6 +8,7 @@ import uuid
 from dataclasses import dataclass
 from pathlib import Path
 
+from tests.command_line import process_run
 from tests.drive.compiled import compiled_drive
 
 SOURCE = Path(__file__).with_name("hostile.c")
@@ -50,10 +51,8 @@ class Command:
         return {**os.environ, **own}
 
     def run(self, drive: Path, attack: int, *more: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            self.arguments(drive, attack, *more),
-            cwd=self.folder, env=self.environment, capture_output=True, text=True, timeout=120,
-        )  # fmt: skip
+        command = self.arguments(drive, attack, *more)
+        return process_run(command, cwd=self.folder, env=self.environment, timeout=120)
 
     def survivors(self) -> list[str]:
         """Command lines of processes that this command has left behind."""

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.command_line import process_run
 from tests.drive.archives import altered
 from tests.runs.guard.hostile import (
     ABORT,
@@ -132,10 +133,8 @@ def test_a_killed_parent_leaves_no_orphan(command: Command, drive: Path):
 def test_a_drive_that_crashes_on_the_bench_is_named(command: Command, drive: Path):
     mapping = command.folder / "hostile.toml"
     mapping.write_text(f'fmu = "{drive}"\n[parameters]\ndroop = {SEGFAULT}\n')
-    done = subprocess.run(
-        [sys.executable, "-m", "twin", "drive", "check", str(mapping)],
-        cwd=command.folder, env=command.environment, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    checked = [sys.executable, "-m", "twin", "drive", "check", str(mapping)]
+    done = process_run(checked, cwd=command.folder, env=command.environment, timeout=120)
     assert done.returncode == 3
     assert done.stderr.startswith("hostile.fmu (drive) crashed (SIGSEGV, segmentation fault)")
     assert "Traceback" not in done.stderr
@@ -145,10 +144,8 @@ def test_a_drive_that_crashes_on_the_bench_is_named(command: Command, drive: Pat
 def test_a_drive_that_crashes_for_want_of_its_resources_is_refused(command: Command, root: Path):
     good = root / "fmus" / "python_servo" / "python_servo.fmu"
     poor = altered(good, command.folder / "poor.fmu", lambda n, c: None if n.startswith("resources/") else (n, c))
-    done = subprocess.run(
-        [sys.executable, "-m", "twin", "run", str(root / EXPERIMENT), "--drive", str(poor), "--out", "x"],
-        cwd=command.folder, env=command.environment, capture_output=True, text=True, timeout=120,
-    )  # fmt: skip
+    ran = [sys.executable, "-m", "twin", "run", str(root / EXPERIMENT), "--drive", str(poor), "--out", "x"]
+    done = process_run(ran, cwd=command.folder, env=command.environment, timeout=120)
     assert done.returncode == 2
     assert done.stderr.startswith("poor.fmu")
     assert "in fmi2" in done.stderr or "fmi2Instantiate refused" in done.stderr

@@ -83,7 +83,7 @@ def test_the_estimate_has_an_arrow_of_its_own_beside_the_true_one(force_position
     for k, (_, message) in enumerate(messages(force_position.path, "/force")):
         (arrow,) = message.entities[1].arrows
         x, y, z, *q = numbers(arrow.pose.position, arrow.pose.orientation)
-        np.testing.assert_array_equal([x, y, z], p_B[k] + BESIDE)
+        np.testing.assert_array_equal([x, y, z], p_B[k] + [BESIDE, 0.0, 0.0])
         along = Rotation.from_quat(q).apply([arrow.shaft_length + arrow.head_length, 0.0, 0.0])
         np.testing.assert_allclose(along, LENGTH * F_ee_B[k], atol=ROUNDING)
         assert message.entities[1].id == "estimated"

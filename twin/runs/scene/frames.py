@@ -9,9 +9,13 @@
 All are the truth: joints of `twin.robot.skeleton`, the surface of `twin.plant.surface`.
 """
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import AXIS, OUTWARD, skeleton
 from twin.runs.scene.rotation import IDENTITY, Z, leaning, product, turn
@@ -27,41 +31,65 @@ FRAMES = (*LINKS, *RODS, PLATFORM, SURFACE)
 HALF_WIDTH = 0.012
 """Of the parallelograms (m), for drawing only: it does not enter Eq. 3-6."""
 
-# angle phi_i of each leg about z, and the two rods of a leg
+POSE = 7
+"""Numbers of a position and a quaternion."""
+
+# angle phi_i of each leg about z
 PHI = np.arctan2(OUTWARD[:, 1], OUTWARD[:, 0])
-SIDES = HALF_WIDTH * np.array([-1.0, 1.0])
 
 
 def poses(
     geometry: Geometry, theta_l: NDArray[np.float64], p_B: NDArray[np.float64], surface_B: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Position (m) and unit quaternion (x, y, z, w) of each of `FRAMES` in B, (n, len(FRAMES), 7).
+    """Position (m) and unit quaternion (x, y, z, w) of each of `FRAMES` in B, (n, len(FRAMES), POSE).
 
     Args:
         geometry: lengths of Fig. 2.
         theta_l: angles of the proximal links in rad, (n, 3).
         p_B: platform position in m, (n, 3).
-        surface_B: pose of the surface, (n, 7).
+        surface_B: pose of the surface, (n, POSE).
 
     Raises:
         InputRefused: theta_l or p_B is not finite or not of shape (n, 3).
     """
     joints = skeleton(geometry, theta_l, p_B)
-    found = np.empty((len(p_B), len(FRAMES), 7))
-    # views of it, in the order of FRAMES: an axis is split without a copy
-    links, rods = found[:, :3], found[:, 3:9].reshape(-1, 3, 2, 7)
-    links[..., :3] = joints.B
-    links[..., 3:] = leaning(PHI, theta_l)
-    rods[..., :3] = joints.A[:, :, None] + SIDES[:, None] * AXIS[:, None, :]
-    rods[..., 3:] = _rod_turns(joints.P - joints.A)[:, :, None]
-    found[:, 9, :3], found[:, 9, 3:] = p_B, IDENTITY
-    found[:, 10] = surface_B
+    found = np.empty((len(p_B), len(FRAMES), POSE))
+    _put_poses(*map(np.ascontiguousarray, (*joints, theta_l, p_B, surface_B)), len(p_B), found)
     return found
 
 
-def _rod_turns(rod: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Quaternions (n, 3, 4) that take e_x to the vectors A_iP_i, (n, 3, 3), and leave e_z in the plane of the link."""
-    outward = np.sum(rod * OUTWARD, axis=-1)
-    sideways = np.sum(rod * AXIS, axis=-1)
-    swing = turn(Z, np.arctan2(sideways, np.hypot(outward, rod[..., 2])))
-    return product(leaning(PHI, np.arctan2(-rod[..., 2], outward)), swing)
+@njit(cache=True)
+def put_pose(to, at, x, y, z, q):
+    """Put position and quaternion where numbers of `to` begin, `at` of them, and say where the next begin."""
+    to[at], to[at + 1], to[at + 2] = x, y, z
+    to[at + 3], to[at + 4], to[at + 5], to[at + 6] = q
+    return at + POSE
+
+
+@entry("nothing", "doubles", "doubles", "doubles", "doubles", "doubles", "doubles", "int", "doubles")
+def _put_poses(base_joints, ends, platform_joints, theta_l, p_B, surface_B, count, found):
+    B, to = carray(base_joints, (3, 3)), carray(found, count * len(FRAMES) * POSE)
+    A, P = carray(ends, (count, 3, 3)), carray(platform_joints, (count, 3, 3))
+    angle, p, surface = carray(theta_l, (count, 3)), carray(p_B, (count, 3)), carray(surface_B, (count, POSE))
+    at = 0
+    for i in range(count):
+        for leg in range(3):
+            at = put_pose(to, at, B[leg, 0], B[leg, 1], B[leg, 2], leaning(PHI[leg], angle[i, leg]))
+        for leg in range(3):
+            x, y, z = A[i, leg]
+            q = _rod_turn(leg, P[i, leg, 0] - x, P[i, leg, 1] - y, P[i, leg, 2] - z)
+            for side in (-HALF_WIDTH, HALF_WIDTH):
+                at = put_pose(to, at, x + side * AXIS[leg, 0], y + side * AXIS[leg, 1], z + side * AXIS[leg, 2], q)
+        at = put_pose(to, at, p[i, 0], p[i, 1], p[i, 2], IDENTITY)
+        for k in range(POSE):
+            to[at + k] = surface[i, k]
+        at += POSE
+
+
+@njit(cache=True)
+def _rod_turn(leg, x, y, z):
+    """A turn that takes e_x to the rod A_iP_i, (x, y, z), and leaves e_z in the plane of the link."""
+    outward = x * OUTWARD[leg, 0] + y * OUTWARD[leg, 1]
+    sideways = x * AXIS[leg, 0] + y * AXIS[leg, 1]
+    swing = turn(Z, math.atan2(sideways, math.hypot(outward, z)))
+    return product(leaning(PHI[leg], math.atan2(-z, outward)), swing)

@@ -9,6 +9,7 @@ its force, to the scale of `LENGTH`, and its thickness grows with it: no force, 
 """
 
 import math
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -24,11 +25,13 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from numpy.typing import ArrayLike, NDArray
 
+from twin.compiled.function import carray
+from twin.compiled.native import entry
 from twin.experiment.contact import Contact
 from twin.recording.form import BLANK_TIME, blank
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import OUTWARD
-from twin.runs.scene.frames import BASE, HALF_WIDTH, LINKS, PHI, PLATFORM, RODS, SURFACE
+from twin.runs.scene.frames import BASE, HALF_WIDTH, LINKS, PHI, PLATFORM, POSE, RODS, SURFACE, put_pose
 from twin.runs.scene.rotation import IDENTITY, X, Y, Z, pointing, product, turn
 
 # told apart by every kind of colour vision (Okabe and Ito, https://jfly.uni-koeln.de/color), and by lightness
@@ -50,19 +53,19 @@ MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
 """Diameters (m)."""
 
 # turns that lay a cylinder, whose axis is z, along another axis
-ALONG_X, ALONG_Y = turn(Y, 0.5 * math.pi), turn(X, 0.5 * math.pi)
+ALONG_X, ALONG_Y = turn.py_func(Y, 0.5 * math.pi), turn.py_func(X, 0.5 * math.pi)
 
 LENGTH = 0.01
 """Of an arrow of 1 N (m)."""
-BESIDE = np.array([0.008, 0.0, 0.0])
-"""From the true force to the estimate (m), so that both are seen where they agree."""
+BESIDE = 0.008
+"""From the true force to the estimate along x (m), so that both are seen where they agree."""
 # shares of an arrow's length: shaft, its diameter, head, its diameter
-SHARES = np.array([0.75, 0.06, 0.25, 0.13])
+SHARES = (0.75, 0.06, 0.25, 0.13)
 ARROWS = {
     "true": Color(r=213 / 255, g=94 / 255, b=0.0, a=1.0),
     "estimated": Color(r=0.0, g=158 / 255, b=115 / 255, a=1.0),
 }
-NUMBERS = 7 + len(SHARES)
+NUMBERS = POSE + len(SHARES)
 """Of one arrow: pose and sizes."""
 WIDTH = NUMBERS * len(ARROWS)
 
@@ -74,8 +77,8 @@ def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
     return SceneUpdate(entities=[_base(geometry), *links, *rods, _platform(geometry), _surface(contact)])
 
 
-def pose(position: ArrayLike, q: NDArray[np.float64] = IDENTITY) -> Pose:
-    """Pose of a position (m, (3,)) and a quaternion (x, y, z, w), (4,)."""
+def pose(position: ArrayLike, q: Sequence[float] = IDENTITY) -> Pose:
+    """Pose of a position (m, (3,)) and a quaternion (x, y, z, w)."""
     x, y, z = np.asarray(position)
     return Pose(position=Vector3(x=x, y=y, z=z), orientation=Quaternion(x=q[0], y=q[1], z=q[2], w=q[3]))
 
@@ -86,7 +89,7 @@ def force_example() -> SceneUpdate:
     for arrow, (name, color) in enumerate(ARROWS.items()):
         x, y, z, *q, shaft, shaft_width, head, head_width = (blank(NUMBERS * arrow + i) for i in range(NUMBERS))
         primitive = ArrowPrimitive(
-            pose=pose((x, y, z), np.array(q)),
+            pose=pose((x, y, z), q),
             shaft_length=shaft,
             shaft_diameter=shaft_width,
             head_length=head,
@@ -107,10 +110,24 @@ def arrows(
         F_ee_B: true force by the robot on the environment in N, (n, 3).
         estimate_B: what the estimator takes it for, likewise.
     """
-    tails = np.stack([p_B, p_B + BESIDE], axis=1)
-    forces = np.stack([F_ee_B, estimate_B], axis=1)
-    length = LENGTH * np.linalg.norm(forces, axis=-1, keepdims=True)
-    return np.concatenate([tails, pointing(forces), length * SHARES], axis=-1).reshape(len(p_B), WIDTH)
+    found = np.empty((len(p_B), WIDTH))
+    _put_arrows(*map(np.ascontiguousarray, (p_B, F_ee_B, estimate_B)), len(p_B), found)
+    return found
+
+
+@entry("nothing", "doubles", "doubles", "doubles", "int", "doubles")
+def _put_arrows(p_B, F_ee_B, estimate_B, count, found):
+    p, to = carray(p_B, (count, 3)), carray(found, count * WIDTH)
+    true, estimate = carray(F_ee_B, (count, 3)), carray(estimate_B, (count, 3))
+    at = 0
+    for i in range(count):
+        for aside, force in ((0.0, true[i]), (BESIDE, estimate[i])):
+            x, y, z = force
+            at = put_pose(to, at, p[i, 0] + aside, p[i, 1], p[i, 2], pointing(x, y, z))
+            length = LENGTH * math.sqrt(x * x + y * y + z * z)
+            for share in SHARES:
+                to[at] = share * length
+                at += 1
 
 
 def _entity(frame: str, **primitives: Any) -> SceneEntity:
@@ -152,7 +169,7 @@ def _surface(contact: Contact) -> SceneEntity:
 
 def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
     """A cylinder along each leg's joint axis, as wide as a parallelogram, `radius` away from the frame's origin."""
-    lying = product(turn(Z, PHI), ALONG_Y)
+    lying = [product.py_func(turn.py_func(Z, phi), ALONG_Y) for phi in PHI]
     return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
 
 

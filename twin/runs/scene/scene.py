@@ -13,7 +13,7 @@ from twin.experiment.contact import Contact
 from twin.experiment.experiment import Experiment
 from twin.recording.form import BLANK_TIME, Form, blank
 from twin.runs.assembly.beliefs import geometry_of
-from twin.runs.scene.frames import BASE, FRAMES, poses
+from twin.runs.scene.frames import BASE, FRAMES, POSE, poses
 from twin.runs.scene.parts import WIDTH, arrows, force_example, pose, scene_update
 from twin.runs.scene.rotation import X, Y, product, turn
 
@@ -47,7 +47,7 @@ class Scene:
         self._F_ee_B, self._estimate_B = system.columns("plant.F_ee_B"), system.columns("estimator.F_ee_B")
         self.forms = (
             Form("scene", scene_update(self._geometry, experiment.contact), 0, experiment.duration_ticks + 1),
-            Form("tf", transforms_example(), 7 * len(FRAMES), self._period),
+            Form("tf", transforms_example(), POSE * len(FRAMES), self._period),
             Form("force", force_example(), WIDTH, self._period),
         )
 
@@ -69,7 +69,7 @@ class Scene:
 
 def surface_pose(contact: Contact) -> NDArray[np.float64]:
     """Position and quaternion of the surface at rest in B, (7,): its apex, R_y(tilt) R_x(tilt_x) as in the plant."""
-    q = product(turn(Y, contact.tilt), turn(X, contact.tilt_x))
+    q = product.py_func(turn.py_func(Y, contact.tilt), turn.py_func(X, contact.tilt_x))
     return np.concatenate([[0.0, 0.0, contact.height], q])
 
 
@@ -77,8 +77,8 @@ def transforms_example() -> FrameTransforms:
     """A `foxglove.FrameTransforms` of all `FRAMES` with blanks in the order of `poses`."""
     transforms = []
     for number, frame in enumerate(FRAMES):
-        x, y, z, *q = (blank(7 * number + i) for i in range(7))
-        where = pose((x, y, z), np.array(q))
+        x, y, z, *q = (blank(POSE * number + i) for i in range(POSE))
+        where = pose((x, y, z), q)
         transforms.append(
             FrameTransform(
                 timestamp=BLANK_TIME,
