@@ -33,19 +33,21 @@ def stored(parameters, d):
 
 
 def energy(parameters, x, theta_m):
-    """Kinetic, of weight, springs, surface and bristle together (J)."""
+    """Kinetic, of weight, springs, surface and bristle together (J), (n,), of states (n, 8)."""
     geometry = Geometry(parameters.a, parameters.b, parameters.l_a, parameters.l_b)
-    theta_l, omega_l = joint_angles(geometry, x[:3]), jacobian(geometry, x[:3]) @ x[3:6]
-    d = np.array([spring_deflection(parameters, leg, theta_m[leg], theta_l[leg]) for leg in range(3)])
-    _, depth = normal_force(parameters, apex_frame(parameters), *x[:6])
+    p_B, v_B, bristle = x[:, :3], x[:, 3:6], x[:, 6:8]
+    theta_l, omega_l = joint_angles(geometry, p_B), (jacobian(geometry, p_B) @ v_B[..., None])[..., 0]
+    d = np.array([[spring_deflection(parameters, leg, theta_m[leg], row[leg]) for leg in range(3)] for row in theta_l])
+    apex = apex_frame(parameters)
+    depth = np.array([normal_force(parameters, apex, *row[:6])[1] for row in x])
     arm_moment = (parameters.m_a + parameters.m_b) / 2.0 * parameters.l_a
     return (
-        kinetic_energy(parameters, theta_l, omega_l, x[3:6])
-        + platform_weight(parameters) * x[2]
-        - arm_moment * G_ACCELERATION * np.sin(theta_l).sum()
-        + parameters.k_s * (parameters.k_s_share @ d**2) / 2.0
-        + stored(parameters, max(depth, 0.0))
-        + parameters.sigma_0 * (x[6:8] @ x[6:8]) / 2.0
+        kinetic_energy(parameters, theta_l, omega_l, v_B)
+        + platform_weight(parameters) * p_B[:, 2]
+        - arm_moment * G_ACCELERATION * np.sin(theta_l).sum(axis=-1)
+        + parameters.k_s * (d**2 @ np.array(parameters.k_s_share)) / 2.0
+        + stored(parameters, np.maximum(depth, 0.0))
+        + parameters.sigma_0 * np.sum(bristle**2, axis=-1) / 2.0
     )
 
 
@@ -54,11 +56,11 @@ def energies(parameters, x, theta_m, duration=0.05):
     x, apex = x.copy(), apex_frame(parameters)
     # a bristle longer than the cone allows is no state the robot can be in
     integrate(parameters, x, theta_m, STILL, STILL, STILL, 0.0, apex, NO_ANCHOR)
-    found = [energy(parameters, x, theta_m)]
+    states = [x.copy()]
     for _ in range(round(duration / STEP)):
         integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, apex, NO_ANCHOR)
-        found.append(energy(parameters, x, theta_m))
-    return np.array(found)
+        states.append(x.copy())
+    return energy(parameters, np.array(states), theta_m)
 
 
 @examples(15)

@@ -73,15 +73,16 @@ def test_a_joint_that_is_pulled_by_more_slides():
     assert np.abs(y["theta_l"] - joint_angles(GEOMETRY, x[:3])).min() > 5.0 * A
 
 
-def kept(parameters, x, theta_m, anchors) -> float:
-    """Energy (J) with what is stored in what yields."""
-    theta_l = joint_angles(GEOMETRY, x[:3])
-    held = parameters.joint_friction / parameters.joint_presliding * (theta_l - anchors[:, HELD]) ** 2 / 2.0
+def kept(parameters, x, anchors, theta_m) -> np.ndarray:
+    """Energy (J), (n,), with what is stored in what yields, of states (n, 8) and their anchors (n, 3, 2)."""
+    theta_l = joint_angles(GEOMETRY, x[:, :3])
+    held = parameters.joint_friction / parameters.joint_presliding * (theta_l - anchors[..., HELD]) ** 2 / 2.0
     d = theta_m - parameters.N * theta_l
-    grip = parameters.k_s * (d - anchors[:, GRIPPED]) ** 2 / 2.0 if parameters.spring_hysteresis else 0.0
+    grip = parameters.k_s * (d - anchors[..., GRIPPED]) ** 2 / 2.0 if parameters.spring_hysteresis else 0.0
     over = np.maximum(np.abs(d) - parameters.spring_stop, 0.0)
     out = np.maximum(theta_l - parameters.joint_upper, 0.0) + np.maximum(parameters.joint_lower - theta_l, 0.0)
-    return energy(parameters, x, theta_m) + np.sum(held + grip + parameters.stop * (over**2 + out**2) / 2.0)
+    yielding = np.sum(held + grip + parameters.stop * (over**2 + out**2) / 2.0, axis=-1)
+    return energy(parameters, x, theta_m) + yielding
 
 
 def history(parameters, x, theta_m, duration: float = 0.05, counted=None) -> np.ndarray:
@@ -89,11 +90,11 @@ def history(parameters, x, theta_m, duration: float = 0.05, counted=None) -> np.
     x, apex, anchors = x.copy(), apex_frame(parameters), UNTOUCHED.copy()
     x[6:8] = 0.0
     settle_friction(parameters, x, theta_m, anchors)
-    found = [kept(counted or parameters, x, theta_m, anchors)]
+    found = [(x.copy(), anchors.copy())]
     for _ in range(round(duration / STEP)):
         integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, apex, anchors)
-        found.append(kept(counted or parameters, x, theta_m, anchors))
-    return np.array(found)
+        found.append((x.copy(), anchors.copy()))
+    return kept(counted or parameters, *map(np.array, zip(*found, strict=True)), theta_m)
 
 
 ROUGH = LOSSLESS._replace(joint_friction=TAU_C, joint_presliding=A, spring_hysteresis=0.1)
