@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from tests.damage import KINDS, damage
-from twin.compiled import seal, store
+from twin.compiled import emission, seal, store
 from twin.compiled.function import Function, carray, njit
 from twin.compiled.native import Entry, Native
 from twin.cosim.native import doubles_at
@@ -94,6 +94,20 @@ def test_it_is_found_again_by_another_process_and_nothing_is_compiled_then(place
     assert not Native("double", ("double", "double"), first.function).is_there
 
 
+def test_what_is_built_into_something_else_is_not_compiled_once_more(place: Path, monkeypatch: pytest.MonkeyPatch):
+    function = ours(lambda x: math.sin(x) + 2.0 * x)
+    native = Native("double", ("double",), function)
+    assert native.address
+    monkeypatch.setattr(emission, "module_of", lambda *asked: pytest.fail("compiled again"))
+    kept = Native("double", ("double",), function).module("another_name")
+    assert kept.symbol == "another_name" and kept.inner in kept.text
+    # what was damaged is compiled anew
+    (file,) = place.glob("*.ll")
+    file.write_bytes(file.read_bytes()[:-1])
+    with pytest.raises(pytest.fail.Exception, match="compiled again"):
+        Native("double", ("double",), function).module("another_name")
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_damaged_object_file_is_thrown_away_made_again_and_told_once(
     place: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], kind: str
@@ -108,7 +122,7 @@ def test_a_damaged_object_file_is_thrown_away_made_again_and_told_once(
     assert not Native("double", ("double",), function).is_there
     # a link to nowhere is a file that is not there
     assert ("was damaged: compiled again" in capsys.readouterr().err) == (kind != "link")
-    store.keep(file.stem, sound[: -seal.SIZE])
+    store.take(file.stem, sound[: -seal.SIZE])
     assert file.read_bytes() == sound
 
 

@@ -94,7 +94,8 @@ def history(parameters, x, theta_m, duration: float = 0.05, counted=None) -> np.
     for _ in range(round(duration / STEP)):
         integrate(parameters, x, theta_m, STILL, STILL, STILL, STEP, apex, anchors)
         found.append((x.copy(), anchors.copy()))
-    return kept(counted or parameters, *map(np.array, zip(*found, strict=True)), theta_m)
+    states, held = map(np.array, zip(*found, strict=True))
+    return kept(counted or parameters, states, held, theta_m)
 
 
 ROUGH = LOSSLESS._replace(joint_friction=TAU_C, joint_presliding=A, spring_hysteresis=0.1)

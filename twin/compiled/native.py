@@ -1,14 +1,18 @@
 """Functions that C can call, as machine code: taken from the store, or compiled and kept there."""
 
+import contextlib
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from twin.compiled import store
 from twin.compiled.builtin import PYTHON, built_in
 from twin.compiled.function import Function, types
+
+if TYPE_CHECKING:
+    from twin.compiled.emission import Module
 
 Kind = str | np.dtype
 """Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
@@ -53,7 +57,7 @@ class Native:
             with store.alone(name):
                 code = b"" if store.has(name) else self._emitted(name)
                 if code:
-                    store.keep(name, code)
+                    store.take(name, code)
         return store.address(name) if store.has(name) else self._of_numba()
 
     @property
@@ -82,7 +86,7 @@ class Native:
         from twin.compiled import emission
 
         returns, machine = _KINDS[self.returns][1], store.machine()
-        module = emission.callable_by_c(emission.module_of(self.signature, self.function, name), returns)
+        module = emission.callable_by_c(self.module(name), returns)
         made, foreign = emission.bare(module, machine)
         if foreign:
             return b""
@@ -90,6 +94,28 @@ class Native:
             kinds = ["ptr" if isinstance(kind, np.dtype) else _KINDS[kind][1] for kind in self.takes]
             made = emission.callable_by_python(made, name, returns, kinds)
         return bytes(machine.emit_object(made))
+
+    def module(self, symbol: str) -> "Module":
+        """As numba leaves it, with a function that shall be called `symbol`.
+
+        What Python does not enter may be built into something else, so it is kept: numba takes longer than all that
+        comes after it.
+        """
+        import zstandard
+
+        from twin.compiled import emission
+
+        file = ""
+        with contextlib.suppress(store.Unnamed):
+            file = "" if self.entered else f"{self._name}.ll"
+        known = store.kept(file) if file else b""
+        if known:
+            inner, _, text = zstandard.decompress(known).decode().partition("\n")
+            return emission.Module(symbol, inner, text)
+        made = emission.module_of(self.signature, self.function, symbol)
+        if file:
+            store.keep(file, zstandard.compress(f"{made.inner}\n{made.text}".encode(), level=1))
+        return made
 
     def _of_numba(self) -> int:
         from numba import cfunc

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
 CACHING = "numba.core.caching"
-KINDS = ("*.nbi", "*.nbc", "*.o")
+KINDS = ("*.nbi", "*.nbc", "*.o", "*.ll")
 SIZE = 16
 """Bytes of a seal."""
 

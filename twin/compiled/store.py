@@ -63,7 +63,7 @@ def name_of(function: Callable, kinds: str) -> str:
 def has(name: str) -> bool:
     """Whether there is an object file of that name; its function has an address from now on."""
     if name not in _loaded:
-        content = unsealed(_folder() / f"{name}.o", _folder())
+        content = kept(f"{name}.o")
         if content:
             _load(name, content)
     return name in _loaded
@@ -97,15 +97,25 @@ def alone(name: str) -> Iterator[None]:
         yield
 
 
-def keep(name: str, content: bytes) -> None:
+def take(name: str, content: bytes) -> None:
     """Take a new object file; it is there for other processes too if that is possible."""
+    keep(f"{name}.o", content)
+    _load(name, content)
+
+
+def keep(file: str, content: bytes) -> None:
+    """Put a file beside the object files, if that is possible."""
     # a full disk, a folder that is gone: the code runs all the same
     with contextlib.suppress(OSError):
         _folder().mkdir(parents=True, exist_ok=True)
-        aside = _folder() / f".{name}-{os.getpid()}"
+        aside = _folder() / f".{file}-{os.getpid()}"
         aside.write_bytes(sealed(content))
-        aside.replace(_folder() / f"{name}.o")
-    _load(name, content)
+        aside.replace(_folder() / file)
+
+
+def kept(file: str) -> bytes:
+    """What was put there under that name; nothing if it is not there, or not as it was written."""
+    return unsealed(_folder() / file, _folder())
 
 
 def address(symbol: str) -> int:

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.compiled.native import Native
+from twin.compiled.emission import Module
 from twin.studies.build import emission
-from twin.studies.build.emission import Emitted, Module, emitted, module_of
+from twin.studies.build.emission import Emitted, emitted
 from twin.studies.build.platforms import Form, Platform
 from twin.studies.build.study import build_fmu
 
@@ -28,16 +28,10 @@ def silent(what: str) -> None:
 def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
     """Builds a part: `built("plant")`, once for each; steps that parts share are emitted once."""
     folder, done = tmp_path_factory.mktemp("built"), dict[tuple[object, ...], Path]()
-    modules: dict[tuple[object, str], Module] = {}
-    steps: dict[tuple[str, str, str], Emitted] = {}
-
-    def known(step: Native, symbol: str) -> Module:
-        if (step, symbol) not in modules:
-            modules[step, symbol] = module_of(step, symbol)
-        return modules[step, symbol]
+    steps: dict[tuple[Module, str, str], Emitted] = {}
 
     def kept(step: Module, platform: Platform, form: Form) -> Emitted:
-        key = step.text, platform.name, form.suffix
+        key = step, platform.name, form.suffix
         if key not in steps:
             steps[key] = emitted(step, platform, form)
         MODULES[steps[key].symbol, platform.name] = steps[key].text
@@ -55,7 +49,6 @@ def built(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., Path]:
             file = folder / f"{len(done)}" / f"{part}.fmu"
             file.parent.mkdir()
             with pytest.MonkeyPatch.context() as patch:
-                patch.setattr(emission, "module_of", known)
                 patch.setattr(emission, "emitted", kept)
                 build_fmu(Path(experiment), part, fmi, platforms, file, settings, silent)
             done[key] = file

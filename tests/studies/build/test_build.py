@@ -17,7 +17,7 @@ from twin.cosim.record import record
 from twin.errors import InputRefused, NotWritten
 from twin.runs.assembly.load import load_experiment
 from twin.studies.build import linking
-from twin.studies.build.emission import emitted, module_of
+from twin.studies.build.emission import emitted
 from twin.studies.build.layout import laid_out
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
@@ -60,7 +60,7 @@ def test_a_step_that_allocates_cannot_leave_python() -> None:
         return 0
 
     with pytest.raises(InputRefused, match=r"its compiled step needs .*NRT_"):
-        emitted(module_of(step, "step_of_mine"), HERE, HERE.forms[0])
+        emitted(step.module("step_of_mine"), HERE, HERE.forms[0])
 
 
 def test_it_is_small_and_brings_no_file_beside_its_library(built: Callable[..., Path]) -> None:

@@ -11,8 +11,8 @@ import pytest
 from tests.studies.build.binaries import Binary, binary, slices
 from tests.studies.build.conftest import FIG4, MODULES, silent
 from twin.compiled.emission import MATHEMATICS
+from twin.compiled.native import Native
 from twin.errors import InputRefused
-from twin.studies.build import emission
 from twin.studies.build.part import PARTS
 from twin.studies.build.platforms import PLATFORMS
 from twin.studies.build.study import build_fmu
@@ -107,7 +107,7 @@ def test_without_ziglang_other_platforms_are_refused_before_anything_is_compiled
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
-    monkeypatch.setattr(emission, "module_of", lambda step, symbol: pytest.fail("compiled"))
+    monkeypatch.setattr(Native, "module", lambda step, symbol: pytest.fail("compiled"))
     with pytest.raises(InputRefused, match=r"it\.fmu: there is no C compiler for x86_64-windows; pip install ziglang"):
         build_fmu(FIG4, "encoder", "2.0", ["x86_64-windows"], tmp_path / "it.fmu", [], silent)
     assert list(tmp_path.iterdir()) == []

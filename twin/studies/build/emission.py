@@ -11,9 +11,7 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
-from twin.compiled import emission
 from twin.compiled.emission import Module, bare
-from twin.compiled.native import Native
 from twin.errors import InputRefused
 from twin.studies.build.layout import Layout
 from twin.studies.build.platforms import Form, Platform
@@ -31,11 +29,6 @@ class Emitted(NamedTuple):
     symbol: str
     text: str
     content: bytes
-
-
-def module_of(step: Native, symbol: str) -> Module:
-    """The module of `step`, whose function shall be called `symbol`."""
-    return emission.module_of(step.signature, step.function, symbol)
 
 
 def emitted(step: Module, platform: Platform, form: Form) -> Emitted:
@@ -71,7 +64,7 @@ def emitted_steps(
     for row in layout.rows:
         say(f"compiling {row.component.name}")
         step: Any = row.step
-        modules.append(module_of(step, row.symbol))
+        modules.append(step.module(row.symbol))
     return {
         platform: [emitted(module, platform, form) for module in modules for form in platform.forms]
         for platform in platforms
