@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import drive_names, experiment_files
+from twin.cli.first_look import look_at_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused
 
@@ -61,6 +62,7 @@ def check(
     """
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
+    look_at_files(experiments or [])
     asked: dict[str, Any] = {
         "experiments": experiments or [],
         "drives": drives or [],

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.first_look import look_at_logs
 from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson, Columns, Formats
 from twin.errors import InputRefused
@@ -62,6 +63,7 @@ def compare(
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
+    look_at_logs(runs or [])
     tell_latest(runs or ([] if paper is None else _latest(paper)))
     if paper is None:
         asked = {

@@ -26,7 +26,7 @@ def clock(share: float, duration: float) -> str:
 
 
 def compiling(done: int, about: int, seconds: float) -> str:
-    """`compiling, once: 12 of about 90, 9 s`; pieces of machine code."""
+    """`compiling, once: 12 of about 13, 9 s`; pieces of machine code."""
     of = f" of about {about}" if about else ""
     return f"compiling, once: {done}{of}, {seconds:.0f} s"
 
@@ -91,7 +91,7 @@ class Progress:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
         if (about or seconds > PATIENCE) and not self._told:
             self._told = True
-            print("compiling, once: the first run takes up to half a minute longer", file=sys.stderr, flush=True)
+            print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""

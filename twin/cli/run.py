@@ -1,5 +1,6 @@
 """`twin run`: experiments in, recordings out."""
 
+import contextlib
 import math
 import os
 import sys
@@ -17,6 +18,7 @@ from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, LimitSte
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.guard import GRACE, JobEnded, guarded
+from twin.runs.guard.interrupt import INTERRUPTED
 from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import LONG, Limits
 from twin.runs.guard.recorded import recorded_until_then, seen_from_here
@@ -130,10 +132,18 @@ def run(
         except KeyboardInterrupt:
             if display.folder is None:
                 raise
-            folder = seen_from_here(display.folder)
             display.clear()
-            print(f"interrupted; recorded until then: {folder}/run.mcap.partial", file=sys.stderr)
-            raise SystemExit(130) from None
+            print(_interrupted(display.folder), file=sys.stderr)
+            raise SystemExit(INTERRUPTED) from None
+
+
+def _interrupted(folder: Path) -> str:
+    """What is left in `folder` of a run that Ctrl-C has ended; the folder goes if that is nothing."""
+    if (folder / "run.mcap.partial").exists():
+        return f"interrupted; recorded until then: {seen_from_here(folder)}/run.mcap.partial"
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+    return "interrupted before the first step; nothing is recorded"
 
 
 def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
