@@ -39,7 +39,8 @@ def check(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Where baselines are: tests/baselines here, else those that come with twin.",
+            help="Where baselines are: tests/baselines here, else those that come with twin; in a clone of twin, "
+            "baselines/ beside an experiment of your own.",
         ),
     ] = None,
     out: Annotated[
