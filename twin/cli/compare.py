@@ -55,8 +55,8 @@ def compare(
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 
     B is right where it is, at some instant no more than the tolerance in time
-    away, no farther from A than the tolerance in value. docs/compare.md tells
-    of columns, units, tolerances, alignment and digitised figures.
+    away, no farther from A than the tolerance in value. docs/compare.md
+    tells how, docs/compare_reference.md of columns, units, tolerances, alignment.
 
     Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
     time (without --partial), or a claim fails; 2 refused; 3 not written.
