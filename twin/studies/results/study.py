@@ -57,12 +57,16 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
 def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[KeptRun]:
     """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
 
+    A run that its user has given a name stays, and does not count.
+
     Raises:
         InputRefused: no run is of one of `experiments`.
     """
     seen: dict[str, int] = {}
     doomed = []
     for run in kept_runs(results, experiments):
+        if run.named:
+            continue
         seen[run.experiment] = seen.get(run.experiment, 0) + 1
         if seen[run.experiment] > keep and not (keep and run.latest):
             doomed.append(run)
