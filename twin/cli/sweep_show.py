@@ -76,8 +76,9 @@ def show(
         print(json_text(as_facts(found) | {"tables": tables, "files": paths}))
         return
     print("\n".join([sweep_text(found, asked), *([""] if files else [])]))
+    width = max(map(len, files), default=0)
     for name, path in files.items():
-        print(f"  {name:<8}{path}")
+        print(f"  {name:<{width}}  {path}")
 
 
 def as_facts(found: "KeptRows") -> dict[str, Any]:

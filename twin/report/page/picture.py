@@ -18,7 +18,7 @@ CURVES = (
 )  # fmt: skip
 
 
-MAGNIFIED = 1.5
+MAGNIFIED = 2.0
 """Most pixels of the page for a pixel of a picture."""
 
 
