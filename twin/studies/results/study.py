@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from twin.errors import disk_refusals
@@ -76,8 +77,8 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[Ke
 def doomed_text(doomed: Sequence[KeptRun]) -> str:
     """What would go."""
     lines = [f"{counted(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
-    for run in doomed:
-        lines += [f"  {run.experiment}", *(f"  {line}" for line in run_lines(run))]
+    for experiment, runs in groupby(doomed, lambda run: run.experiment):
+        lines += [experiment, *(line for run in runs for line in run_lines(run))]
     return "\n".join(lines)
 
 
