@@ -87,6 +87,7 @@ def test_the_newest_of_two_runs_in_a_second_stands_first(tmp_path: Path):
 def test_pruning_lists_first_and_removes_nothing_until_one_says_yes(copied: Path):
     before = sorted(copied.rglob("*"))
     done = told("--prune", cwd=copied)
+    assert "      with --drive pmsm_foc --set seed=3" in done.stdout.splitlines()
     assert done.stdout.startswith("2 runs, ") and done.stdout.endswith("nothing removed; --yes removes them\n")
     assert sorted(copied.rglob("*")) == before
     assert told("--prune", "--yes", cwd=copied).stdout.splitlines()[-1].startswith("removed 2 runs, ")
