@@ -1,6 +1,5 @@
 """`twin run`: experiments in, recordings out."""
 
-import contextlib
 import math
 import os
 import sys
@@ -21,7 +20,7 @@ from twin.runs.guard.guard import GRACE, JobEnded, guarded
 from twin.runs.guard.interrupt import INTERRUPTED
 from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import LONG, Limits
-from twin.runs.guard.recorded import recorded_until_then, seen_from_here
+from twin.runs.guard.recorded import left_behind, recorded_until_then
 
 LIVE_JOB = "twin.runs.live.runs:served_runs"
 PORT = 8765
@@ -133,17 +132,8 @@ def run(
             if display.folder is None:
                 raise
             display.clear()
-            print(_interrupted(display.folder), file=sys.stderr)
+            print(left_behind(display.folder), file=sys.stderr)
             raise SystemExit(INTERRUPTED) from None
-
-
-def _interrupted(folder: Path) -> str:
-    """What is left in `folder` of a run that Ctrl-C has ended; the folder goes if that is nothing."""
-    if (folder / "run.mcap.partial").exists():
-        return f"interrupted; recorded until then: {seen_from_here(folder)}/run.mcap.partial"
-    with contextlib.suppress(OSError):
-        folder.rmdir()
-    return "interrupted before the first step; nothing is recorded"
 
 
 def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:
