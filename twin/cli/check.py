@@ -18,7 +18,7 @@ def check(
     experiments: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[EXPERIMENT]...",
+            metavar="EXPERIMENT",
             help="Experiments that say what to measure, files or names; none: all that have baselines.",
             autocompletion=experiment_files,
         ),

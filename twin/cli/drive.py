@@ -98,7 +98,7 @@ def list_(as_json: AsJson = False) -> None:
 def new(
     fmus: Annotated[
         list[str],
-        typer.Argument(metavar="FMU...", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
+        typer.Argument(metavar="FMU", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
     ],
 ) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
@@ -123,9 +123,7 @@ def new(
 def check(
     fmus: Annotated[
         list[str],
-        typer.Argument(
-            metavar="FMU...", help="Drives: .fmu files, folders, names in fmus/.", autocompletion=drive_names
-        ),
+        typer.Argument(metavar="FMU", help="Drives: .fmu files, folders, names in fmus/.", autocompletion=drive_names),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
@@ -174,9 +172,7 @@ def check(
 
 @app.command()
 def compare(
-    fmus: Annotated[
-        list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.", autocompletion=drive_names)
-    ],
+    fmus: Annotated[list[str], typer.Argument(metavar="FMU", help="Drives, as for check.", autocompletion=drive_names)],
     experiments: Annotated[
         list[Path],
         typer.Option(

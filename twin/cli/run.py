@@ -38,7 +38,7 @@ def run(
     experiments: Annotated[
         list[Path],
         typer.Argument(
-            metavar="EXPERIMENT...", help="Experiment files (TOML), or names.", autocompletion=experiment_files
+            metavar="EXPERIMENT", help="Experiment files (TOML), or names.", autocompletion=experiment_files
         ),
     ],
     drive: DriveName = None,

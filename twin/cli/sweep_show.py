@@ -34,8 +34,7 @@ def show(
     columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
-    """Show what a sweep came to, also while it runs: best runs, what matters, drives,
-    how likely claims are.
+    """Show what a sweep came to, also while it runs: best runs, what matters, claims.
 
     Text, and pictures in the sweep's folder: a heat map (map.png) if two numbers
     vary, bands of curves (bands.png) if the sweep judges claims.
