@@ -22,6 +22,8 @@ check nosuch.toml
 build nosuch.toml --fmu plant
 component check controller --experiment nosuch.toml
 drive check velocity_servo nosuch
+sweep nosuch.toml
+sweep show nosuch
 drive compare velocity_servo nosuch --experiment {fig4}
 drive compare velocity_servo stepper --experiment nosuch.toml
 """
