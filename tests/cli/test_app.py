@@ -21,7 +21,7 @@ def test_the_version_is_that_of_the_package(tmp_path: Path):
         (["rnu"], "twin: no such command 'rnu'; did you mean 'run'?"),
         (["drive", "chekc"], "twin drive: no such command 'chekc'; did you mean 'check'?"),
         (["nonsense"], "twin: no such command 'nonsense'; see twin --help"),
-        (["run"], "twin run: missing argument 'EXPERIMENT...'; see twin run --help"),
+        (["run"], "twin run: missing argument 'EXPERIMENT'; see twin run --help"),
         (["run", "x.toml", "--bodi", "back"], "twin run: no such option: --bodi "),
     ],
 )

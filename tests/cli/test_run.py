@@ -142,6 +142,22 @@ def test_ctrl_c_in_mid_run_keeps_what_was_recorded(root: Path, tmp_path: Path):
     assert len(recording["plant.p_B"]) > 1000
 
 
+def test_ctrl_c_while_code_is_compiled_leaves_nothing(root: Path, tmp_path: Path):
+    command = [sys.executable, "-m", "twin", "run", str(root / FIG4), "--out", "x"]
+    nothing_compiled = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "compiled")}
+    process = subprocess.Popen(command, cwd=tmp_path, env=nothing_compiled, stderr=subprocess.PIPE, text=True)
+    while not (tmp_path / "x").exists():
+        assert process.poll() is None, process.stderr
+        time.sleep(0.01)
+    # seven seconds of one core are compiled from here on
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, stderr = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert stderr.splitlines()[-1] == "interrupted before the first step; nothing is recorded"
+    assert not (tmp_path / "x").exists()
+
+
 @pytest.mark.skipif(os.name == "nt", reason="limits a file's size with ulimit")
 def test_a_full_disk_is_one_sentence_and_leaves_nothing_that_looks_finished(root: Path, tmp_path: Path):
     command = f'ulimit -f 2000; "{sys.executable}" -m twin run "{root / FIG4}" --out x'

@@ -2,6 +2,7 @@
 
 import io
 import shlex
+import time
 from pathlib import Path
 
 import pytest
@@ -50,6 +51,23 @@ def test_what_to_run_next_can_be_copied_whatever_the_name(root: Path, tmp_path: 
     ran = twin("run", f"{folder}/my 'x'.toml", *arguments, cwd=tmp_path)
     command = ran.stdout.splitlines()[-1].partition("next")[2]
     assert shlex.split(command) == ["twin", "report", f"{folder}/run"]
+
+
+def test_what_was_counted_before_says_nothing_of_how_long_the_rest_takes(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("sys.stderr", Terminal())
+    bar = Bar()
+    for share in (0.0, 0.5, 0.9):
+        bar.step("checking", share)
+        time.sleep(0.01)
+    (task,) = bar._line.tasks
+    assert task.time_remaining is not None
+    bar.compile(2, 13, 1.0)
+    assert (task.total, task.time_remaining) == (13, None)
+    bar.compile(2, 0, 1.0)
+    assert task.total is None
+    bar.step("checking", 0.1)
+    assert (task.total, task.time_remaining) == (1.0, None)
+    bar.clear()
 
 
 @pytest.mark.parametrize("line", [Bar, PlainLine])

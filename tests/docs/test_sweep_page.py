@@ -1,4 +1,4 @@
-"""docs/sweep.md has every key of a sweep file, and every column of a row."""
+"""docs/sweep_reference.md has every key of a sweep file, and every column of a row."""
 
 import re
 from pathlib import Path
@@ -15,7 +15,7 @@ def named(page: str, header: str) -> set[str]:
 
 
 def test_every_key_of_a_sweep_file_is_documented_and_no_other(root: Path):
-    page = (root / "docs/sweep.md").read_text()
+    page = (root / "docs/sweep_reference.md").read_text()
     assert named(page, "| key | meaning |") == set(Definition.model_fields)
     assert named(page, "| key of `[[vary]]` | meaning |") == {
         field.alias or n for n, field in Vary.model_fields.items()
@@ -23,7 +23,7 @@ def test_every_key_of_a_sweep_file_is_documented_and_no_other(root: Path):
 
 
 def test_every_part_of_a_row_and_every_metric_is_documented(root: Path):
-    page = (root / "docs/sweep.md").read_text().split("## A row")[1]
+    page = (root / "docs/sweep_reference.md").read_text().split("## A row")[1]
     found = RunFinding("done", "", {}, 0.0, 0.0, {"claims": {}, "curves": {}}).facts
     assert {*found, "run", "key", "drive", "parameters", "within_limits"} == named(page, "| | |")
     assert all(f"`{metric}`" in page for metric in METRICS)

@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
 
 
@@ -32,5 +33,6 @@ def accuracy(
 
     Example: twin accuracy experiments/fig4_force_position.toml
     """
+    look_at_experiments([experiment], settings, [drive])
     asked: dict[str, Any] = {"experiment": experiment, "settings": settings or [], "drive": drive, "out": out}
     ask("twin.studies.accuracy.study:budget", asked, as_json, isolate)

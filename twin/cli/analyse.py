@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, DriveName, Formats, Isolate, Settings
 
 
@@ -50,6 +51,7 @@ def analyse(
 
     Example: twin analyse experiments/fig4_force_position.toml
     """
+    look_at_experiments([experiment], settings, [drive], body)
     asked: dict[str, Any] = {
         "experiment": experiment,
         "drive": drive,

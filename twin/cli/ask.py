@@ -1,8 +1,10 @@
 """Asks a study and prints its answer. If an FMU crashes meanwhile, the command ends with a sentence."""
 
+import sys
 from collections.abc import Sequence
 from typing import Any
 
+from twin.cli.compiling import CompileWatch
 from twin.cli.options import JobIsolation
 from twin.cli.progress import progress
 from twin.errors import ComponentFailed, visible_lines
@@ -57,11 +59,17 @@ def answer_of(
         TwinError: the study raised one.
     """
     shown = progress()
+    watch = CompileWatch(shown)
     arguments: dict[str, Any] = {"study": study, "asked": asked, "formats": list(formats or ()), "columns": columns}
 
     def hear(note: dict[str, Any]) -> None:
+        # from the first step that is over on there is a share to show
+        if note["share"]:
+            watch.end()
         shown.step(note["say"], note["share"])
 
+    if sys.stderr.isatty():
+        watch.start()
     try:
         if isolate == JobIsolation.RUN:
             return Answer(**guarded(JOB, arguments, limits, hear))
@@ -71,6 +79,7 @@ def answer_of(
     except (JobEnded, JobEndedLoading) as failure:
         raise ComponentFailed(str(failure)) from None
     finally:
+        watch.end()
         shown.clear()
 
 

@@ -8,6 +8,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import JOB_ISOLATION, AsJson, DriveName, Isolate, Settings
 from twin.errors import InputRefused
 
@@ -58,11 +59,12 @@ def build(
 
     Example: twin build fig4_force_position --fmu plant --fmi 3
     """
-    asked = {"experiment": experiment, "platforms": platform or [], "out": out, "settings": settings or []}
     if c + ssp + (fmu is not None) != 1:
         raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
     if drive is not None and not ssp:
         raise InputRefused("twin build: --drive is of a whole robot; leave it out, or say --ssp")
+    look_at_experiments([experiment], settings, [drive])
+    asked = {"experiment": experiment, "platforms": platform or [], "out": out, "settings": settings or []}
     if c:
         if fmi is not None:
             raise InputRefused("twin build --c: --fmi is of an FMU; leave it out")

@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import drive_names, experiment_files
+from twin.cli.first_look import look_at_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused
 
@@ -17,7 +18,7 @@ def check(
     experiments: Annotated[
         list[Path] | None,
         typer.Argument(
-            metavar="[EXPERIMENT]...",
+            metavar="EXPERIMENT",
             help="Experiments that say what to measure, files or names; none: all that have baselines.",
             autocompletion=experiment_files,
         ),
@@ -38,7 +39,8 @@ def check(
         Path | None,
         typer.Option(
             metavar="DIR",
-            help="Where baselines are: tests/baselines here, else those that come with twin.",
+            help="Where baselines are: tests/baselines here, else those that come with twin; in a clone of twin, "
+            "baselines/ beside an experiment of your own.",
         ),
     ] = None,
     out: Annotated[
@@ -61,6 +63,7 @@ def check(
     """
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
+    look_at_files(experiments or [])
     asked: dict[str, Any] = {
         "experiments": experiments or [],
         "drives": drives or [],

@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.first_look import look_at_logs
 from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson, Columns, Formats
 from twin.errors import InputRefused
@@ -54,14 +55,15 @@ def compare(
     """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 
     B is right where it is, at some instant no more than the tolerance in time
-    away, no farther from A than the tolerance in value. docs/compare.md tells
-    of columns, units, tolerances, alignment and digitised figures.
+    away, no farther from A than the tolerance in value. docs/compare.md
+    tells how, docs/compare_reference.md of columns, units, tolerances, alignment.
 
     Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
     time (without --partial), or a claim fails; 2 refused; 3 not written.
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """
+    look_at_logs(runs or [])
     tell_latest(runs or ([] if paper is None else _latest(paper)))
     if paper is None:
         asked = {

@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files, role_names
+from twin.cli.first_look import look_at_files
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
 
 app = typer.Typer(help="Look at and check parts of the robot of another make.", no_args_is_help=True)
@@ -51,5 +52,6 @@ def check(
 
     Example: twin component check controller fmus/parts/paper_law
     """
+    look_at_files([experiment])
     asked = {"role": role, "part": part, "experiment": experiment, "settings": settings or []}
     ask("twin.studies.component.study:check", asked, as_json, isolate)

@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import JOB_ISOLATION, AsJson, Columns, DriveName, Formats, Isolate, Settings
 
 
@@ -45,6 +46,7 @@ def converge(
 
     Example: twin converge experiments/fig4_force_position.toml --duration 6
     """
+    look_at_experiments([experiment], settings, [drive])
     asked: dict[str, Any] = {
         "experiment": experiment,
         "settings": settings or [],

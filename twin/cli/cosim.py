@@ -14,7 +14,7 @@ from twin.cli.progress import progress
 from twin.errors import ComponentFailed, InputRefused, visible_lines
 from twin.runs.guard.guard import JobEnded, guarded
 from twin.runs.guard.limits import Limits
-from twin.runs.guard.recorded import recorded_until_then, seen_from_here
+from twin.runs.guard.recorded import left_behind, recorded_until_then
 from twin.writing import json_text
 
 JOB = "twin.studies.systems.study:recorded_system"
@@ -94,7 +94,8 @@ def cosim(
     except KeyboardInterrupt:
         if not folders:
             raise
-        print(f"interrupted; recorded until then: {seen_from_here(folders[0])}/run.mcap.partial", file=sys.stderr)
+        shown.clear()
+        print(left_behind(folders[0]), file=sys.stderr)
         raise SystemExit(130) from None
     finally:
         watch.end()

@@ -13,6 +13,7 @@ from twin.cli import drive_info
 from twin.cli.ask import answer_of, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.drive_survey import survey
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import (
     JOB_ISOLATION,
     AsJson,
@@ -97,7 +98,7 @@ def list_(as_json: AsJson = False) -> None:
 def new(
     fmus: Annotated[
         list[str],
-        typer.Argument(metavar="FMU...", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
+        typer.Argument(metavar="FMU", help="An .fmu file; several that make one drive; or a .ssp archive of them."),
     ],
 ) -> None:
     """Write the mapping.toml that brings a foreign FMU in, beside it.
@@ -122,9 +123,7 @@ def new(
 def check(
     fmus: Annotated[
         list[str],
-        typer.Argument(
-            metavar="FMU...", help="Drives: .fmu files, folders, names in fmus/.", autocompletion=drive_names
-        ),
+        typer.Argument(metavar="FMU", help="Drives: .fmu files, folders, names in fmus/.", autocompletion=drive_names),
     ],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Where the picture goes.")] = Path("results/drive_check"),
     as_table: Annotated[bool, typer.Option("--table", help="Print one Markdown table of all drives.")] = False,
@@ -149,10 +148,12 @@ def check(
     """
     from twin.experiment.drive_files import lone_drive
 
+    # a misspelt one is told before any is checked
+    tables = [lone_drive(fmu, Path.cwd()) for fmu in fmus]
     answers = []
-    for fmu in fmus:
+    for fmu, table in zip(fmus, tables, strict=True):
         if compile_:
-            _build(lone_drive(fmu, Path.cwd()))
+            _build(table)
         asked = {"fmu": fmu, "out": out, "apart": isolate == JobIsolation.RUN, "sure": yes}
         limits = Limits(limit_step, limit_wall)
         answer = answer_of("twin.studies.qualify.study:qualify", asked, isolate, limits, formats, columns)
@@ -171,9 +172,7 @@ def check(
 
 @app.command()
 def compare(
-    fmus: Annotated[
-        list[str], typer.Argument(metavar="FMU...", help="Drives, as for check.", autocompletion=drive_names)
-    ],
+    fmus: Annotated[list[str], typer.Argument(metavar="FMU", help="Drives, as for check.", autocompletion=drive_names)],
     experiments: Annotated[
         list[Path],
         typer.Option(
@@ -202,6 +201,7 @@ def compare(
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
+    look_at_experiments(experiments, settings, fmus, body)
     asked = {"fmus": fmus, "experiments": experiments, "settings": settings or [], "body": body, "out": out}
     limits = Limits(limit_step, limit_wall)
     answer = answer_of("twin.studies.qualify.study:compare_drives", asked, isolate, limits, formats, columns)

@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import AsJson, DriveName, Settings
 from twin.cli.sweep import cores
 
@@ -57,6 +58,7 @@ def falsify(
 
     Example: twin falsify experiments/pressing.toml --requirement "always (|plant.F_ee_B| <= 18 N)"
     """
+    look_at_experiments([experiment], settings, [drive])
     asked: dict[str, Any] = {
         "experiment": experiment,
         "requirements": requirements or [],

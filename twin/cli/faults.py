@@ -7,6 +7,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, DriveName, Formats, Isolate, Settings
 from twin.errors import ComponentFailed
 
@@ -49,6 +50,7 @@ def faults(
 
     Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
     """
+    look_at_experiments([experiment], settings, [drive], body)
     asked: dict[str, Any] = {
         "experiment": experiment,
         "kinds": kinds or [],

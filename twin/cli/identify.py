@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.first_look import look_at_files, look_at_logs
 from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson, ColumnMap, Columns, Formats, Settings
 
@@ -41,6 +42,8 @@ def identify(
 
     Example: twin identify results/fig4_force_position
     """
+    look_at_logs([log])
+    look_at_files([experiment] if experiment else [])
     tell_latest([log])
     asked: dict[str, Any] = {
         "log": log,

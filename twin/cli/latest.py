@@ -14,7 +14,6 @@ def tell_latest(paths: Iterable[Path]) -> None:
     Nothing is said of a file or of a run's own folder, nor of what is no folder of runs: whoever reads it refuses it.
     """
     from twin.recording.folder import recording_in
-    from twin.studies.results.kept import kept_run
 
     for path in paths:
         try:
@@ -22,6 +21,9 @@ def tell_latest(paths: Iterable[Path]) -> None:
         except InputRefused:
             continue
         if path.is_dir() and recording.parent != path:
+            # takes half a second to load
+            from twin.studies.results.kept import kept_run
+
             run = kept_run(recording)
             made = f", made with {shlex.join(run.typed)}" if run.typed else ""
             print(plain(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)

@@ -26,7 +26,7 @@ def clock(share: float, duration: float) -> str:
 
 
 def compiling(done: int, about: int, seconds: float) -> str:
-    """`compiling, once: 12 of about 90, 9 s`; pieces of machine code."""
+    """`compiling, once: 12 of about 13, 9 s`; pieces of machine code."""
     of = f" of about {about}" if about else ""
     return f"compiling, once: {done}{of}, {seconds:.0f} s"
 
@@ -91,7 +91,7 @@ class Progress:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
         if (about or seconds > PATIENCE) and not self._told:
             self._told = True
-            print("compiling, once: the first run takes up to half a minute longer", file=sys.stderr, flush=True)
+            print("compiling, once: some 10 s, more on a busy machine", file=sys.stderr, flush=True)
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""
@@ -171,9 +171,8 @@ class Bar(Progress):
         self._moving = False
 
     def compile(self, done: int, about: int, seconds: float) -> None:
+        self._count_to(about or None)
         self._line.update(self._task, clock=compiling(done, about, seconds), completed=done)
-        # `update` would take None for "as it was", and go on to promise an end
-        self._line.tasks[0].total = about or None
         self._line.start()
 
     def say(self, what: str) -> None:
@@ -184,7 +183,8 @@ class Bar(Progress):
         if share is None:
             self.say(what)
             return
-        self._line.update(self._task, description=visible(what), total=1.0, completed=share, clock=f"{share:4.0%}")
+        self._count_to(1.0)
+        self._line.update(self._task, description=visible(what), completed=share, clock=f"{share:4.0%}")
         self._line.start()
 
     def begin(self, name: str, duration: float) -> None:
@@ -203,6 +203,13 @@ class Bar(Progress):
 
     def clear(self) -> None:
         self._line.stop()
+
+    def _count_to(self, total: float | None) -> None:
+        """What is left is estimated anew where something else is counted; None: nobody knows how much."""
+        if self._line.tasks[0].total != total:
+            self._line.reset(self._task)
+            # `reset` would take None for "as it was", and go on to promise an end
+            self._line.tasks[0].total = total
 
 
 def progress() -> Progress:

@@ -6,6 +6,7 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask
+from twin.cli.first_look import look_at_files, look_at_logs
 from twin.cli.latest import tell_latest
 from twin.cli.options import AsJson, ColumnMap, Columns, Formats, Settings
 
@@ -48,6 +49,8 @@ def replay(
 
     Example: twin replay results/fig4_force_position --plant
     """
+    look_at_logs([log])
+    look_at_files([experiment] if experiment else [])
     from twin.studies.replay.normal import normal_time
 
     tell_latest([log])

@@ -19,7 +19,7 @@ Listener = Callable[[dict[str, Any]], None]
 def report(
     runs: Annotated[
         list[Path],
-        typer.Argument(metavar="RUN...", help="A run's folder, its .mcap file, or results/EXPERIMENT for the latest."),
+        typer.Argument(metavar="RUN", help="A run's folder, its .mcap file, or results/EXPERIMENT for the latest."),
     ],
     out: Annotated[
         Path | None,

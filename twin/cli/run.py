@@ -17,9 +17,10 @@ from twin.cli.options import ISOLATION, BodyName, DriveName, Isolation, LimitSte
 from twin.cli.report import Listener, Reported
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.guard import GRACE, JobEnded, guarded
+from twin.runs.guard.interrupt import INTERRUPTED
 from twin.runs.guard.job import function_called
 from twin.runs.guard.limits import LONG, Limits
-from twin.runs.guard.recorded import recorded_until_then, seen_from_here
+from twin.runs.guard.recorded import left_behind, recorded_until_then
 
 LIVE_JOB = "twin.runs.live.runs:served_runs"
 PORT = 8765
@@ -37,7 +38,7 @@ def run(
     experiments: Annotated[
         list[Path],
         typer.Argument(
-            metavar="EXPERIMENT...", help="Experiment files (TOML), or names.", autocompletion=experiment_files
+            metavar="EXPERIMENT", help="Experiment files (TOML), or names.", autocompletion=experiment_files
         ),
     ],
     drive: DriveName = None,
@@ -130,10 +131,9 @@ def run(
         except KeyboardInterrupt:
             if display.folder is None:
                 raise
-            folder = seen_from_here(display.folder)
             display.clear()
-            print(f"interrupted; recorded until then: {folder}/run.mcap.partial", file=sys.stderr)
-            raise SystemExit(130) from None
+            print(left_behind(display.folder), file=sys.stderr)
+            raise SystemExit(INTERRUPTED) from None
 
 
 def _run_here(job: str, arguments: dict[str, Any], hear: Listener, show: Callable[[int, int], None]) -> None:

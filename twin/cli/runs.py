@@ -13,7 +13,7 @@ from twin.errors import InputRefused, visible_lines
 
 def runs(
     experiments: Annotated[
-        list[str] | None, typer.Argument(metavar="[EXPERIMENT]...", help="Only runs of these; none: all.")
+        list[str] | None, typer.Argument(metavar="EXPERIMENT", help="Only runs of these; none: all.")
     ] = None,
     results: Annotated[Path, typer.Option(metavar="DIR", help="Where they are.")] = Path("results"),
     prune: Annotated[

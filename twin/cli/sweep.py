@@ -13,7 +13,7 @@ import typer
 from typer.core import TyperGroup
 
 from twin.cli.options import AsJson, LimitStep
-from twin.cli.progress import progress
+from twin.cli.progress import Progress, progress
 from twin.cli.sweep_show import By, as_facts, show
 from twin.errors import InputRefused
 from twin.writing import json_text
@@ -172,7 +172,7 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
         if not how.sure:
             _refuse_endless(plan)
         if how.dry:
-            _estimate(plan, how, limits)
+            _estimate(plan, how, limits, line)
             return
         run_sweep(plan, how.out, _engine(how), how.record, limits, lambda state: line.say(state_text(state)))
     except KeyboardInterrupt:
@@ -233,11 +233,13 @@ def _engine(how: How) -> "Engine":
     return Dask(how.scheduler, how.processes)
 
 
-def _estimate(plan: "Plan", how: How, limits: "Limits") -> None:
+def _estimate(plan: "Plan", how: How, limits: "Limits", line: Progress) -> None:
     from twin.studies.sweep.show.progress import estimate_text
     from twin.studies.sweep.sweep import estimated
 
+    line.say("trying the first one")
     estimate, first = estimated(plan, how.record, limits)
+    line.clear()
     runs = len(plan.tasks)
     seconds, size = estimate.total(runs, how.processes)
     facts = {"runs": runs, "processes": how.processes, "seconds": seconds, "MB": size / 1e6, "first": first}

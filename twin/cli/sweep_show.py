@@ -34,8 +34,7 @@ def show(
     columns: Columns = 2,
     as_json: AsJson = False,
 ) -> None:
-    """Show what a sweep came to, also while it runs: best runs, what matters, drives,
-    how likely claims are.
+    """Show what a sweep came to, also while it runs: best runs, what matters, claims.
 
     Text, and pictures in the sweep's folder: a heat map (map.png) if two numbers
     vary, bands of curves (bands.png) if the sweep judges claims.
@@ -43,19 +42,21 @@ def show(
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
-    from twin.studies.paper_figure import for_paper
     from twin.studies.sweep.folder import HOME, kept
-    from twin.studies.sweep.parquet import write_parquet
-    from twin.studies.sweep.show.parts import Asked, parts
-    from twin.studies.sweep.show.pictures import write_pictures
-    from twin.studies.sweep.show.text import sweep_text
-    from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
     found = kept(folder)
+    # only for what is there: what draws and reckons takes a second to load
+    from twin.studies.paper_figure import for_paper
+    from twin.studies.sweep.parquet import write_parquet
+    from twin.studies.sweep.show.parts import Asked, parts
+    from twin.studies.sweep.show.pictures import write_pictures
+    from twin.studies.sweep.show.text import sweep_text
+    from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
+
     claims = claims_in(found.rows)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.rows)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
@@ -76,8 +77,9 @@ def show(
         print(json_text(as_facts(found) | {"tables": tables, "files": paths}))
         return
     print("\n".join([sweep_text(found, asked), *([""] if files else [])]))
+    width = max(map(len, files), default=0)
     for name, path in files.items():
-        print(f"  {name:<8}{path}")
+        print(f"  {name:<{width}}  {path}")
 
 
 def as_facts(found: "KeptRows") -> dict[str, Any]:

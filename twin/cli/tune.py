@@ -8,6 +8,7 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
+from twin.cli.first_look import look_at_experiments
 from twin.cli.options import JOB_ISOLATION, AsJson, BodyName, Columns, Formats, Isolate, Settings
 
 
@@ -53,6 +54,8 @@ def tune(
 
     Example: twin tune experiments/fig4_force_position.toml
     """
+    drives: list[str | None] = [*drive] if drive else [None]
+    look_at_experiments([experiment], settings, drives, body)
     goals = {
         "sensitivity": margin,
         "overshoot": overshoot / 100.0,
@@ -62,7 +65,7 @@ def tune(
         "experiment": experiment,
         "goals": goals,
         "stiffness": stiffness,
-        "drives": drive or [None],
+        "drives": drives,
         "body": body,
         "settings": settings or [],
         "out": out,

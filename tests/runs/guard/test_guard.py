@@ -67,7 +67,8 @@ def test_a_simulation_that_would_take_too_long_is_ended_as_soon_as_that_is_known
 def test_ctrl_c_asks_the_job_to_stop_and_waits_only_so_long(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, stubborn: bool
 ):
-    monkeypatch.setattr(guard, "GRACE", 0.5 if stubborn else 60.0)
+    # it steps nothing; what steps a system has longer
+    monkeypatch.setattr(guard, "UNSTEPPED_GRACE", 0.5 if stubborn else 60.0)
     farewell = tmp_path / "farewell"
     began = time.monotonic()
     with pytest.raises(KeyboardInterrupt):

@@ -19,8 +19,8 @@ DRIVE = "ideal_velocity"
 def outcomes(folder: Path, *files: Path, reason: str = "") -> list[CheckOutcome]:
     """Of `files` with one drive; what an update would write is written."""
     notes: list[dict[str, Any]] = []
-    work = [Pair(str(file), DRIVE) for file in files]
-    checked(DirectReporter(notes.append), work, folder, "2026-01-02", reason)
+    work = [Pair(str(file), DRIVE, str(folder)) for file in files]
+    checked(DirectReporter(notes.append), work, "2026-01-02", reason)
     found = [CheckOutcome.of(note) for note in notes]
     for outcome in found:
         if outcome.text:
@@ -104,3 +104,35 @@ def test_what_is_checked_without_names_is_what_has_baselines(root: Path, tmp_pat
 def test_a_drive_that_no_experiment_finds_is_told_once_and_not_for_each_of_them(tmp_path: Path):
     with pytest.raises(InputRefused, match=r"^--drive steper: no such drive; [^\n]*$"):
         pairs([Path("one.toml"), Path("other.toml")], ["stepper", "steper"], tmp_path)
+
+
+def test_in_a_clone_of_twin_the_baselines_of_somebodys_own_experiment_are_beside_it(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    clone, mine = tmp_path / "clone", tmp_path / "lab" / "mine.toml"
+    for folder in ("experiments", "tests/baselines/step_z_air", "lab"):
+        (clone / folder).mkdir(parents=True)
+    for name in ("step_z_air", "new"):
+        (clone / f"experiments/{name}.toml").touch()
+    monkeypatch.setattr("twin.studies.check.baseline.HOME", clone)
+    monkeypatch.setattr("twin.studies.check.baseline.is_clone", lambda: True)
+
+    def folders(*files: object) -> list[str]:
+        return [pair.folder for pair in pairs([Path(str(file)) for file in files], [], None, update=True)]
+
+    monkeypatch.chdir(clone)
+    # the tests of a clone hold what is in tests/baselines to the experiments that come with it
+    assert folders("experiments/step_z_air.toml") == ["tests/baselines"]
+    assert folders("experiments/new.toml", "lab/mine.toml") == ["experiments/baselines", "lab/baselines"]
+    assert folders(mine) == [str(tmp_path / "lab/baselines")]
+    # a folder of one's own
+    monkeypatch.chdir(tmp_path)
+    assert folders("clone/experiments/step_z_air.toml", mine) == ["tests/baselines"] * 2
+
+
+def test_an_experiment_beside_the_folder_of_its_baselines_is_found_again(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.chdir(tmp_path)
+    outcomes(Path("tests/baselines"), step_file(root, Path("mine.toml")), reason="first")
+    assert pairs([], [], None) == [Pair("mine.toml", DRIVE, "tests/baselines")]

@@ -32,6 +32,16 @@ def test_the_picture_shows_truth_estimate_reference_trace_and_arrows(score: Fig5
         assert np.count_nonzero(np.all(pixels == rgb, axis=1)) > 30, color
 
 
+@pytest.mark.parametrize("kind", MAKERS)
+def test_the_picture_of_one_task_has_its_axes_and_its_legend_whole(kind: str, tmp_path: Path):
+    draw_fig5(fig5_score([MAKERS[kind](tmp_path)]), tmp_path / "fig5.png")
+    with Image.open(tmp_path / "fig5.png") as picture:
+        pixels = np.asarray(picture.convert("L"))
+    # what is cut off ends at an edge
+    edges = (pixels[0], pixels[-1], pixels[:, 0], pixels[:, -1])
+    assert all(np.all(edge == 255) for edge in edges)
+
+
 def test_the_same_runs_give_the_same_picture(score: Fig5Score, tmp_path: Path):
     for name in ("a.png", "b.png"):
         draw_fig5(score, tmp_path / name)

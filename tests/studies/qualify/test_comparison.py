@@ -155,4 +155,5 @@ def test_taps_hold_no_force_to_be_compared():
     (servo,) = trials([ROOT / "experiments/tapping.toml"], ["velocity_servo"])[0].trials
     measured = {measure.name: measure for measure in servo.measures}
     assert measured["rms_force_error"].value is None
+    assert measured["rms_force_error"].remark == "no task holds a force"
     assert measured["overshoot"].remark == "the force loop is never on"

@@ -55,6 +55,16 @@ def test_the_list_says_when_how_large_made_with_what_and_what_has_changed_since(
     assert max(map(len, lines)) <= 80
 
 
+def test_a_run_with_a_name_of_its_own_is_listed_with_its_experiment_and_never_goes(copied: Path):
+    twin("run", "mine", "--set", "seed=7", "--out", "results/a_name", cwd=copied)
+    lines = told(cwd=copied).stdout.splitlines()
+    assert lines[0].startswith("results: 4 runs of 1 experiment, ")
+    assert [line.split()[0] for line in lines if "never touched" in line][-1] == "a_name"
+    assert lines.index("      with --set seed=7") > lines.index("mine")
+    assert lines[-1] == "also there: pictures 1.0 kB"
+    assert [run.named for run in doomed_runs(copied / "results", [], 0)] == [False] * 3
+
+
 def test_a_run_whose_experiment_is_gone_is_listed_and_says_so(copied: Path):
     (copied / "mine.toml").unlink()
     assert "not compared with its file: mine: no such experiment" in told(cwd=copied).stdout
@@ -77,6 +87,7 @@ def test_the_newest_of_two_runs_in_a_second_stands_first(tmp_path: Path):
 def test_pruning_lists_first_and_removes_nothing_until_one_says_yes(copied: Path):
     before = sorted(copied.rglob("*"))
     done = told("--prune", cwd=copied)
+    assert "      with --drive pmsm_foc --set seed=3" in done.stdout.splitlines()
     assert done.stdout.startswith("2 runs, ") and done.stdout.endswith("nothing removed; --yes removes them\n")
     assert sorted(copied.rglob("*")) == before
     assert told("--prune", "--yes", cwd=copied).stdout.splitlines()[-1].startswith("removed 2 runs, ")

@@ -18,6 +18,10 @@ CURVES = (
 )  # fmt: skip
 
 
+MAGNIFIED = 2.0
+"""Most pixels of the page for a pixel of a picture."""
+
+
 def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup | None:
     """Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out like Fig. 4; None if none of these fits."""
     if verdict.fig4 is not None:
@@ -51,7 +55,11 @@ def _figure(draw: Callable[[Path], None], text: str) -> Markup:
 def figure(content: bytes, text: str) -> Markup:
     """A PNG picture inside the page, with its caption."""
     # a PNG file says its size right after its signature and the head of its first chunk; the page keeps that room free
-    width, height = map(str, struct.unpack_from(">II", content, 16))
+    width, height = struct.unpack_from(">II", content, 16)
     source = f"data:image/png;base64,{base64.b64encode(content).decode('ascii')}"
-    image = element("img", src=source, alt=text, width=width, height=height, class_="picture").removesuffix("</img>")
+    # a narrow one is no poster
+    style = f"max-width: {MAGNIFIED * width:.0f}px"
+    image = element(
+        "img", src=source, alt=text, width=str(width), height=str(height), style=style, class_="picture"
+    ).removesuffix("</img>")
     return element("figure", Markup(image), element("figcaption", text))

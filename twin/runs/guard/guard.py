@@ -17,7 +17,9 @@ from twin.runs.guard.sentence import failure_sentence, manner
 POLL = 0.05
 """How often (s) limits are looked at and progress is shown."""
 GRACE = 5.0
-"""How long (s) a job may take to stop by itself when asked to."""
+"""How long (s) a job that steps a system may take to stop by itself when asked to: it ends its recording."""
+UNSTEPPED_GRACE = 0.5
+"""The same (s) before its first step. What is compiled cannot be interrupted, and there is nothing to lose."""
 
 
 class JobEnded(ComponentFailed):
@@ -54,11 +56,12 @@ def guarded(
     """
     with process_for(job) as process:
         process.start(arguments)
+        watch = Watch(process, limits)
         try:
-            return _followed(process, Watch(process, limits), listen, show)
+            return _followed(process, watch, listen, show)
         except KeyboardInterrupt:
             process.order(STOP)
-            deadline = time.monotonic() + GRACE
+            deadline = time.monotonic() + (GRACE if watch.account.stepped else UNSTEPPED_GRACE)
             while not process.gone and time.monotonic() < deadline:
                 process.reports(POLL)
             raise

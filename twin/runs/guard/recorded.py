@@ -1,5 +1,6 @@
 """What a run that did not end well has left in its folder."""
 
+import contextlib
 from pathlib import Path
 
 
@@ -15,6 +16,19 @@ def recorded_until_then(folder: Path | None) -> str:
     if folder is None or not (partial := folder / f"{RECORDING}{PARTIAL}").exists():
         return "Nothing was recorded."
     return f"Recorded until then: {seen_from_here(partial)} ({last_time(partial) or 0.0:.3f} s)."
+
+
+def left_behind(folder: Path) -> str:
+    """What Ctrl-C has left in the `folder` of a run; it goes if that is nothing."""
+    whole, partial = folder / "run.mcap", folder / "run.mcap.partial"
+    if partial.exists():
+        return f"interrupted; recorded until then: {seen_from_here(partial)}"
+    if whole.exists():
+        return f"interrupted; the recording is complete: {seen_from_here(whole)}"
+    # whatever else is in it stays
+    with contextlib.suppress(OSError):
+        folder.rmdir()
+    return "interrupted before the first step; nothing is recorded"
 
 
 def seen_from_here(path: Path) -> Path:

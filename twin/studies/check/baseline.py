@@ -15,7 +15,7 @@ from twin import __version__
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.files import read_toml
-from twin.places import HOME
+from twin.places import HOME, is_clone
 from twin.studies.check.measurement import POINTS, Measured, Sampled
 from twin.writing import made_folder, write_text
 
@@ -23,6 +23,8 @@ OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
 FOLDER = Path("tests/baselines")
 """Where baselines are written to and looked for, one folder per experiment."""
+BESIDE = "baselines"
+"""Where those of somebody's own experiment are in a clone of twin, beside its file."""
 _UNTOLD = ("title", "recording", "drive")
 """Tables that do not change what is measured; drives are told of one by one."""
 _LATER = ("tolerance", "position_command", "rotor", "kind", "solver", "solver_step")
@@ -82,6 +84,22 @@ class Baseline:
 def baselines_here() -> Path:
     """`FOLDER` in the current folder; where there is none, those that come with twin."""
     return FOLDER if FOLDER.is_dir() else HOME / FOLDER
+
+
+def baselines_of(file: Path, update: bool) -> Path:
+    """Where the baselines of the experiment in `file` are, if nobody says where.
+
+    That is `FOLDER` here. In a clone of twin what is there belongs to twin's own experiments, to which the tests hold
+    it: the baselines of any other experiment are beside its file.
+
+    Args:
+        file: of the experiment.
+        update: whether they are written, and not only read: then never to those that a wheel carries.
+    """
+    of_twin = file.resolve().parent == (HOME / "experiments").resolve() and (HOME / FOLDER / file.stem).is_dir()
+    if is_clone() and Path.cwd() == HOME.resolve() and not of_twin:
+        return file.parent / BESIDE
+    return FOLDER if update else baselines_here()
 
 
 def baseline_file(folder: Path, experiment: str, drive: str) -> Path:

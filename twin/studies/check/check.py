@@ -14,7 +14,7 @@ from twin.studies.check.baseline import (
     OWN,
     Baseline,
     baseline_file,
-    baselines_here,
+    baselines_of,
     known_baseline,
     stored_drives,
 )
@@ -45,8 +45,7 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
     Args:
         experiment: its file or name, see `experiment_file`.
         drive: a drive of fmus/ or an FMU; "own": the experiment's; None: every drive that has a baseline.
-        baselines: folder that `twin check --update` has written to; None: tests/baselines here, or those that come
-            with twin.
+        baselines: folder that `twin check --update` has written to; None: see `baselines_of`.
 
     Returns:
         What deviates; empty if all is as it was.
@@ -55,7 +54,8 @@ def check(experiment: str | Path, drive: str | None = None, baselines: str | Pat
         InputRefused: no baseline, or it cannot be compared, or a measure that this run gives no meaning.
         ComponentFailed, SafetyTrip: the run did not come to its end.
     """
-    file, folder = experiment_file(experiment), baselines_here() if baselines is None else Path(baselines)
+    file = experiment_file(experiment)
+    folder = baselines_of(file, update=False) if baselines is None else Path(baselines)
     drives = [drive] if drive is not None else stored_drives(folder, file.stem)
     if not drives:
         raise InputRefused(_no_baseline(folder, file, OWN))

@@ -11,7 +11,17 @@ from twin.errors import InputRefused, TwinError
 from twin.experiment.drive_files import shelved
 from twin.experiment.named import experiment_file
 from twin.experiment.source import located
-from twin.studies.check.baseline import OWN, Entry, baseline_of, baseline_text, known_baseline, stored_drives
+from twin.studies.check.baseline import (
+    FOLDER,
+    OWN,
+    Entry,
+    baseline_of,
+    baseline_text,
+    baselines_here,
+    baselines_of,
+    known_baseline,
+    stored_drives,
+)
 from twin.studies.check.check import measured_with, stored_baseline
 from twin.studies.check.verdict import CheckVerdict, verdict
 
@@ -21,10 +31,11 @@ ALL = "all"
 
 @dataclass(frozen=True)
 class Pair:
-    """What is checked: an experiment's file with a drive."""
+    """What is checked: an experiment's file with a drive, against the baseline in a folder of such."""
 
     file: str
     drive: str
+    folder: str
 
 
 @dataclass(frozen=True)
@@ -50,24 +61,27 @@ class CheckOutcome:
         return TypeAdapter(cls).validate_python(note)
 
 
-def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> list[Pair]:
+def pairs(
+    experiments: Sequence[Path], drives: Sequence[str], baselines: Path | None, update: bool = False
+) -> list[Pair]:
     """What `twin check EXPERIMENT... --drive ...` means.
 
     Args:
-        experiments: files or names; none: all that have a baseline in `folder`.
+        experiments: files or names; none: all that have a baseline.
         drives: as --drive has them; none: those with a baseline, or the experiment's own.
+        baselines: their folder; None: see `baselines_of`, and without experiments tests/baselines.
+        update: see `baselines_of`.
 
     Raises:
         InputRefused: nothing to check, or a drive that none of the experiments finds.
     """
     files = [experiment_file(experiment) for experiment in experiments]
     if not experiments:
-        # one that has gone is told of when its turn comes, and costs the others nothing
-        stored = [one.name for one in sorted(folder.glob("*")) if one.is_dir()]
-        files = [located(f"experiments/{name}.toml", Path.cwd()) for name in stored]
+        baselines = baselines or (FOLDER if update else baselines_here())
+        files = [_file_of(one.name) for one in sorted(baselines.glob("*")) if one.is_dir()]
     if not files:
         raise InputRefused(
-            f"{folder}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
+            f"{baselines}: no baselines there; say which experiment: twin check EXPERIMENT --update --reason TEXT, or "
             "where they are: --baselines DIR"
         )
     shelf = [fmu.stem for fmu in sorted(located("fmus", Path.cwd()).glob("*/*.fmu"))]
@@ -75,34 +89,41 @@ def pairs(experiments: Sequence[Path], drives: Sequence[str], folder: Path) -> l
     for name in named:
         if name != OWN and not any(Path(shelved(name, file.resolve().parent)).exists() for file in files):
             raise InputRefused(f"--drive {name}: no such drive; expected an .fmu file, a folder of fmus/, own or all")
+    folders = {file: baselines or baselines_of(file, update) for file in files}
     return [
-        Pair(str(file), drive)
-        for file in dict.fromkeys(files)
+        Pair(str(file), drive, str(folder))
+        for file, folder in folders.items()
         # without a baseline the one that is missing is told of
         for drive in dict.fromkeys(named or stored_drives(folder, file.stem) or [OWN])
     ]
 
 
-def checked(reporter: Any, work: Sequence[Pair], folder: Path, date: str, reason: str) -> None:
+def _file_of(name: str) -> Path:
+    """The file of an experiment that has a baseline; one that has gone costs the others nothing, and is told of when
+    its turn comes."""
+    here = Path(f"{name}.toml")
+    return here if here.is_file() else located(f"experiments/{name}.toml", Path.cwd())
+
+
+def checked(reporter: Any, work: Sequence[Pair], date: str, reason: str) -> None:
     """Check each pair of `work`; a job of the guard. Notes: an `CheckOutcome`, taken apart, per pair, in their order.
 
     Args:
         work: what to check.
-        folder: of the baselines.
         date: of an update.
         reason: of an update; "": nobody asked for one.
     """
     for pair in work:
         reporter.loading()
         try:
-            outcome = _outcome(pair, folder, date, reason)
+            outcome = _outcome(pair, date, reason)
         except TwinError as error:
             outcome = CheckOutcome(pair, None, failure=str(error), exit_code=error.exit_code)
         reporter.note(**asdict(outcome))
 
 
-def _outcome(pair: Pair, folder: Path, date: str, reason: str) -> CheckOutcome:
-    file = Path(pair.file)
+def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
+    file, folder = Path(pair.file), Path(pair.folder)
     if not reason:
         before = stored_baseline(folder, file, pair.drive)
         experiment, now = measured_with(file, pair.drive)

@@ -5,7 +5,6 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from datetime import date
-from pathlib import Path
 from typing import Any
 
 from twin.errors import TwinError
@@ -17,12 +16,11 @@ from twin.studies.steps import Say
 JOB = "twin.studies.check.job:checked"
 
 
-def outcomes(pairs: Sequence[Pair], folder: Path, reason: str, processes: int, say: Say) -> list[CheckOutcome]:
+def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
     """The outcome of every pair, in their order.
 
     Args:
         pairs: what to check.
-        folder: of the baselines.
         reason: of an update; "": nobody asked for one.
         processes: how many at a time; 0: this one, where a drive that crashes takes it along.
         say: told how many are done.
@@ -30,7 +28,7 @@ def outcomes(pairs: Sequence[Pair], folder: Path, reason: str, processes: int, s
     Raises:
         KeyboardInterrupt: after every process has ended.
     """
-    arguments: dict[str, Any] = {"folder": folder, "date": date.today().isoformat(), "reason": reason}
+    arguments: dict[str, Any] = {"date": date.today().isoformat(), "reason": reason}
     found: dict[Pair, CheckOutcome] = {}
 
     say(f"0 of {len(pairs)} checks", 0.0)

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from twin.errors import plain
 from twin.studies.answer import Answer
-from twin.studies.check.baseline import FOLDER, baseline_file, baselines_here, write_baseline
+from twin.studies.check.baseline import baseline_file, write_baseline
 from twin.studies.check.job import pairs
 from twin.studies.check.picture import check_pictures
 from twin.studies.check.processes import outcomes
@@ -30,7 +30,7 @@ def check_all(
         experiments: see `pairs`.
         drives: see `pairs`.
         reason: of an update; "": nobody asked for one.
-        baselines: folder; None: tests/baselines here, or to read, those that come with twin.
+        baselines: folder; None: see `baselines_of`.
         out: folder for pictures of curves outside their tubes.
         processes: see `outcomes`.
         say: told how many are done.
@@ -39,17 +39,19 @@ def check_all(
         InputRefused: see `pairs`.
         NotWritten: the disk refuses.
     """
-    folder = baselines or (FOLDER if reason else baselines_here())
-    done = outcomes(pairs(experiments, drives, folder), folder, reason, processes, say)
+    done = outcomes(pairs(experiments, drives, baselines, bool(reason)), reason, processes, say)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
     places = []
     moved = [outcome for outcome in done if outcome.text]
     for outcome in moved:
-        write_baseline(baseline_file(folder, Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text)
+        write_baseline(
+            baseline_file(Path(outcome.pair.folder), Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text
+        )
     if reason and verdicts:
-        places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {folder}")
+        folders = dict.fromkeys(outcome.pair.folder for outcome in done if outcome.verdict)
+        places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {', '.join(folders)}")
     say("drawing and writing", 1.0)
     if any(verdict.outside for verdict in verdicts):
         places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]

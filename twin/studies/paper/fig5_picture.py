@@ -1,5 +1,6 @@
 """Fig. 5 A-D as one picture: the way of each task in space, in the plane or over time, and its force."""
 
+import math
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -23,6 +24,10 @@ from twin.studies.paper.fig5_space import REFERENCE, TRACE, TRUTH, draw_in_space
 ESTIMATE, SHIFTED = ORANGE, GREEN
 JUDGED = "#e9eef5"
 TITLES = {"press": "A  Pressing", "tap": "B  Tapping", "roll": "C  Rolling", "push": "D  Pushing"}
+COLUMN, LEFT, RIGHT = 3.5, 0.803, 0.4088
+"""Inches of a task's panels, and beside all of them for the numbers of their axes."""
+MARKS = 2
+"""Entries of the legend that fit below a task's panels, side by side."""
 TAPS = 3
 """How many taps the panels over time show."""
 WORK = {"press": PhaseKind.HOLD, "roll": PhaseKind.CIRCLE, "push": PhaseKind.PUSH}
@@ -33,10 +38,11 @@ ALIKE = 0.35
 def draw_fig5(score: Fig5Score, path: Path) -> None:
     """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each."""
     shown = shown_tasks(score)
-    with picture(path, 3.5 * len(shown) + 0.6, 9.6, by_hand=True) as figure:
+    width = COLUMN * len(shown) + 0.6
+    with picture(path, width, 9.6, by_hand=True) as figure:
         grid = figure.add_gridspec(
             3, len(shown), height_ratios=(1.45, 1.0, 1.0), hspace=0.24, wspace=0.28,
-            left=0.055, right=0.972, top=0.92, bottom=0.1,
+            left=LEFT / width, right=1.0 - RIGHT / width, top=0.92, bottom=0.08 + 0.02 * math.ceil(4 / len(shown)),
         )  # fmt: skip
         floor = min(float(task.run.p_B[:, 2].min()) for task in shown)
         for column, task in enumerate(shown):
@@ -53,7 +59,9 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
                 axes.tick_params(labelsize=8)
         found = [axes.get_legend_handles_labels() for axes in figure.axes]
         marks = {label: mark for marks, labels in found for mark, label in zip(marks, labels, strict=True)}
-        figure.legend(marks.values(), marks.keys(), loc="lower center", ncols=len(marks), fontsize=9)
+        figure.legend(
+            marks.values(), marks.keys(), loc="lower center", ncols=min(len(marks), MARKS * len(shown)), fontsize=9
+        )
 
 
 def shown_tasks(score: Fig5Score) -> list[TaskScore]:

@@ -73,6 +73,8 @@ class TrueRun:
         late = np.arange(len(self.t)) >= len(self.t) // 2
         pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
         touching = bool(np.any(self.F_z[pressing] > 0.0))
+        # taps are no holding, however hard
+        untold = "no contact" if np.any(pressing) else "no task holds a force"
         shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
         current, power = self.run.of_drives("current"), self.run.of_drives("power")
         return (
@@ -80,7 +82,7 @@ class TrueRun:
             Measure(
                 "rms_force_error",
                 rms(self.F_z[pressing] - self.F_z_ref[pressing]) if touching else None,
-                "" if touching else "no contact",
+                "" if touching else untold,
             ),
             Measure("rms_z_error", rms(self.z[late] - self.z_ref[late])),
             _told("peak_current", float(np.max(np.abs(current))) if current.size else None),

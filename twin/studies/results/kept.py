@@ -24,7 +24,7 @@ STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
 
 @dataclass(frozen=True)
 class KeptRun:
-    """A run's folder, results/EXPERIMENT/TIME.
+    """A run's folder, results/EXPERIMENT/TIME, or results/NAME as its user has called it.
 
     Attributes:
         folder: of the run.
@@ -37,9 +37,17 @@ class KeptRun:
     latest: bool
 
     @property
+    def named(self) -> bool:
+        """Whether its user has called its folder something."""
+        return STAMP.fullmatch(self.folder.name) is None
+
+    @property
     def experiment(self) -> str:
-        """By the name of the folder above."""
-        return self.folder.parent.name
+        """By the name of the folder above; where the user has chosen that, as it is recorded."""
+        if not self.named:
+            return self.folder.parent.name
+        name: str = self.metadata.get("experiment", {}).get("name", self.folder.name)
+        return name
 
     @property
     def finished(self) -> bool:
@@ -82,7 +90,7 @@ class KeptRun:
 
 
 def kept_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
-    """The runs below `results`, those of an experiment together, the newest first.
+    """The runs below `results`, those of an experiment together, the newest first, then those with names.
 
     Args:
         results: folder.
@@ -92,6 +100,7 @@ def kept_runs(results: Path, experiments: Sequence[str] = ()) -> list[KeptRun]:
         InputRefused: no run is of one of `experiments`.
     """
     runs = [run for home in _folders(results) for run in _runs(home)]
+    runs.sort(key=lambda run: (run.experiment, run.named))
     there = dict.fromkeys(run.experiment for run in runs)
     for name in experiments:
         if name not in there:
@@ -128,7 +137,8 @@ def _runs(home: Path) -> Iterator[KeptRun]:
     latest = os.path.realpath(home / LATEST)
     stamped = [path for path in home.iterdir() if STAMP.fullmatch(path.name) and not path.is_symlink()]
     # the second of two runs within a second ends in _2, the tenth in _10
-    for folder in sorted(stamped, key=lambda path: (path.name[:17], len(path.name), path.name), reverse=True):
+    stamped.sort(key=lambda path: (path.name[:17], len(path.name), path.name), reverse=True)
+    for folder in (*stamped, home):
         for name in (RECORDING, f"{RECORDING}{PARTIAL}"):
             if (folder / name).is_file():
                 yield KeptRun(folder, folder / name, os.path.realpath(folder) == latest)

@@ -2,6 +2,7 @@
 
 import shutil
 from collections.abc import Sequence
+from itertools import groupby
 from pathlib import Path
 
 from twin.errors import disk_refusals
@@ -57,12 +58,16 @@ def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
 def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[KeptRun]:
     """The runs of each experiment but the newest `keep`, and but the one that its folder means by `latest`.
 
+    A run that its user has given a name stays, and does not count.
+
     Raises:
         InputRefused: no run is of one of `experiments`.
     """
     seen: dict[str, int] = {}
     doomed = []
     for run in kept_runs(results, experiments):
+        if run.named:
+            continue
         seen[run.experiment] = seen.get(run.experiment, 0) + 1
         if seen[run.experiment] > keep and not (keep and run.latest):
             doomed.append(run)
@@ -72,8 +77,8 @@ def doomed_runs(results: Path, experiments: Sequence[str], keep: int) -> list[Ke
 def doomed_text(doomed: Sequence[KeptRun]) -> str:
     """What would go."""
     lines = [f"{counted(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
-    for run in doomed:
-        lines += [f"  {run.experiment}", *(f"  {line}" for line in run_lines(run))]
+    for experiment, runs in groupby(doomed, lambda run: run.experiment):
+        lines += [experiment, *(line for run in runs for line in run_lines(run))]
     return "\n".join(lines)
 
 

@@ -31,10 +31,7 @@ def runs_text(
         if run.experiment != last:
             lines += ["", run.experiment]
             last = run.experiment
-        lines += run_lines(run)
-        if run.typed:
-            lines += wrapped(shlex.join(run.typed), f"{INDENT}with ", whole=True)
-        lines += difference_lines(found, why)
+        lines += [*run_lines(run), *difference_lines(found, why)]
     if others:
         said = ", ".join(f"{name} {size_text(size)}" for name, size in others.items())
         lines += ["", *wrapped(f"also there: {said}", later=2)]
@@ -42,9 +39,10 @@ def runs_text(
 
 
 def run_lines(run: KeptRun) -> list[str]:
-    """When, size, verdict."""
+    """When, size, verdict, and the options with which it was made."""
     latest = "  latest" if run.latest else ""
-    return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}"]
+    made = wrapped(shlex.join(run.typed), f"{INDENT}with ", whole=True) if run.typed else []
+    return [f"  {run.folder.name:17}  {size_text(run.size):>7}  {verdict(run)}{latest}", *made]
 
 
 def verdict(run: KeptRun) -> str:

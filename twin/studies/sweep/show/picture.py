@@ -7,7 +7,6 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
 from matplotlib.colors import Normalize
-from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 
@@ -68,20 +67,13 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
         for panel in panels[len(drives) :]:
             panel.set_visible(False)
         names = short(kept.labels)
-        figure.supxlabel(names[axes[0]], fontsize=10)
+        # below the axis' name, for a legend there would lie upon it
+        told = [f"orange cross: no {metric}, see the row's reason"] if len(values) < len(rows) else []
+        figure.supxlabel("\n".join([names[axes[0]], *told, *filter(None, [remark])]), fontsize=10)
         figure.supylabel(names[axes[1]], fontsize=10)
         beyond = {"max": max(values, default=0.0) > high, "min": min(values, default=0.0) < low}
         extend = "both" if all(beyond.values()) else next((end for end, is_so in beyond.items() if is_so), "neither")
         figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02, extend=extend)
-        marks, told = [], []
-        if len(values) < len(rows):
-            marks.append(Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2))
-            told.append(f"no {metric}: see the row's reason")
-        if remark:
-            marks.append(Line2D([], [], ls=""))
-            told.append(remark)
-        if marks:
-            figure.legend(marks, told, loc="outside lower center")
         figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
