@@ -55,9 +55,9 @@ def show(
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
-    found = kept(folder)
-    claims = claims_in(found.rows)
-    metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.rows)
+    found = kept(folder, parquet)
+    claims = claims_in(found.columns)
+    metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
     with for_paper(formats or (), columns) as paper:
         files = write_pictures(found, asked, x, y, folder)

@@ -1,6 +1,5 @@
 """A sweep as a heat map: one metric over two parameters, failures marked."""
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,10 +12,10 @@ from matplotlib.ticker import LogLocator, NullFormatter
 
 from twin.errors import InputRefused
 from twin.studies.figure import INK, MAP, VERMILION, picture
+from twin.studies.sweep.columns import Numbers
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.words import short
-from twin.studies.sweep.statistics.ranking import drives_in, is_number, numeric_labels, value
+from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels, of_drive, parameter, value
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
@@ -31,7 +30,7 @@ def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | N
     Raises:
         InputRefused: one asked for does not vary.
     """
-    numeric = numeric_labels(kept.labels, kept.rows)
+    numeric = numeric_labels(kept.labels, kept.columns)
     names = short(kept.labels)
     chosen = []
     for option, wanted in (("--x", x), ("--y", y)):
@@ -53,28 +52,31 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
     Cells of a grid show the best run at that point over all other parameters; draws of a sample are dots. An orange
     cross is a run that has no number.
     """
-    drives = drives_in(kept.rows)
-    rows = [row for row in kept.rows if all(is_number(row["parameters"].get(label)) for label in axes)]
-    values = [number for row in rows if np.isfinite(number := value(row, metric))]
-    columns = min(3, len(drives))
-    lines = -(-len(drives) // columns)
-    with picture(path, 2.2 + 4.0 * columns, 1.4 + 3.4 * lines, look=MAP) as figure:
-        panels = figure.subplots(lines, columns, squeeze=False, sharex=True, sharey=True).ravel()
+    columns, drives = kept.columns, drives_in(kept.columns)
+    x, y = (parameter(columns, label) for label in axes)
+    numbers = value(columns, metric)
+    on_map = ~(np.isnan(x) | np.isnan(y))
+    values = numbers[on_map & ~np.isnan(numbers)]
+    across = min(3, len(drives))
+    lines = -(-len(drives) // across)
+    with picture(path, 2.2 + 4.0 * across, 1.4 + 3.4 * lines, look=MAP) as figure:
+        panels = figure.subplots(lines, across, squeeze=False, sharex=True, sharey=True).ravel()
         low, high, remark = shown_range(values)
         shade = ScalarMappable(Normalize(low, high), COLORS)
         for panel, drive in zip(panels, drives, strict=False):
-            _draw_panel(panel, shade, [row for row in rows if row["drive"] == drive], axes, metric)
+            mine = on_map & of_drive(columns, drive)
+            _draw_panel(panel, shade, x[mine], y[mine], numbers[mine])
             panel.set_title(drive or "", fontsize=10, fontweight="bold")
         for panel in panels[len(drives) :]:
             panel.set_visible(False)
         names = short(kept.labels)
         figure.supxlabel(names[axes[0]], fontsize=10)
         figure.supylabel(names[axes[1]], fontsize=10)
-        beyond = {"max": max(values, default=0.0) > high, "min": min(values, default=0.0) < low}
+        beyond = {"max": values.max(initial=low) > high, "min": values.min(initial=high) < low}
         extend = "both" if all(beyond.values()) else next((end for end, is_so in beyond.items() if is_so), "neither")
         figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02, extend=extend)
         marks, told = [], []
-        if len(values) < len(rows):
+        if len(values) < on_map.sum():
             marks.append(Line2D([], [], ls="", marker="x", color=FAILED, ms=7, mew=2))
             told.append(f"no {metric}: see the row's reason")
         if remark:
@@ -82,39 +84,40 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
             told.append(remark)
         if marks:
             figure.legend(marks, told, loc="outside lower center")
-        figure.suptitle(f"{kept.name}: {metric}, {len(kept.rows)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
+        figure.suptitle(f"{kept.name}: {metric}, {len(columns)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
-def shown_range(values: Sequence[float]) -> tuple[float, float, str]:
+def shown_range(values: Numbers) -> tuple[float, float, str]:
     """(low, high, remark) of the colours: without what is far out, which would leave one colour to all others.
 
     The remark says how many values the ends of the colours stand for; "" if the colours span all.
     """
-    if not values:
+    if not len(values):
         return 0.0, 1.0, ""
     first, third = np.quantile(values, [0.25, 0.75])
     reach = FAR * (third - first)
-    inside = [number for number in values if first - reach <= number <= third + reach]
+    inside = values[(first - reach <= values) & (values <= third + reach)]
+    least, most = float(values.min()), float(values.max())
     outside = len(values) - len(inside)
     if not outside or reach == 0.0:
-        return min(values), max(values), ""
-    low, high = min(inside), max(inside)
-    span = f"{min(values):.3g} to {max(values):.3g}"
-    told = f"{outside} of {len(values)} are far out, {span} in all: coloured as {low:.3g} or {high:.3g}"
+        return least, most, ""
+    low, high = float(inside.min()), float(inside.max())
+    told = (
+        f"{outside} of {len(values)} are far out, {least:.3g} to {most:.3g} in all: coloured as {low:.3g} or {high:.3g}"
+    )
     return low, high, told
 
 
-def _draw_panel(panel: Axes, shade: ScalarMappable, rows: Sequence[Row], axes: tuple[str, str], metric: str) -> None:
-    x, y = (np.array([float(row["parameters"][label]) for row in rows]) for label in axes)
-    numbers = np.array([value(row, metric) for row in rows])
-    levels = [np.unique(values) for values in (x, y)]
-    is_grid = len(rows) > 0 and np.prod([len(level) for level in levels]) <= len(rows)
+def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numbers: Numbers) -> None:
+    (at_x, i), (at_y, j) = (np.unique(values, return_inverse=True) for values in (x, y))
+    levels = (at_x, at_y)
+    is_grid = len(x) > 0 and len(at_x) * len(at_y) <= len(x)
     if is_grid:
-        for i, at_x in enumerate(levels[0]):
-            for j, at_y in enumerate(levels[1]):
-                here = numbers[(x == at_x) & (y == at_y)]
-                if len(here):
-                    _draw_cell(panel, shade, i, j, here)
+        best = np.full((len(at_x), len(at_y)), np.nan)
+        np.fmin.at(best, (i, j), numbers)
+        for cell in np.unique(i * len(at_y) + j).tolist():
+            at = divmod(cell, len(at_y))
+            _draw_cell(panel, shade, *at, best[at])
         for axis, level in zip((panel.xaxis, panel.yaxis), levels, strict=True):
             axis.set_ticks(np.arange(len(level)), [f"{number:.4g}" for number in level])
         panel.tick_params(length=0, labelsize=8)
@@ -134,13 +137,12 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, rows: Sequence[Row], axes: t
     panel.grid()
 
 
-def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, numbers: np.ndarray) -> None:
-    finite = numbers[np.isfinite(numbers)]
-    if len(finite) == 0:
+def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) -> None:
+    if np.isnan(best):
         panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc="#f0f0f0", ec="white"))
         panel.plot(i, j, marker="x", color=FAILED, ms=9, mew=2)
         return
-    r, g, b, _ = color = shade.to_rgba(finite.min())
+    r, g, b, _ = color = shade.to_rgba(best)
     panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=color, ec="white"))
     ink = INK if 0.299 * r + 0.587 * g + 0.114 * b > 0.5 else "white"
-    panel.text(i, j, f"{finite.min():.3g}", ha="center", va="center", color=ink, fontsize=8)
+    panel.text(i, j, f"{best:.3g}", ha="center", va="center", color=ink, fontsize=8)

@@ -1,13 +1,12 @@
 """How likely each claim of the paper is, over the runs that were judged."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig4 import CLAIMS, QUALITY
-from twin.studies.sweep.rows import Row
+from twin.studies.sweep.columns import Columns, once
 from twin.studies.sweep.statistics.distribution import QUANTILES
 
 
@@ -36,21 +35,23 @@ class Likelihood:
         return self.holds / self.judged if self.judged else float("nan")
 
 
-def likelihoods(rows: Sequence[Row]) -> list[Likelihood]:
+@once
+def likelihoods(columns: Columns) -> list[Likelihood]:
     """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
-    asked = [row["claims"] for row in rows if row.get("claims")]
     found = []
     for claim in (*CLAIMS, *QUALITY):
-        answers = [claims[claim.key] for claims in asked if claim.key in claims]
-        if not answers:
+        if f"verdicts/{claim.key}" not in columns.of:
             continue
-        verdicts = [answer["verdict"] for answer in answers]
-        holds, fails = verdicts.count("holds"), verdicts.count("fails")
-        numbers = [np.inf if answer["value"] is None else answer["value"] for answer in answers]
+        verdicts = columns.words(f"verdicts/{claim.key}")
+        numbers = columns.numbers(f"values/{claim.key}")[verdicts.are(lambda verdict: verdict is not None)]
+        if not len(numbers):
+            continue
+        holds, fails = (verdicts.counts.get(verdict, 0) for verdict in ("holds", "fails"))
+        numbers = np.where(np.isnan(numbers), np.inf, numbers)
         # between two runs there may be infinity: a quantile is the number of a run
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
         interval = wilson_interval(holds, holds + fails)
-        trivial = len(verdicts) - holds - fails
+        trivial = len(numbers) - holds - fails
         found.append(Likelihood(claim, holds, holds + fails, trivial, interval, tuple(map(float, quantiles))))
     return found
 
