@@ -22,7 +22,7 @@ LARGEST = 2**32
 """Bytes; a hundred thousand rows with curves take a quarter of it."""
 MOST_RUNS = 20_000_000
 """Of a sweep; statistics have an entry for each of them."""
-AT_ONCE = 10_000
+AT_ONCE = 1_000
 """Rows that are in memory as they are written, which takes ten times as much as their columns."""
 Whole = Annotated[int, Field(ge=-(2**63), lt=2**64)]
 # another version may write more

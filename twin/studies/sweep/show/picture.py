@@ -1,5 +1,6 @@
 """A sweep as a heat map: one metric over two parameters, failures marked."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -9,17 +10,23 @@ from matplotlib.colors import Normalize
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
+from numpy.typing import NDArray
 
 from twin.errors import InputRefused
 from twin.studies.figure import INK, MAP, VERMILION, picture
 from twin.studies.sweep.columns import Numbers
 from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.show.crowd import visible
 from twin.studies.sweep.show.words import short
 from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels, of_drive, parameter, value
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
 FAILED = VERMILION
+MOST_NUMBERS = 10_000
+"""Cells of a grid with a number in each; of more, in none of which one could be read, only the colours are drawn."""
+MOST_TICKS = 100
+"""Levels named along an axis."""
 FAR = 3.0
 """Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
 
@@ -109,26 +116,22 @@ def shown_range(values: Numbers) -> tuple[float, float, str]:
 
 
 def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numbers: Numbers) -> None:
-    (at_x, i), (at_y, j) = (np.unique(values, return_inverse=True) for values in (x, y))
-    levels = (at_x, at_y)
-    is_grid = len(x) > 0 and len(at_x) * len(at_y) <= len(x)
-    if is_grid:
+    at_x, at_y = np.unique(x), np.unique(y)
+    if 0 < len(at_x) * len(at_y) <= len(x):
+        i, j = np.searchsorted(at_x, x), np.searchsorted(at_y, y)
         best = np.full((len(at_x), len(at_y)), np.nan)
         np.fmin.at(best, (i, j), numbers)
-        for cell in np.unique(i * len(at_y) + j).tolist():
-            at = divmod(cell, len(at_y))
-            _draw_cell(panel, shade, *at, best[at])
-        for axis, level in zip((panel.xaxis, panel.yaxis), levels, strict=True):
-            axis.set_ticks(np.arange(len(level)), [f"{number:.4g}" for number in level])
-        panel.tick_params(length=0, labelsize=8)
-        panel.set(xlim=(-0.5, len(levels[0]) - 0.5), ylim=(-0.5, len(levels[1]) - 0.5))
+        _draw_grid(panel, shade, (at_x, at_y), best, np.unique(i * len(at_y) + j))
         return
-    good = np.isfinite(numbers)
+    # several octaves, all positive: a ratio says more than a difference
+    octaves = [len(level) > 1 and level[0] > 0.0 and level[-1] / level[0] >= 4.0 for level in (at_x, at_y)]
+    on_paper = [np.log(along) if is_so else along for along, is_so in zip((x, y), octaves, strict=True)]
+    good, bad = (np.flatnonzero(some) for some in (np.isfinite(numbers), ~np.isfinite(numbers)))
+    good, bad = (some[visible(on_paper[0][some], on_paper[1][some], 1)] for some in (good, bad))
     panel.scatter(x[good], y[good], c=shade.to_rgba(numbers[good]), s=42, ec=INK, lw=0.5)
-    panel.scatter(x[~good], y[~good], marker="x", color=FAILED, s=42, lw=2)
-    for letter, axis, level in zip("xy", (panel.xaxis, panel.yaxis), levels, strict=True):
-        # several octaves, all positive: a ratio says more than a difference
-        if len(level) > 1 and level[0] > 0.0 and level[-1] / level[0] >= 4.0:
+    panel.scatter(x[bad], y[bad], marker="x", color=FAILED, s=42, lw=2)
+    for letter, axis, is_so in zip("xy", (panel.xaxis, panel.yaxis), octaves, strict=True):
+        if is_so:
             panel.set(**{f"{letter}scale": "log"})
             axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
             axis.set_major_formatter(lambda number, position: f"{number:g}")
@@ -137,12 +140,29 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numb
     panel.grid()
 
 
+def _draw_grid(
+    panel: Axes, shade: ScalarMappable, levels: Sequence[Numbers], best: Numbers, cells: NDArray[np.int64]
+) -> None:
+    """The best number of each of the `cells`, by position in the table `best`, that some run is in."""
+    if len(cells) > MOST_NUMBERS:
+        panel.imshow(shade.to_rgba(best.T), origin="lower", aspect="auto", interpolation="nearest")
+    else:
+        for cell in cells.tolist():
+            i, j = divmod(cell, best.shape[1])
+            _draw_cell(panel, shade, i, j, best[i, j])
+    for axis, level in zip((panel.xaxis, panel.yaxis), levels, strict=True):
+        shown = np.arange(0, len(level), -(-len(level) // MOST_TICKS))
+        axis.set_ticks(shown, [f"{number:.4g}" for number in level[shown]])
+    panel.tick_params(length=0, labelsize=8)
+    panel.set(xlim=(-0.5, best.shape[0] - 0.5), ylim=(-0.5, best.shape[1] - 0.5))
+
+
 def _draw_cell(panel: Axes, shade: ScalarMappable, i: int, j: int, best: float) -> None:
     if np.isnan(best):
         panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc="#f0f0f0", ec="white"))
         panel.plot(i, j, marker="x", color=FAILED, ms=9, mew=2)
         return
-    r, g, b, _ = color = shade.to_rgba(best)
+    r, g, b, _ = color = shade.to_rgba(best)  # type: ignore[arg-type]
     panel.add_patch(Rectangle((i - 0.5, j - 0.5), 1, 1, fc=color, ec="white"))
     ink = INK if 0.299 * r + 0.587 * g + 0.114 * b > 0.5 else "white"
     panel.text(i, j, f"{best:.3g}", ha="center", va="center", color=ink, fontsize=8)

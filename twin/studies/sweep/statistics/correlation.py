@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.studies.sweep.columns import Columns, Numbers
+from twin.studies.sweep.columns import Columns, Numbers, once
 from twin.studies.sweep.statistics.ranking import parameter, value
 
 LEAST = 4
@@ -46,12 +46,12 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
     n = int(both.sum())
     if n < LEAST:
         return None
+    x, y = _ranks(x[both]), _ranks_of(columns, metric) if n == np.isfinite(y).sum() else _ranks(y[both])
+    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return None
     # takes a while to import, and most of this package does without
     from scipy.special import stdtr
 
-    x, y = _ranks(x[both]), _ranks(y[both])
-    if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
-        return None
     # ranks less their mean are halves of whole numbers, whose sums are exact: a perfect correlation is exactly 1
     x, y = x - 0.5 * (n + 1), y - 0.5 * (n + 1)
     rho = max(-1.0, min(1.0, float(x @ y) / math.sqrt(float(x @ x) * float(y @ y))))
@@ -61,6 +61,13 @@ def rank_correlation(columns: Columns, label: str, metric: str) -> Correlation |
     half = _NORMAL_95 * math.sqrt((1.0 + 0.5 * rho * rho) / (n - 3))
     t = math.inf if perfect else abs(rho) * math.sqrt((n - 2) / (1.0 - rho * rho))
     return Correlation(rho, math.tanh(z - half), math.tanh(z + half), float(2.0 * stdtr(n - 2, -t)), n)
+
+
+@once
+def _ranks_of(columns: Columns, metric: str) -> Numbers:
+    """Of the runs that have the metric: every parameter is held against it."""
+    numbers = value(columns, metric)
+    return _ranks(numbers[~np.isnan(numbers)])
 
 
 def _ranks(numbers: Numbers) -> Numbers:
