@@ -147,10 +147,10 @@ def _shades(found: Spread) -> str:
 
 def _reasons(kept: KeptRows) -> Part | None:
     reasons: dict[tuple[str, str], list[int]] = {}
-    columns = kept.columns.at(kept.columns.words("status").are(lambda status: status != "done"))
-    for run, status, reason in zip(
-        columns.numbers("run"), columns.words("status"), columns.words("reason"), strict=True
-    ):
+    columns = kept.columns
+    rows = columns.words("status").are(lambda status: status != "done")
+    words = [columns.words(name).at(rows) for name in ("status", "reason")]
+    for run, status, reason in zip(columns.numbers("run")[rows], *words, strict=True):
         reasons.setdefault((status, "".join(reason.splitlines()[:1])), []).append(int(run))
     if not reasons:
         return None

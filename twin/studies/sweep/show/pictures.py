@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.show.bands import draw_bands
 from twin.studies.sweep.show.front import draw_front
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.picture import axes_of, draw_sweep
@@ -27,6 +26,9 @@ def write_pictures(kept: KeptRows, asked: Asked, x: str | None, y: str | None, f
     # curves are in no column
     found = bands(kept.rows) if True in kept.columns.words("has_curves").counts else None
     if found:
+        # takes a while to import, and few sweeps judge claims
+        from twin.studies.sweep.show.bands import draw_bands
+
         files["bands"] = folder / "bands.png"
         draw_bands(found, kept, files["bands"])
     # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map

@@ -29,7 +29,7 @@ def draw_spreads(kept: KeptRows, path: Path) -> None:
             assert found is not None
             for number, drive in enumerate(drives):
                 values = value(columns, metric)[of_drive(columns, drive)]
-                counts, _ = np.histogram(values[~np.isnan(values)], found.edges)
+                counts, _ = np.histogram(values[~np.isnan(values)], len(found.counts), tuple(found.edges[[0, -1]]))
                 # of a million runs only their counts
                 axes.hist(
                     found.edges[:-1], found.edges, weights=counts, color=COLORS[number % len(COLORS)],

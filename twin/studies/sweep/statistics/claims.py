@@ -5,7 +5,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.studies.paper.claim import Claim
-from twin.studies.paper.fig4 import CLAIMS, QUALITY
 from twin.studies.sweep.columns import Columns, once
 from twin.studies.sweep.statistics.distribution import QUANTILES
 
@@ -38,9 +37,15 @@ class Likelihood:
 @once
 def likelihoods(columns: Columns) -> list[Likelihood]:
     """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
+    judged = columns.under("verdicts")
+    if not judged:
+        return []
+    # takes a while to import, and few sweeps judge claims
+    from twin.studies.paper.fig4 import CLAIMS, QUALITY
+
     found = []
     for claim in (*CLAIMS, *QUALITY):
-        if f"verdicts/{claim.key}" not in columns.of:
+        if claim.key not in judged:
             continue
         verdicts = columns.words(f"verdicts/{claim.key}")
         numbers = columns.numbers(f"values/{claim.key}")[verdicts.are(lambda verdict: verdict is not None)]
@@ -61,7 +66,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
     Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
     """
-    # takes a while to import, and few sweeps judge claims
+    # as above
     from scipy.stats import binomtest
 
     if runs == 0:

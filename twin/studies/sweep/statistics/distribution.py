@@ -40,15 +40,15 @@ def spread(columns: Columns, metric: str) -> Spread | None:
     numbers = numbers[~np.isnan(numbers)]
     if len(numbers) == 0:
         return None
-    counts, edges = np.histogram(numbers, _edges(numbers))
+    counts, edges = np.histogram(numbers, *_bins(numbers))
     quantiles = tuple(float(number) for number in np.quantile(numbers, QUANTILES))
     return Spread(metric, numbers, len(columns) - len(numbers), quantiles, tuple(int(count) for count in counts), edges)
 
 
-def _edges(numbers: Numbers) -> Numbers:
-    """Of the bins: neighbouring doubles have nothing between them that twelve bins could share."""
+def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
+    """(bins, range of them all): neighbouring doubles have nothing between them that twelve bins could share."""
     scale = max(1.0, float(np.abs(numbers).max()))
     low, high = float(numbers.min()), float(numbers.max())
     if high - low <= 10.0**-ROUNDING * scale:
-        return np.array([low - 0.5 * scale, high + 0.5 * scale])
-    return np.linspace(low, high, BINS + 1)
+        return 1, (low - 0.5 * scale, high + 0.5 * scale)
+    return BINS, (low, high)

@@ -41,9 +41,10 @@ def rounded(numbers: Numbers) -> Numbers:
     with np.errstate(over="ignore", invalid="ignore"):
         scaled = numbers * 10.0**ROUNDING
         whole = np.rint(scaled)
-        open_ = np.abs(np.abs(scaled - whole) - 0.5) <= np.spacing(np.abs(scaled))
-    found = np.where(np.abs(numbers) < 2.0**13, whole / 10.0**ROUNDING, numbers)
-    doubtful = np.flatnonzero(open_ & (np.abs(numbers) < 2.0**13))
+        near_middle = np.abs(np.abs(scaled - whole) - 0.5) <= 2.0**-52 * np.abs(scaled)
+    coarse = np.abs(numbers) >= 2.0**13
+    found = np.where(coarse, numbers, whole / 10.0**ROUNDING)
+    doubtful = np.flatnonzero(near_middle & ~coarse)
     found[doubtful] = [round(number, ROUNDING) for number in numbers[doubtful].tolist()]
     return found
 
