@@ -42,6 +42,8 @@ def _array(pa: Any, column: Column | None, rows: int) -> Any:
         # a column has one type: numbers stay numbers, anything mixed becomes text
         one = float if kinds == {int, float} else str if len(kinds) > 1 else None
         words = [word if word is None or one is None else one(word) for word in column.words]
+        # a file's name that is no text in UTF-8 may be in a reason
+        words = [word.encode(errors="backslashreplace").decode() if isinstance(word, str) else word for word in words]
         return pa.array(words).take(pa.array(column.codes))
     if column is None or np.isnan(column).all():
         return pa.nulls(rows)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.cm import ScalarMappable
-from matplotlib.colors import Normalize
+from matplotlib.colors import Normalize, to_rgba
 from matplotlib.lines import Line2D
 from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
@@ -23,10 +23,10 @@ from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels, of_
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
 FAILED = VERMILION
-MOST_NUMBERS = 10_000
+MOST_NUMBERS = 2_500
 """Cells of a grid with a number in each; of more, in none of which one could be read, only the colours are drawn."""
-MOST_TICKS = 100
-"""Levels named along an axis."""
+FEW_LEVELS = 10
+"""Named along an axis of so many cells."""
 FAR = 3.0
 """Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
 
@@ -144,15 +144,19 @@ def _draw_grid(
     panel: Axes, shade: ScalarMappable, levels: Sequence[Numbers], best: Numbers, cells: NDArray[np.int64]
 ) -> None:
     """The best number of each of the `cells`, by position in the table `best`, that some run is in."""
-    if len(cells) > MOST_NUMBERS:
-        panel.imshow(shade.to_rgba(best.T), origin="lower", aspect="auto", interpolation="nearest")
+    many = len(cells) > MOST_NUMBERS
+    if many:
+        colours = shade.to_rgba(best)
+        failed = cells[np.isnan(best.ravel()[cells])]
+        colours.reshape(-1, 4)[failed] = to_rgba(FAILED)
+        panel.imshow(colours.swapaxes(0, 1), origin="lower", aspect="auto", interpolation="nearest")
     else:
         for cell in cells.tolist():
             i, j = divmod(cell, best.shape[1])
             _draw_cell(panel, shade, i, j, best[i, j])
     for axis, level in zip((panel.xaxis, panel.yaxis), levels, strict=True):
-        shown = np.arange(0, len(level), -(-len(level) // MOST_TICKS))
-        axis.set_ticks(shown, [f"{number:.4g}" for number in level[shown]])
+        named = np.arange(0, len(level), -(-len(level) // FEW_LEVELS) if many else 1)
+        axis.set_ticks(named, [f"{number:.4g}" for number in level[named]])
     panel.tick_params(length=0, labelsize=8)
     panel.set(xlim=(-0.5, best.shape[0] - 0.5), ylim=(-0.5, best.shape[1] - 0.5))
 
