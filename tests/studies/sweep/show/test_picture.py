@@ -15,7 +15,7 @@ def test_of_a_grid_with_many_cells_those_that_failed_have_the_colour_of_failures
     many = 60
     assert many**2 > MOST_NUMBERS
     rows = [
-        row(1 + i * many + j, {"a": float(i), "b": float(j)}, **({} if i < many // 4 else {"y": 1.0 + j}))
+        row(1 + i * many + j, {"a": float(i), "b": float(j)}, None, "done", **({} if i < many // 4 else {"y": 1.0 + j}))
         for i in range(many)
         for j in range(many)
     ]
