@@ -67,3 +67,19 @@ def test_drives_without_any_number_are_ranked_last_with_no_number():
     scores = drive_ranking(rows_of({"dead": [None, None], "alive": [1.0, 2.0]}), "y")
     assert scores[1].drive == "dead" and math.isnan(scores[1].median) and math.isnan(scores[1].behind)
     assert drive_ranking(rows_of({"dead": [None], "too": [None]}), "y")[0].completed == 0
+
+
+def test_what_the_points_are_changes_no_number():
+    values = {d: np.random.default_rng(ord(d)).normal(5.0, 1.0, 20) for d in "ab"}
+    found = [
+        drive_ranking(
+            columns_of([
+                row(n, {"a": name(float(point)), "b": point % 2 > 0}, drive, y=float(number))
+                for drive, numbers in values.items()
+                for n, (point, number) in enumerate(enumerate(numbers), start=1)
+            ]),
+            "y",
+        )
+        for name in (float, float.__neg__, str)
+    ]  # fmt: skip
+    assert repr(found[0]) == repr(found[1]) == repr(found[2])
