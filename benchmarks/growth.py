@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from statistics import median
 
@@ -23,11 +24,15 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.limits import Limits
 from twin.studies.figure import BLUE, picture
 from twin.studies.lines import markdown
+from twin.studies.sweep.column_file import SUFFIX
 from twin.studies.sweep.definition import short_definition
 from twin.studies.sweep.engine import Job
+from twin.studies.sweep.folder import FACTS
+from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of
 from twin.studies.sweep.pool import Pool
-from twin.writing import write_json, write_text
+from twin.studies.sweep.rows import ROWS, Rows
+from twin.writing import made_folder, write_json, write_text
 
 ROOT = Path(__file__).parents[1]
 EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
@@ -94,6 +99,35 @@ def reported(folder: Path, runs: float) -> float:
     return _twin("report", *copies, "--out", folder.with_name("report.html"))
 
 
+def made_up(folder: Path, runs: int) -> None:
+    """A sweep's folder with so many rows of three drawn parameters, one in a hundred failed, none of them ever run."""
+    labels, metrics = [KEY, "plant.k_s_Nm_per_rad", "plant.eta"], list(METRICS)
+    facts = {"sweep": "made_up", "runs": runs, "design": "random", "drives": [], "labels": labels, "metrics": metrics}
+    write_json(made_folder(folder) / FACTS, facts | {"limits": {}, "configuration": {}})
+    rng = np.random.default_rng(0)
+    with Rows(folder / ROWS) as rows:
+        for first in range(1, runs + 1, 10_000):
+            numbers = rng.normal(5.0, 1.0, (min(10_000, runs + 1 - first), len(labels) + len(metrics))).tolist()
+            batch = []
+            for run, drawn in enumerate(numbers, start=first):
+                measured = dict(zip(metrics, drawn[len(labels) :], strict=True))
+                done, failed = RunFinding("done", "", measured, 0.03, 0.02), failure("drive_1: it crashed")
+                row = {"run": run, "key": f"{run:016x}", "drive": None, "within_limits": None}
+                row["parameters"] = dict(zip(labels, drawn, strict=False))
+                batch.append(row | (done.facts if run % 100 else failed))
+            rows.add(batch)
+
+
+def opened(scratch: Path, runs: float, first: bool) -> float:
+    """Seconds of `twin sweep show` of so many rows, for the `first` time or with the copy that it left."""
+    folder = scratch / f"sweep_{runs:g}"
+    if not folder.exists():
+        made_up(folder, int(runs))
+    if first:
+        (folder / ROWS).with_suffix(SUFFIX).unlink(missing_ok=True)
+    return _twin("sweep", "show", folder)
+
+
 def growths() -> Iterator[Growth]:
     """All of them, as they are measured."""
     fig4 = load_experiment(EXPERIMENT)
@@ -114,6 +148,14 @@ def growths() -> Iterator[Growth]:
         folder = Path(scratch) / "run"
         _twin("run", EXPERIMENT, "--out", folder)
         yield grown("twin report", "runs", [1, 2, 5, 10, 20], lambda runs: reported(folder, runs))
+    yield from openings()
+
+
+def openings() -> Iterator[Growth]:
+    """Those of `twin sweep show`."""
+    with tempfile.TemporaryDirectory() as scratch:
+        for name, first in (("twin sweep show, first time", True), ("twin sweep show, again", False)):
+            yield grown(name, "rows", [1e3, 1e4, 1e5, 1e6], partial(opened, Path(scratch), first=first))
 
 
 def table(found: list[Growth]) -> str:
@@ -127,7 +169,7 @@ def table(found: list[Growth]) -> str:
 
 def draw(found: list[Growth], path: Path) -> None:
     """Seconds over sizes, logarithmic, a panel each; grey is proportional."""
-    with picture(path, 10.0, 3.0) as figure:
+    with picture(path, 2.0 * len(found), 3.0) as figure:
         for axes, one in zip(figure.subplots(1, len(found)), found, strict=True):
             last = one.seconds[-1] / one.sizes[-1]
             axes.loglog(one.sizes, [last * size for size in one.sizes], color="0.8", linewidth=4)

@@ -138,7 +138,7 @@ def sweep_folder(tmp_path: Path) -> Attack:
         (tmp_path / FACTS).write_text(json.dumps(now))
         (tmp_path / ROWS).write_bytes(mutated(content, seed) if seed % 7 == 0 else content)
         found = kept(tmp_path)
-        asked = Asked(usual_metric(found.rows), "lateral_error_mm", 5)
+        asked = Asked(usual_metric(found.columns), "lateral_error_mm", 5)
         bands(found.rows)
         return sweep_text(found, asked), parts(found, asked)
 

@@ -183,20 +183,20 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
             raise
         found = kept(how.out)
         print(
-            f"interrupted; {len(found.rows)} of {found.runs} runs are kept in {how.out}; "
+            f"interrupted; {len(found.columns)} of {found.runs} runs are kept in {how.out}; "
             "the same command runs the others",
             file=sys.stderr,
         )
         raise SystemExit(130) from None
     finally:
         line.clear()
-    found = kept(how.out)
+    found = kept(how.out, how.parquet)
     if how.parquet:
         from twin.studies.sweep.parquet import write_parquet
 
         write_parquet(found, how.out / "rows.parquet")
     _tell(found, how.out, how.by, how.as_json)
-    if not any(row["metrics"] for row in found.rows):
+    if True not in found.columns.words("has_metrics").counts:
         raise SystemExit(1)
 
 
@@ -254,5 +254,5 @@ def _tell(found: "KeptRows", folder: Path, by: str | None, as_json: bool) -> Non
     if as_json:
         print(json_text(as_facts(found)))
         return
-    answer = headline_text(found, by or usual_metric(found.rows))
+    answer = headline_text(found, by or usual_metric(found.columns))
     print(f"{answer}\n  rows  {folder / ROWS}\n  next  {shlex.join(['twin', 'sweep', 'show', str(folder)])}")

@@ -48,7 +48,7 @@ def show(
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
-    found = kept(folder)
+    found = kept(folder, parquet)
     # only for what is there: what draws and reckons takes a second to load
     from twin.studies.paper_figure import for_paper
     from twin.studies.sweep.parquet import write_parquet
@@ -57,8 +57,8 @@ def show(
     from twin.studies.sweep.show.text import sweep_text
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
-    claims = claims_in(found.rows)
-    metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.rows)
+    claims = claims_in(found.columns)
+    metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
     with for_paper(formats or (), columns) as paper:
         files = write_pictures(found, asked, x, y, folder)

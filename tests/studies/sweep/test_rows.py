@@ -8,7 +8,7 @@ import pytest
 from tests.recording.test_output import largest_file
 from tests.studies.sweep.statistics import rows as made_up
 from twin.errors import InputRefused
-from twin.studies.sweep.rows import DiskFailed, Rows, read_rows
+from twin.studies.sweep.rows import DiskFailed, Rows, read_columns, read_rows
 
 
 def row(number: int) -> dict:
@@ -24,7 +24,9 @@ def file(tmp_path: Path) -> Path:
 
 
 def test_what_is_added_is_read_again(file: Path):
-    assert read_rows(file) == ([row(1), row(2), row(3)], file.stat().st_size)
+    assert read_rows(file) == [row(1), row(2), row(3)]
+    columns, end = read_columns(file)
+    assert columns.numbers("run").tolist() == [1, 2, 3] and end == file.stat().st_size
 
 
 def test_a_line_torn_at_any_byte_is_dropped_and_its_run_can_be_added_again(file: Path):
@@ -33,14 +35,19 @@ def test_a_line_torn_at_any_byte_is_dropped_and_its_run_can_be_added_again(file:
     for end in range(begins, len(whole)):
         file.write_bytes(whole[:end])
         with Rows(file) as rows:
-            assert rows.rows == [row(1), row(2)]
+            assert list(rows.before.words("key")) == ["k1", "k2"] and rows.count == 2
             rows.add([row(3)])
         assert file.read_bytes() == whole
 
 
 def test_a_row_that_is_there_twice_counts_once(file: Path):
-    file.write_bytes(file.read_bytes() * 2)
-    assert read_rows(file)[0] == [row(1), row(2), row(3)]
+    content = file.read_bytes()
+    file.write_bytes(content + content.replace(b'"done"', b'"tripped"'))
+    assert read_rows(file) == [row(1), row(2), row(3)]
+    columns, end = read_columns(file)
+    assert list(columns.words("key")) == ["k1", "k2", "k3"] and columns.words("status").counts == {"done": 3}
+    # its bytes are not cut off
+    assert end == file.stat().st_size
 
 
 def test_a_line_that_is_no_row_is_refused_with_its_number(file: Path):
@@ -51,6 +58,15 @@ def test_a_line_that_is_no_row_is_refused_with_its_number(file: Path):
             Rows(file)
 
 
+def test_what_json_of_python_alone_can_read_and_what_another_version_wrote_more_is_a_row(file: Path):
+    # half of a pair of code units: of a file's name that is no text in UTF-8
+    odd = {**row(4), "reason": "no such file: \udce4", "of_another_version": {"a": 1}}
+    with Rows(file) as rows:
+        rows.add([odd])
+    assert read_rows(file)[-1] == odd
+    assert read_columns(file)[0].words("reason")[3] == odd["reason"]
+
+
 @pytest.mark.parametrize("spare", [0, 1, 150])
 def test_a_full_disk_keeps_every_row_before_and_room_lets_it_go_on(file: Path, spare: int):
     before = file.read_bytes()
@@ -59,7 +75,7 @@ def test_a_full_disk_keeps_every_row_before_and_room_lets_it_go_on(file: Path, s
             rows.add([row(4), row(5)])
         assert file.read_bytes() == before
         rows.add([row(4)])
-    assert read_rows(file)[0] == [row(number) for number in range(1, 5)]
+    assert read_rows(file) == [row(number) for number in range(1, 5)]
 
 
 def test_two_sweeps_never_write_to_the_same_file(file: Path):

@@ -79,7 +79,7 @@ def test_rows_do_not_depend_on_order_batches_and_interruptions(
             run_sweep(plan, folder, engine)
         except KeyboardInterrupt:
             assert engine.closed
-    rows_before = len(read_rows(folder / ROWS)[0])
+    rows_before = len(read_rows(folder / ROWS))
     last = Pretender(order, batch)
     run_sweep(plan, folder, last)
     assert len(last.asked) == RUNS - rows_before
@@ -90,7 +90,8 @@ def test_rows_do_not_depend_on_order_batches_and_interruptions(
 def test_a_finished_sweep_runs_nothing_again(plan: Plan, tmp_path: Path):
     run_sweep(plan, tmp_path, Pretender())
     again = Pretender()
-    assert len(run_sweep(plan, tmp_path, again)) == RUNS
+    run_sweep(plan, tmp_path, again)
+    assert len(kept(tmp_path).columns) == RUNS
     assert again.asked == []
 
 
@@ -154,3 +155,13 @@ def test_the_state_counts_runs_failures_and_the_best_so_far(plan: Plan, tmp_path
     assert (states[-1].done, states[-1].total, states[-1].failed) == (RUNS, RUNS, 2)
     assert states[-1].best == ("force_error_N", 500.0, 1)
     assert states[-1].remaining == 0.0
+
+
+def test_of_runs_that_are_equally_good_the_first_is_the_best_whatever_came_first(
+    plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    equal = RunFinding("done", "", {"force_error_N": 1.0}, 0.1, 0.05).facts
+    monkeypatch.setitem(globals(), "facts", lambda task: equal)
+    states: list[State] = []
+    run_sweep(plan, tmp_path, Pretender(range(RUNS)[::-1], 5), show=states.append)
+    assert [state.best and state.best[2] for state in states] == [None, 8, 3, 1]

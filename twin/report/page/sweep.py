@@ -58,7 +58,7 @@ def sweep_page(kept: KeptRows, asked: Asked, pictures: Mapping[str, Path]) -> st
 
 def _subtitle(kept: KeptRows) -> str:
     drives = f" | {', '.join(kept.drives)}" if kept.drives else ""
-    return f"{len(kept.rows)} of {kept.runs} runs | design {kept.design} | varies {', '.join(kept.labels)}{drives}"
+    return f"{len(kept.columns)} of {kept.runs} runs | design {kept.design} | varies {', '.join(kept.labels)}{drives}"
 
 
 def _content(part: Part) -> list[Markup]:

@@ -3,13 +3,16 @@
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from twin.errors import InputRefused
+from twin.studies.sweep.columns import Column, Words
 from twin.studies.sweep.folder import KeptRows
 from twin.writing import written
 
 
 def write_parquet(kept: KeptRows, path: Path) -> None:
-    """Write `kept` to `path`, a line per run in the order of runs: the same rows make the same bytes.
+    """Write `kept`, with keys, to `path`, a line per run in the order of runs: the same rows make the same bytes.
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
     key. What a run has not is null.
@@ -23,20 +26,25 @@ def write_parquet(kept: KeptRows, path: Path) -> None:
         import pyarrow.parquet as pq
     except ImportError:
         raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'twin[parquet]'") from None
-    columns: dict[str, list[Any]] = {name: [row[name] for row in kept.rows] for name in ("run", "drive")}
-    for label in kept.labels:
-        values = [row["parameters"].get(label) for row in kept.rows]
-        kinds = {type(value) for value in values if value is not None}
-        # a column has one type: numbers stay numbers, anything mixed becomes text
-        uniform = kinds <= {int, float} or len(kinds) == 1
-        columns[label] = [value if uniform or value is None else str(value) for value in values]
-    columns |= {metric: [row["metrics"].get(metric) for row in kept.rows] for metric in kept.metrics}
-    for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key"):
-        columns[name] = [row[name] for row in kept.rows]
+    columns = kept.columns
+    table = {"run": pa.array(columns.numbers("run").astype(int))}
+    named = [("drive", "drive"), *((label, f"parameters/{label}") for label in kept.labels)]
+    named += [(metric, f"metrics/{metric}") for metric in kept.metrics]
+    named += [(name, name) for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key")]
+    table |= {title: _array(pa, columns.of.get(name), len(columns)) for title, name in named}
     with written(path) as beside:
-        pq.write_table(pa.table({name: _array(pa, values) for name, values in columns.items()}), beside)
+        pq.write_table(pa.table(table), beside)
 
 
-def _array(pa: Any, values: list[Any]) -> Any:
-    floats = any(isinstance(value, float) for value in values)
-    return pa.array([float(v) if floats and v is not None else v for v in values])
+def _array(pa: Any, column: Column | None, rows: int) -> Any:
+    if isinstance(column, Words):
+        kinds = {type(word) for word in column.words if word is not None}
+        # a column has one type: numbers stay numbers, anything mixed becomes text
+        one = float if kinds == {int, float} else str if len(kinds) > 1 else None
+        words = [word if word is None or one is None else one(word) for word in column.words]
+        # a file's name that is no text in UTF-8 may be in a reason
+        words = [word.encode(errors="backslashreplace").decode() if isinstance(word, str) else word for word in words]
+        return pa.array(words).take(pa.array(column.codes))
+    if column is None or np.isnan(column).all():
+        return pa.nulls(rows)
+    return pa.array(column, from_pandas=True)

@@ -2,48 +2,60 @@
 
 import json
 import os
+from collections.abc import Iterator
+from itertools import islice
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, NotRequired
 
-from pydantic import BaseModel, ConfigDict, Field
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, TypeAdapter, ValidationError, with_config
+
+# pydantic takes no other before Python 3.12
+from typing_extensions import TypedDict
 
 from twin.errors import ComponentFailed, InputRefused, disk_refusals
-from twin.files import read_bytes
+from twin.files import open_regular
+from twin.studies.sweep.columns import Columns, Row, columns_of, joined
 
 ROWS = "rows.jsonl"
 LARGEST = 2**32
 """Bytes; a hundred thousand rows with curves take a quarter of it."""
-Row = dict[str, Any]
 MOST_RUNS = 20_000_000
 """Of a sweep; statistics have an entry for each of them."""
+AT_ONCE = 1_000
+"""Rows that are in memory as they are written, which takes ten times as much as their columns."""
 Whole = Annotated[int, Field(ge=-(2**63), lt=2**64)]
+# another version may write more
+_LOOSE = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
 
 
 class Shape(BaseModel):
     """What a file of a sweep's folder looks like; whatever else somebody made of it is refused."""
 
-    # another version may write more
-    model_config = ConfigDict(extra="ignore", strict=True, allow_inf_nan=False)
+    model_config = _LOOSE
 
 
-class ClaimShape(Shape):
+@with_config(_LOOSE)
+class ClaimShape(TypedDict):
     """What a run said to a claim."""
 
     verdict: str
     value: float | None
 
 
-class CurvesShape(Shape):
+@with_config(_LOOSE)
+class CurvesShape(TypedDict):
     """What `twin.studies.sweep.curves.packed` makes; a run without any has an empty table."""
 
-    period_s: float = Field(0.04, gt=0, le=1e6)
-    of: dict[str, str] = Field(default_factory=dict)
+    period_s: NotRequired[Annotated[float, Field(gt=0, le=1e6)]]
+    of: NotRequired[dict[str, str]]
 
 
-class RowShape(Shape):
+@with_config(_LOOSE)
+class RowShape(TypedDict):
     """A line of rows.jsonl."""
 
-    run: int = Field(ge=1, le=MOST_RUNS)
+    run: Annotated[int, Field(ge=1, le=MOST_RUNS)]
     key: str
     drive: str | None
     parameters: dict[str, bool | Whole | float | str]
@@ -53,18 +65,34 @@ class RowShape(Shape):
     within_limits: bool | None
     seconds: float | None
     stepping_s: float | None
-    claims: dict[str, ClaimShape] = Field(default_factory=dict)
-    curves: CurvesShape | None = None
+    claims: NotRequired[dict[str, ClaimShape]]
+    curves: NotRequired[CurvesShape | None]
+
+
+_ROW: TypeAdapter[Any] = TypeAdapter(RowShape)
 
 
 def parsed(text: str | bytes, shape: type[BaseModel]) -> dict[str, Any] | None:
     """What the JSON in `text` says if it is of `shape`; None if not."""
+    return _checked(text, TypeAdapter(shape))
+
+
+def _checked(text: str | bytes, shape: TypeAdapter[Any]) -> dict[str, Any] | None:
     try:
         found = json.loads(text)
-        shape.model_validate(found)
+        shape.validate_python(found)
     # pydantic's ValidationError is a ValueError, too
     except (ValueError, RecursionError):
         return None
+    return found
+
+
+def _row(line: bytes) -> Row | None:
+    """The row in `line`; half of what the standard library takes, which knows texts that no other parser does."""
+    try:
+        found: Row = _ROW.validate_json(line)
+    except ValidationError:
+        return _checked(line, _ROW)
     return found
 
 
@@ -72,32 +100,59 @@ class DiskFailed(ComponentFailed):
     """A row could not be written; those before are kept."""
 
 
-def read_rows(path: Path) -> tuple[list[Row], int]:
-    """(whole rows of the file at `path`, bytes that they take up); what a power cut tore off after them is left out.
+def read_rows(path: Path) -> list[Row]:
+    """Whole rows of the file at `path`, oldest first, each with all that is in it; of two with a key the first.
+
+    Raises:
+        InputRefused: as `read_columns`.
+    """
+    rows: dict[str, Row] = {}
+    for row, line, _ in _each(path):
+        rows.setdefault(row["key"], json.loads(line))
+    return list(rows.values())
+
+
+def read_columns(path: Path) -> tuple[Columns, int]:
+    """(whole rows of the file at `path`, oldest first, of two with a key the first; bytes that they take up).
+
+    What a power cut tore off after them is left out.
 
     Raises:
         InputRefused: it cannot be read, or a line in it is none of ours.
     """
+    parts, end, each = [], 0, _each(path)
+    while some := list(islice(each, AT_ONCE)):
+        parts.append(columns_of([row for row, _, _ in some]))
+        end = some[-1][-1]
+    found = joined(parts or [columns_of([])])
+    _, first = np.unique(found.words("key").codes, return_index=True)
+    return (found if len(first) == len(found) else found.at(np.sort(first))), end
+
+
+def _each(path: Path) -> Iterator[tuple[Row, bytes, int]]:
+    """(row, its line, bytes up to its end) of every whole line of the file at `path`; nothing if there is no file."""
     if not os.path.lexists(path):
-        return [], 0
-    content = read_bytes(path, LARGEST)
-    end = content.rfind(b"\n") + 1
-    rows: dict[str, Row] = {}
-    for number, line in enumerate(content[:end].splitlines(), start=1):
-        row = parsed(line, RowShape)
-        if row is None:
-            raise InputRefused(
-                f"{path}: line {number} is no row of a sweep; remove the line, its run is then done again"
-            )
-        rows.setdefault(row["key"], row)
-    return list(rows.values()), end
+        return
+    end = 0
+    with open_regular(path, LARGEST) as file, disk_refusals(path, "cannot be read", InputRefused):
+        for number, line in enumerate(file, start=1):
+            if not line.endswith(b"\n"):
+                return
+            row = _row(line)
+            if row is None:
+                raise InputRefused(
+                    f"{path}: line {number} is no row of a sweep; remove the line, its run is then done again"
+                )
+            end += len(line)
+            yield row, line, end
 
 
 class Rows:
     """The file at `path`, open for more rows; a context manager. One process at a time has it.
 
     Attributes:
-        rows: all of them, oldest first.
+        before: rows that were in it when it was opened, oldest first.
+        count: rows that are in it now.
 
     Raises:
         InputRefused: it cannot be opened, is no file of rows, or another sweep writes to it.
@@ -112,7 +167,7 @@ class Rows:
             self._fd = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND, 0o644)
         try:
             fcntl.flock(self._fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            self.rows, self._end = read_rows(path)
+            self.before, self._end = read_columns(path)
         except BlockingIOError:
             os.close(self._fd)
             raise InputRefused(f"{path}: another twin sweep is writing there; wait for it, or choose --out") from None
@@ -120,6 +175,7 @@ class Rows:
             os.close(self._fd)
             raise
         os.ftruncate(self._fd, self._end)
+        self.count = len(self.before)
 
     def __enter__(self) -> "Rows":
         return self
@@ -134,7 +190,7 @@ class Rows:
             DiskFailed: no space, or worse; nothing of the batch is in the file then.
         """
         content = b"".join(json.dumps(row, allow_nan=False).encode() + b"\n" for row in batch)
-        kept = f"{len(self.rows)} finished runs are kept. Make room, then give the same command to go on"
+        kept = f"{self.count} finished runs are kept. Make room, then give the same command to go on"
         with disk_refusals(self.path, kind=DiskFailed, remedy=kept):
             try:
                 rest = memoryview(content)
@@ -145,4 +201,4 @@ class Rows:
                 os.ftruncate(self._fd, self._end)
                 raise
         self._end += len(content)
-        self.rows += batch
+        self.count += len(batch)

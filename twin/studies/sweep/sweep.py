@@ -1,7 +1,7 @@
 """A sweep run: what is not finished yet is run, and every row is kept as it comes."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from twin.runs.guard.limits import Limits
+from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.folder import claim
 from twin.studies.sweep.interrupt import remembered
@@ -16,7 +17,7 @@ from twin.studies.sweep.measures import within
 from twin.studies.sweep.plan import Plan, Task
 from twin.studies.sweep.pool import Pool
 from twin.studies.sweep.reset import refuse_unproved
-from twin.studies.sweep.rows import ROWS, Row, Rows
+from twin.studies.sweep.rows import ROWS, Rows
 from twin.studies.sweep.statistics import USUAL_METRICS, best, value
 
 RECORDINGS = "runs"
@@ -59,8 +60,8 @@ def run_sweep(
     record: str = "none",
     limits: Limits = Limits(),  # noqa: B008, it is frozen
     show: Callable[[State], None] = lambda state: None,
-) -> list[Row]:
-    """Run what of `plan` has no row in `folder` yet; every row of it.
+) -> None:
+    """Run what of `plan` has no row in `folder` yet.
 
     Args:
         engine: who runs them.
@@ -76,9 +77,9 @@ def run_sweep(
     refuse_unproved(plan, limits)
     claim(folder, plan)
     with Rows(folder / ROWS) as rows:
-        finished = {row["key"] for row in rows.rows}
+        finished = {*rows.before.words("key").words}
         tasks = [task for task in plan.tasks if task.key not in finished]
-        tally = _Tally(len(plan.tasks), rows.rows)
+        tally = _Tally(len(plan.tasks), rows.before)
         show(tally.state)
         if tasks:
             job = _job(plan, folder, record, limits)
@@ -87,34 +88,35 @@ def run_sweep(
                 for batch in batches:
                     fresh = [_row(plan, task, facts) for task, facts in batch]
                     rows.add(fresh)
-                    tally.take(fresh)
+                    tally.take(columns_of(fresh))
                     show(tally.state)
                     raise_if_pressed()
-        return rows.rows
 
 
 class _Tally:
     """Keeps up with rows, a batch at a time: to look at all of them after each would take ever longer."""
 
-    def __init__(self, total: int, rows: Sequence[Row]):
-        self._total, self._before, self._began = total, len(rows), time.monotonic()
+    def __init__(self, total: int, before: Columns):
+        self._total, self._before, self._began = total, len(before), time.monotonic()
         self._done = self._failed = 0
-        self._best: dict[str, Row] = {}
-        self.take(rows)
+        self._best: dict[str, tuple[float, int]] = {}
+        self.take(before)
 
-    def take(self, rows: Sequence[Row]) -> None:
-        self._done += len(rows)
-        self._failed += sum(not row["metrics"] for row in rows)
+    def take(self, columns: Columns) -> None:
+        self._done += len(columns)
+        self._failed += columns.words("has_metrics").counts.get(False, 0)
+        # of the same value the first run
+        columns = columns.by_run()
         for metric in USUAL_METRICS:
-            for row in best([*filter(None, [self._best.get(metric)]), *rows], metric)[:1]:
-                self._best[metric] = row
+            for row in best(columns, metric)[:1]:
+                found = float(value(columns, metric)[row]), columns.run(row)
+                self._best[metric] = min(found, self._best.get(metric, found))
 
     @property
     def state(self) -> State:
-        rows = [(metric, self._best[metric]) for metric in USUAL_METRICS if metric in self._best]
-        found = [(metric, value(row, metric), row["run"]) for metric, row in rows]
+        found = next(((metric, *self._best[metric]) for metric in USUAL_METRICS if metric in self._best), None)
         elapsed = time.monotonic() - self._began
-        return State(self._done, self._total, self._failed, self._before, elapsed, found[0] if found else None)
+        return State(self._done, self._total, self._failed, self._before, elapsed, found)
 
 
 @dataclass(frozen=True)

@@ -4,8 +4,8 @@ import numpy as np
 
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.studies.lines import WIDTH
+from twin.studies.sweep.columns import Row
 from twin.studies.sweep.design import saltelli_cube
-from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.parts import Asked, headline, parts
 from twin.studies.sweep.show.text import sweep_text
 from twin.studies.sweep.show.words import interval, number, short

@@ -2,8 +2,8 @@
 
 from typing import Any
 
+from twin.studies.sweep.columns import Row, columns_of
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.rows import Row
 
 
 def row(run: int, parameters: dict[str, Any], drive: str | None = None, status: str = "done", **metrics: Any) -> Row:
@@ -28,4 +28,5 @@ def kept(rows: list[Row], **facts: Any) -> KeptRows:
     drives = tuple(drive for drive in dict.fromkeys(one["drive"] for one in rows) if drive)
     metrics = tuple(dict.fromkeys(metric for one in rows for metric in one["metrics"]))
     usual = {"name": "made_up", "runs": len(rows), "design": "random", "drives": drives, "labels": labels}
-    return KeptRows(**{**usual, "metrics": metrics, "limits": {}, "rows": rows, **facts})
+    read = {"columns": columns_of(rows).by_run(), "read": lambda: rows}
+    return KeptRows(**{**usual, "metrics": metrics, "limits": {}, **read, **facts})

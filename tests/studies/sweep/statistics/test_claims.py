@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.statistics.rows import row
+from twin.studies.sweep.columns import columns_of
 from twin.studies.sweep.curves import packed
 from twin.studies.sweep.statistics.bands import bands
 from twin.studies.sweep.statistics.claims import likelihoods
@@ -23,24 +24,24 @@ def test_only_judged_runs_count_and_the_trivial_and_the_failed_are_told_apart():
         judged(4, 5.6, "trivial"),
         row(5, {}),
     ]
-    (found,) = likelihoods(rows)
+    (found,) = likelihoods(columns_of(rows))
     assert (found.holds, found.judged, found.trivial) == (2, 3, 1)
     assert found.share == pytest.approx(2 / 3)
     assert found.interval[0] < 2 / 3 < found.interval[1]
 
 
 def test_what_never_happens_is_infinitely_late():
-    (found,) = likelihoods([judged(1, None, "fails"), judged(2, 5.6, "holds"), judged(3, 5.7, "holds")])
+    (found,) = likelihoods(columns_of([judged(1, None, "fails"), judged(2, 5.6, "holds"), judged(3, 5.7, "holds")]))
     assert found.quantiles[-1] == math.inf and found.quantiles[2] == 5.7
 
 
 def test_a_claim_that_is_always_trivial_has_no_probability():
-    (found,) = likelihoods([judged(1, 0.0, "trivial")])
+    (found,) = likelihoods(columns_of([judged(1, 0.0, "trivial")]))
     assert math.isnan(found.share) and found.interval == (0.0, 1.0)
 
 
 def test_a_claim_that_holds_in_all_of_a_few_runs_is_no_certainty():
-    (found,) = likelihoods([judged(number, 5.6, "holds") for number in range(20)])
+    (found,) = likelihoods(columns_of([judged(number, 5.6, "holds") for number in range(20)]))
     # 20 of 20: Wilson's lower end is 1 / (1 + 1.96^2 / 20)
     assert found.interval == pytest.approx((1.0 / (1.0 + 1.959964**2 / 20), 1.0), abs=1e-6)
 
@@ -55,4 +56,4 @@ def test_bands_are_quantiles_over_runs_at_each_time():
 
 
 def test_without_claims_there_are_no_likelihoods_and_no_bands():
-    assert likelihoods([row(1, {}, y=1.0)]) == [] and bands([row(1, {}, y=1.0)]) is None
+    assert likelihoods(columns_of([row(1, {}, y=1.0)])) == [] and bands([row(1, {}, y=1.0)]) is None

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from scipy.stats import spearmanr
 
 from tests.studies.sweep.statistics.rows import row
+from twin.studies.sweep.columns import columns_of
 from twin.studies.sweep.show.sensitivity import starred
 from twin.studies.sweep.statistics.correlation import Correlation, rank_correlation
 
@@ -23,7 +24,7 @@ def rows_of(pairs) -> list:
 
 @given(NUMBERS)
 def test_rho_and_p_are_scipys_ties_included(pairs: list[tuple[int, int]]):
-    found = rank_correlation(rows_of(pairs), "a", "y")
+    found = rank_correlation(columns_of(rows_of(pairs)), "a", "y")
     x, y = np.array(pairs, float).T
     if np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         assert found is None
@@ -38,7 +39,7 @@ def test_rho_and_p_are_scipys_ties_included(pairs: list[tuple[int, int]]):
 
 
 def test_any_rising_relation_is_a_perfect_correlation():
-    found = rank_correlation(rows_of([(x, np.exp(0.1 * x)) for x in range(10)]), "a", "y")
+    found = rank_correlation(columns_of(rows_of([(x, np.exp(0.1 * x)) for x in range(10)])), "a", "y")
     assert found == Correlation(1.0, 1.0, 1.0, 0.0, 10)
 
 
@@ -49,7 +50,7 @@ def test_the_interval_holds_the_true_correlation_in_95_percent_of_samples():
     for _ in range(400):
         x = rng.standard_normal(40)
         y = r * x + np.sqrt(1.0 - r * r) * rng.standard_normal(40)
-        found = rank_correlation(rows_of(zip(x, y, strict=True)), "a", "y")
+        found = rank_correlation(columns_of(rows_of(zip(x, y, strict=True))), "a", "y")
         held += found is not None and found.low <= true_rho <= found.high
     # three standard deviations of a share of 400 are 0.033
     assert held / 400 == pytest.approx(0.95, abs=0.033)
@@ -58,7 +59,7 @@ def test_the_interval_holds_the_true_correlation_in_95_percent_of_samples():
 def test_the_interval_is_bonett_and_wrights():
     """n = 10 and one pair exchanged, rho = 1 - 6 * 2 / 990: tanh(atanh(rho) -+ 1.96 sqrt((1 + rho^2/2) / 7))."""
     order = [1, 2, 3, 4, 6, 5, 7, 8, 9, 10]
-    found = rank_correlation(rows_of(enumerate(order)), "a", "y")
+    found = rank_correlation(columns_of(rows_of(enumerate(order))), "a", "y")
     assert found is not None
     rho = Fraction(163, 165)
     z = 0.5 * math.log((1 + rho) / (1 - rho))
@@ -71,7 +72,7 @@ def test_the_interval_is_bonett_and_wrights():
 
 def test_runs_without_the_number_are_left_out_and_too_few_say_nothing():
     rows = [*rows_of([(1, 1), (2, 2), (3, 3)]), row(4, {"a": 4.0}), row(5, {"a": "text"}, y=1.0)]
-    assert rank_correlation(rows, "a", "y") is None
+    assert rank_correlation(columns_of(rows), "a", "y") is None
 
 
 def test_a_star_needs_more_the_more_parameters_are_asked_for():

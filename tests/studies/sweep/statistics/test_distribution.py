@@ -8,6 +8,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from tests.studies.sweep.statistics.rows import row
+from twin.studies.sweep.columns import columns_of
 from twin.studies.sweep.statistics.distribution import BINS, spread
 
 
@@ -17,7 +18,7 @@ from twin.studies.sweep.statistics.distribution import BINS, spread
 @example([0.0, 5e-12], 0)
 def test_every_run_is_in_a_bin_or_counted_as_missing(numbers: list[float], failed: int):
     rows = [row(n, {}, y=number) for n, number in enumerate(numbers)] + [row(100 + n, {}) for n in range(failed)]
-    found = spread(rows, "y")
+    found = spread(columns_of(rows), "y")
     assert found is not None
     assert sum(found.counts) == len(numbers) and found.missing == failed
     # a metric has 12 decimals, and a double near 1,000 as many
@@ -33,4 +34,4 @@ def test_every_run_is_in_a_bin_or_counted_as_missing(numbers: list[float], faile
 
 
 def test_a_metric_that_no_run_has_is_not_spread():
-    assert spread([row(1, {})], "y") is None
+    assert spread(columns_of([row(1, {})]), "y") is None

@@ -7,17 +7,17 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.statistics.rows import row
-from twin.studies.sweep.rows import Row
+from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.statistics.drives import drive_ranking
 
 
-def rows_of(values: dict[str, list[float | None]]) -> list:
+def rows_of(values: dict[str, list[float | None]]) -> Columns:
     rows: list[Row] = []
     for drive, numbers in values.items():
         for point, number in enumerate(numbers):
             metrics: dict[str, Any] = {} if number is None else {"y": number}
             rows.append(row(len(rows) + 1, {"a": float(point)}, drive, **metrics))
-    return rows
+    return columns_of(rows)
 
 
 def test_a_small_difference_at_every_point_is_told_from_a_large_spread_over_points():
@@ -59,11 +59,27 @@ def test_points_that_one_drive_has_not_run_yet_are_not_resampled():
 
 
 def test_the_same_rows_give_the_same_intervals():
-    rows = rows_of({d: list(np.random.default_rng(ord(d)).normal(5.0, 1.0, 20)) for d in "abc"})
-    assert repr(drive_ranking(rows, "y")) == repr(drive_ranking(rows, "y"))
+    values: dict[str, list[float | None]] = {d: list(np.random.default_rng(ord(d)).normal(5.0, 1.0, 20)) for d in "abc"}
+    assert repr(drive_ranking(rows_of(values), "y")) == repr(drive_ranking(rows_of(values), "y"))
 
 
 def test_drives_without_any_number_are_ranked_last_with_no_number():
     scores = drive_ranking(rows_of({"dead": [None, None], "alive": [1.0, 2.0]}), "y")
     assert scores[1].drive == "dead" and math.isnan(scores[1].median) and math.isnan(scores[1].behind)
     assert drive_ranking(rows_of({"dead": [None], "too": [None]}), "y")[0].completed == 0
+
+
+def test_what_the_points_are_changes_no_number():
+    values = {d: np.random.default_rng(ord(d)).normal(5.0, 1.0, 20) for d in "ab"}
+    found = [
+        drive_ranking(
+            columns_of([
+                row(n, {"a": name(float(point)), "b": point % 2 > 0}, drive, y=float(number))
+                for drive, numbers in values.items()
+                for n, (point, number) in enumerate(enumerate(numbers), start=1)
+            ]),
+            "y",
+        )
+        for name in (float, float.__neg__, str)
+    ]  # fmt: skip
+    assert repr(found[0]) == repr(found[1]) == repr(found[2])

@@ -5,6 +5,7 @@ import pytest
 from scipy.stats import sobol_indices as scipys
 
 from tests.studies.sweep.statistics.rows import row
+from twin.studies.sweep.columns import columns_of
 from twin.studies.sweep.design import saltelli_cube
 from twin.studies.sweep.statistics.sobol_indices import LEAST_BLOCKS, estimates, sobol_indices
 
@@ -29,7 +30,7 @@ def ishigami_rows(blocks: int, drive: str | None = None, first: int = 1) -> list
 
 def test_ishigamis_indices_are_found():
     rows = ishigami_rows(2048)
-    found = sobol_indices(rows, LABELS, len(rows), "y")
+    found = sobol_indices(columns_of(rows), LABELS, len(rows), "y")
     assert found.blocks == found.planned == 2048 and not found.remark
     # the error of the estimate falls with the root of the blocks; at 2048 it is below 0.03 in each index
     assert [index.first for index in found.of] == pytest.approx(FIRST, abs=0.03)
@@ -37,7 +38,7 @@ def test_ishigamis_indices_are_found():
 
 
 def test_intervals_hold_the_true_indices_and_narrow_with_the_root_of_the_blocks():
-    few, many = (sobol_indices(ishigami_rows(n), LABELS, 5 * n, "y").of for n in (256, 1024))
+    few, many = (sobol_indices(columns_of(ishigami_rows(n)), LABELS, 5 * n, "y").of for n in (256, 1024))
     for index, first, total in zip(many, FIRST, TOTAL, strict=True):
         # 95 % intervals of six numbers may miss one by a little; here none by more than 0.02
         assert index.first_interval[0] - 0.02 <= first <= index.first_interval[1] + 0.02
@@ -59,7 +60,7 @@ def test_estimates_are_scipys():
 def test_a_constant_added_to_the_metric_changes_no_index():
     rows = ishigami_rows(64)
     lifted = [{**one, "metrics": {"y": one["metrics"]["y"] + 1000.0}} for one in rows]
-    plain, high = (sobol_indices(some, LABELS, len(rows), "y").of for some in (rows, lifted))
+    plain, high = (sobol_indices(columns_of(some), LABELS, len(rows), "y").of for some in (rows, lifted))
     # 1000 takes 7 of the 16 digits of squares
     assert [i.first for i in high] == pytest.approx([i.first for i in plain], abs=1e-8)
 
@@ -68,17 +69,17 @@ def test_a_failed_run_costs_its_block_only_and_is_counted():
     rows = ishigami_rows(64)
     without = [one for one in rows if not 11 <= one["run"] <= 15]
     rows[12] = row(13, rows[12]["parameters"])
-    found = sobol_indices(rows, LABELS, len(rows), "y")
+    found = sobol_indices(columns_of(rows), LABELS, len(rows), "y")
     assert (found.blocks, found.planned) == (63, 64)
     assert found.remark.startswith("1 of 64 blocks left out")
-    assert found.of == sobol_indices(without, LABELS, len(rows), "y").of
+    assert found.of == sobol_indices(columns_of(without), LABELS, len(rows), "y").of
 
 
 def test_indices_of_the_second_drive_are_those_of_the_first_where_both_do_the_same():
     one, other = ishigami_rows(16, "one"), ishigami_rows(16, "other", first=81)
     # its first row is not there yet, so its first block is not whole
-    found = sobol_indices(other[1:], LABELS, 80, "y")
-    assert found.blocks == 15 and found.of == sobol_indices(one[5:], LABELS, 80, "y").of
+    found = sobol_indices(columns_of(other[1:]), LABELS, 80, "y")
+    assert found.blocks == 15 and found.of == sobol_indices(columns_of(one[5:]), LABELS, 80, "y").of
 
 
 def test_intervals_are_as_wide_as_estimates_scatter():
@@ -86,7 +87,7 @@ def test_intervals_are_as_wide_as_estimates_scatter():
         draws = np.random.default_rng(seed).uniform(-np.pi, np.pi, (2, 64, 3))
         blocks = np.stack([draws[0], draws[1], *(np.where(np.arange(3) == i, draws[1], draws[0]) for i in range(3))], 1)
         rows = [row(n, {}, y=float(value)) for n, value in enumerate(ishigami(blocks).ravel(), start=1)]
-        index = sobol_indices(rows, LABELS, len(rows), "y").of[1]
+        index = sobol_indices(columns_of(rows), LABELS, len(rows), "y").of[1]
         return index.total, index.total_interval[1] - index.total_interval[0]
 
     totals, widths = np.array([found(seed) for seed in range(24)]).T
@@ -95,11 +96,11 @@ def test_intervals_are_as_wide_as_estimates_scatter():
 
 
 def test_too_few_blocks_and_a_constant_metric_give_a_reason_instead_of_numbers():
-    assert "needs 8" in sobol_indices(ishigami_rows(LEAST_BLOCKS // 2), LABELS, 20, "y").remark
+    assert "needs 8" in sobol_indices(columns_of(ishigami_rows(LEAST_BLOCKS // 2)), LABELS, 20, "y").remark
     flat = [{**one, "metrics": {"y": 2.0}} for one in ishigami_rows(8)]
-    assert sobol_indices(flat, LABELS, 40, "y").remark == "y does not vary"
-    assert sobol_indices([], LABELS, 40, "y").of == ()
+    assert sobol_indices(columns_of(flat), LABELS, 40, "y").remark == "y does not vary"
+    assert sobol_indices(columns_of([]), LABELS, 40, "y").of == ()
 
 
 def test_runs_that_make_no_whole_blocks_are_not_guessed_at():
-    assert "draw with another seed" in sobol_indices(ishigami_rows(8)[:-1], LABELS, 39, "y").remark
+    assert "draw with another seed" in sobol_indices(columns_of(ishigami_rows(8)[:-1]), LABELS, 39, "y").remark

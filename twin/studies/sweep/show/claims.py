@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+import numpy as np
+
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.table import Part
 from twin.studies.sweep.show.words import interval, number
@@ -27,7 +29,7 @@ def least_sure(found: Sequence[Likelihood]) -> str:
 
 def claims_part(kept: KeptRows) -> Part | None:
     """Each claim with the probability that it holds; None if none was asked for."""
-    found = likelihoods(kept.rows)
+    found = likelihoods(kept.columns)
     if not found:
         return None
     head = ["claim", "holds in", "P, 95 %", "expected", "median", "5 to 95 %"]
@@ -42,10 +44,12 @@ def claims_part(kept: KeptRows) -> Part | None:
         ]
         for one in found
     ]
-    judged = sum(bool(row.get("claims")) for row in kept.rows)
+    columns = kept.columns
+    verdicts = (columns.words(name) for name in columns.under("verdicts").values())
+    judged = int(np.any([one.are(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
     remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
-    if missing := len(kept.rows) - judged:
-        remarks.append(f"{missing} of {len(kept.rows)} runs came to no end and are not judged: reasons below")
+    if missing := len(columns) - judged:
+        remarks.append(f"{missing} of {len(columns)} runs came to no end and are not judged: reasons below")
     remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]
     return Part(
         "claims",

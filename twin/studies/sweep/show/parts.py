@@ -1,14 +1,12 @@
 """What a sweep came to, part by part: a table each, which becomes text or a page."""
 
 import math
-from collections import Counter
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 from twin.errors import plain
 from twin.studies.lines import counted
+from twin.studies.sweep.columns import Positions
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.claims import claims_part, least_sure
 from twin.studies.sweep.show.sensitivity import sensitivity_parts
 from twin.studies.sweep.show.table import Part
@@ -55,59 +53,60 @@ def parts(kept: KeptRows, asked: Asked) -> list[Part]:
 
 def headline(kept: KeptRows, by: str) -> str:
     """`NAME  20 runs: least force_error_N 0.31 (run 12); 2 failed`."""
-    begun = "" if len(kept.rows) == kept.runs else f"{len(kept.rows)} of "
+    columns = kept.columns
+    begun = "" if len(columns) == kept.runs else f"{len(columns)} of "
     text = f"{kept.name}  {begun}{counted(kept.runs, 'run')}"
-    ranked = best(kept.rows, by)
-    if found := likelihoods(kept.rows):
+    ranked = best(columns, by)
+    if found := likelihoods(columns):
         text += f": {least_sure(found)}"
-    elif ranked:
-        text += f": least {by} {value(ranked[0], by):.3g} (run {ranked[0]['run']})"
-    elif kept.rows:
+    elif len(ranked):
+        text += f": least {by} {value(columns, by)[ranked[0]]:.3g} (run {columns.run(ranked[0])})"
+    elif len(columns):
         text += ": none with " + by + (" keeps the limits" if kept.limits else "")
-    statuses = Counter(row["status"] for row in kept.rows if row["status"] != "done")
-    told = [f"{count} {status}" for status, count in sorted(statuses.items())]
+    statuses = columns.words("status").counts
+    told = [f"{count} {status}" for status, count in sorted(statuses.items()) if status != "done"]
     if kept.limits:
-        told.append(f"{sum(row['within_limits'] is True for row in kept.rows)} within limits")
+        told.append(f"{columns.words('within_limits').counts.get(True, 0)} within limits")
     return text + "".join(f"; {one}" for one in told)
 
 
 def _best(kept: KeptRows, asked: Asked) -> Part | None:
-    ranked = best(kept.rows, asked.by)
+    ranked = best(kept.columns, asked.by)
     head, rows = _runs(kept, ranked[: asked.top], asked)
-    return Part("best", f"best runs by {asked.by}", head, rows) if ranked else None
+    return Part("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
 
 
 def _front(kept: KeptRows, asked: Asked) -> Part | None:
-    front = pareto_front(kept.rows, asked.by, asked.against)
-    if not front or asked.by == asked.against:
+    front = pareto_front(kept.columns, asked.by, asked.against)
+    if not len(front) or asked.by == asked.against:
         return None
     head, rows = _runs(kept, front[:MOST_OF_FRONT], asked)
     more = [f"and {len(front) - MOST_OF_FRONT} more"] if len(front) > MOST_OF_FRONT else []
-    ranked = len(best(kept.rows, asked.by))
+    ranked = len(best(kept.columns, asked.by))
     title = f"Pareto front of {asked.by} and {asked.against}: {counted(len(front), 'run')} of {ranked}"
     return Part("front", title, head, rows, more)
 
 
-def _runs(kept: KeptRows, rows: Sequence[Row], asked: Asked) -> tuple[list[str], list[list[str]]]:
-    names = short(kept.labels)
+def _runs(kept: KeptRows, rows: Positions, asked: Asked) -> tuple[list[str], list[list[str]]]:
+    columns, names = kept.columns, short(kept.labels)
     metrics = list(dict.fromkeys((asked.by, asked.against)))
     several = len(kept.drives) > 1
     head = ["run", *metrics, *(["drive"] if several else []), *(names[label] for label in kept.labels)]
     return head, [
         [
-            str(row["run"]),
-            *(number(value(row, metric)) for metric in metrics),
-            *([row["drive"] or ""] if several else []),
-            *(shown(row["parameters"].get(label)) for label in kept.labels),
+            str(columns.run(row)),
+            *(number(value(columns, metric)[row]) for metric in metrics),
+            *([columns.words("drive")[row] or ""] if several else []),
+            *(shown(columns.of.get(f"parameters/{label}"), row) for label in kept.labels),
         ]
         for row in rows
     ]
 
 
 def _drives(kept: KeptRows, asked: Asked) -> Part | None:
-    if len(drives_in(kept.rows)) < 2:
+    if len(drives_in(kept.columns)) < 2:
         return None
-    scores = drive_ranking(kept.rows, asked.by)
+    scores = drive_ranking(kept.columns, asked.by)
     head = ["drive", "completed", "median", "worst", "behind, 95 %", "first, P"]
     rows = [
         [
@@ -129,8 +128,8 @@ def _drives(kept: KeptRows, asked: Asked) -> Part | None:
 
 
 def _distributions(kept: KeptRows) -> Part | None:
-    spreads = [found for metric in metrics_in(kept.rows) if (found := spread(kept.rows, metric))]
-    if not spreads or len(kept.rows) < 2:
+    spreads = [found for metric in metrics_in(kept.columns) if (found := spread(kept.columns, metric))]
+    if not spreads or len(kept.columns) < 2:
         return None
     head = ["metric", *(f"{100 * share:g} %" for share in QUANTILES), SKETCH, "missing"]
     rows = [
@@ -148,9 +147,11 @@ def _shades(found: Spread) -> str:
 
 def _reasons(kept: KeptRows) -> Part | None:
     reasons: dict[tuple[str, str], list[int]] = {}
-    for row in kept.rows:
-        if row["status"] != "done":
-            reasons.setdefault((row["status"], "".join(row["reason"].splitlines()[:1])), []).append(row["run"])
+    columns = kept.columns
+    rows = columns.words("status").are(lambda status: status != "done")
+    words = [columns.words(name).at(rows) for name in ("status", "reason")]
+    for run, status, reason in zip(columns.numbers("run")[rows], *words, strict=True):
+        reasons.setdefault((status, "".join(reason.splitlines()[:1])), []).append(int(run))
     if not reasons:
         return None
     most_first = sorted(reasons.items(), key=lambda item: -len(item[1]))

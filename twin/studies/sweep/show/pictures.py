@@ -3,7 +3,6 @@
 from pathlib import Path
 
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.show.bands import draw_bands
 from twin.studies.sweep.show.front import draw_front
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.picture import axes_of, draw_sweep
@@ -24,18 +23,22 @@ def write_pictures(kept: KeptRows, asked: Asked, x: str | None, y: str | None, f
     """
     files: dict[str, Path] = {}
     axes = axes_of(kept, x, y)
-    found = bands(kept.rows)
+    # curves are in no column
+    found = bands(kept.rows) if True in kept.columns.words("has_curves").counts else None
     if found:
+        # takes a while to import, and few sweeps judge claims
+        from twin.studies.sweep.show.bands import draw_bands
+
         files["bands"] = folder / "bands.png"
         draw_bands(found, kept, files["bands"])
     # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map
     if axes and (not found or x or y):
         files["map"] = folder / "map.png"
         draw_sweep(kept, axes, asked.by, files["map"])
-    if not found and len(pareto_front(kept.rows, asked.by, asked.against)) > 1:
+    if not found and len(pareto_front(kept.columns, asked.by, asked.against)) > 1:
         files["front"] = folder / "front.png"
         draw_front(kept, asked, files["front"])
-    if len(kept.rows) > 1 and metrics_in(kept.rows):
+    if len(kept.columns) > 1 and metrics_in(kept.columns):
         files["metrics"] = folder / "metrics.png"
         draw_spreads(kept, files["metrics"])
     return files

@@ -3,12 +3,12 @@
 from dataclasses import replace
 
 from twin.studies.lines import counted
+from twin.studies.sweep.columns import Columns
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.rows import Row
 from twin.studies.sweep.show.table import Part
 from twin.studies.sweep.show.words import interval, short
 from twin.studies.sweep.statistics.correlation import FEW, Correlation, rank_correlation
-from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels
+from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels, of_drive
 from twin.studies.sweep.statistics.sobol_indices import sobol_indices, why_no_indices
 
 WIDE = 0.3
@@ -20,11 +20,11 @@ SURE = 0.05
 def sensitivity_parts(kept: KeptRows, metric: str) -> list[Part]:
     """For each drive by itself: what moves one drive need not move another."""
     found: list[Part | None] = []
-    drives = drives_in(kept.rows)
+    drives = drives_in(kept.columns)
     for drive in drives:
-        rows = [row for row in kept.rows if row["drive"] == drive]
+        columns = kept.columns if len(drives) == 1 else kept.columns.at(of_drive(kept.columns, drive))
         of = f", {drive}" if len(drives) > 1 else ""
-        found += [_correlations(kept, rows, metric, of), _indices(kept, rows, metric, of)]
+        found += [_correlations(kept, columns, metric, of), _indices(kept, columns, metric, of)]
     parts = [part for part in found if part is not None]
     if parts and (why := why_no_indices(kept.design)):
         parts[-1] = replace(parts[-1], remarks=[*parts[-1].remarks, why])
@@ -45,12 +45,12 @@ def starred(correlations: dict[str, Correlation]) -> set[str]:
     return stars
 
 
-def _correlations(kept: KeptRows, rows: list[Row], metric: str, of: str) -> Part | None:
+def _correlations(kept: KeptRows, columns: Columns, metric: str, of: str) -> Part | None:
     names = short(kept.labels)
     found = {
         label: correlation
-        for label in numeric_labels(kept.labels, rows)
-        if (correlation := rank_correlation(rows, label, metric))
+        for label in numeric_labels(kept.labels, columns)
+        if (correlation := rank_correlation(columns, label, metric))
     }
     if not found:
         return None
@@ -72,10 +72,10 @@ def _correlations(kept: KeptRows, rows: list[Row], metric: str, of: str) -> Part
     return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
 
 
-def _indices(kept: KeptRows, rows: list[Row], metric: str, of: str) -> Part | None:
+def _indices(kept: KeptRows, columns: Columns, metric: str, of: str) -> Part | None:
     if kept.design != "saltelli":
         return None
-    found = sobol_indices(rows, kept.labels, kept.runs // max(1, len(kept.drives)), metric)
+    found = sobol_indices(columns, kept.labels, kept.runs // max(1, len(kept.drives)), metric)
     title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
     remarks = [found.remark] if found.remark else []
     if not found.of:

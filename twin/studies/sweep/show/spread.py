@@ -8,7 +8,7 @@ from twin.studies.figure import BARE, INK, picture
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.front import COLORS
 from twin.studies.sweep.statistics.distribution import spread
-from twin.studies.sweep.statistics.ranking import drives_in, metrics_in, value
+from twin.studies.sweep.statistics.ranking import drives_in, metrics_in, of_drive, value
 
 COLUMNS = 3
 
@@ -19,17 +19,20 @@ def draw_spreads(kept: KeptRows, path: Path) -> None:
     Raises:
         NotWritten: the disk refuses.
     """
-    metrics, drives = metrics_in(kept.rows), drives_in(kept.rows)
+    columns = kept.columns
+    metrics, drives = metrics_in(columns), drives_in(columns)
     lines = -(-len(metrics) // COLUMNS)
     with picture(path, 11, 0.8 + 2.3 * lines, look=BARE) as figure:
         panels = figure.subplots(lines, COLUMNS, squeeze=False).ravel()
         for axes, metric in zip(panels, metrics, strict=False):
-            found = spread(kept.rows, metric)
+            found = spread(columns, metric)
             assert found is not None
             for number, drive in enumerate(drives):
-                values = np.array([value(row, metric) for row in kept.rows if row["drive"] == drive])
+                values = value(columns, metric)[of_drive(columns, drive)]
+                counts, _ = np.histogram(values[~np.isnan(values)], len(found.counts), tuple(found.edges[[0, -1]]))
+                # of a million runs only their counts
                 axes.hist(
-                    values[np.isfinite(values)], found.edges, color=COLORS[number % len(COLORS)],
+                    found.edges[:-1], found.edges, weights=counts, color=COLORS[number % len(COLORS)],
                     histtype="stepfilled" if len(drives) == 1 else "step", lw=1.6, label=drive,
                 )  # fmt: skip
             axes.axvline(found.quantiles[2], color=INK, lw=1.0, ls="--")
@@ -40,4 +43,4 @@ def draw_spreads(kept: KeptRows, path: Path) -> None:
         if len(drives) > 1:
             handles, labels = panels[0].get_legend_handles_labels()
             figure.legend(handles, labels, loc="outside lower center", ncols=min(5, len(drives)))
-        figure.suptitle(f"{kept.name}: {len(kept.rows)} runs; dashed: median", x=0.01, ha="left", fontsize=10)
+        figure.suptitle(f"{kept.name}: {len(columns)} runs; dashed: median", x=0.01, ha="left", fontsize=10)

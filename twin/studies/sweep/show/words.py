@@ -3,6 +3,8 @@
 import math
 from collections.abc import Sequence
 
+from twin.studies.sweep.columns import Column
+
 
 def short(labels: Sequence[str]) -> dict[str, str]:
     """Each label by as few of its last parts as tell it from the others; a number never stands alone."""
@@ -32,8 +34,9 @@ def interval(ends: tuple[float, float], form: str = ".2f") -> str:
     return "-" if math.isnan(low) or math.isnan(high) else f"{low:{form}} .. {high:{form}}"
 
 
-def shown(parameter: object) -> str:
-    """A parameter's value; `-` if the run does not have it."""
-    if parameter is None:
+def shown(parameters: Column | None, row: int) -> str:
+    """The value of a parameter in a row; `-` if the run does not have it."""
+    parameter = None if parameters is None else parameters[row]
+    if parameter is None or parameter != parameter:
         return "-"
     return f"{parameter:.4g}" if isinstance(parameter, float) else str(parameter)

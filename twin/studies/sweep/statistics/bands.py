@@ -7,8 +7,9 @@ import numpy as np
 
 from twin.errors import InputRefused
 from twin.studies.metrics.response import Curve
+from twin.studies.sweep.columns import Row
 from twin.studies.sweep.curves import unpacked
-from twin.studies.sweep.rows import ROWS, Row
+from twin.studies.sweep.rows import ROWS
 from twin.studies.sweep.statistics.distribution import QUANTILES
 
 

@@ -1,13 +1,11 @@
 """How likely each claim of the paper is, over the runs that were judged."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from twin.studies.paper.claim import Claim
-from twin.studies.paper.fig4 import CLAIMS, QUALITY
-from twin.studies.sweep.rows import Row
+from twin.studies.sweep.columns import Columns, once
 from twin.studies.sweep.statistics.distribution import QUANTILES
 
 
@@ -36,21 +34,29 @@ class Likelihood:
         return self.holds / self.judged if self.judged else float("nan")
 
 
-def likelihoods(rows: Sequence[Row]) -> list[Likelihood]:
+@once
+def likelihoods(columns: Columns) -> list[Likelihood]:
     """Every claim that some run was asked for, in the order of the paper; runs that failed are not among the judged."""
-    asked = [row["claims"] for row in rows if row.get("claims")]
+    judged = columns.under("verdicts")
+    if not judged:
+        return []
+    # takes a while to import, and few sweeps judge claims
+    from twin.studies.paper.fig4 import CLAIMS, QUALITY
+
     found = []
     for claim in (*CLAIMS, *QUALITY):
-        answers = [claims[claim.key] for claims in asked if claim.key in claims]
-        if not answers:
+        if claim.key not in judged:
             continue
-        verdicts = [answer["verdict"] for answer in answers]
-        holds, fails = verdicts.count("holds"), verdicts.count("fails")
-        numbers = [np.inf if answer["value"] is None else answer["value"] for answer in answers]
+        verdicts = columns.words(f"verdicts/{claim.key}")
+        numbers = columns.numbers(f"values/{claim.key}")[verdicts.are(lambda verdict: verdict is not None)]
+        if not len(numbers):
+            continue
+        holds, fails = (verdicts.counts.get(verdict, 0) for verdict in ("holds", "fails"))
+        numbers = np.where(np.isnan(numbers), np.inf, numbers)
         # between two runs there may be infinity: a quantile is the number of a run
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
         interval = wilson_interval(holds, holds + fails)
-        trivial = len(verdicts) - holds - fails
+        trivial = len(numbers) - holds - fails
         found.append(Likelihood(claim, holds, holds + fails, trivial, interval, tuple(map(float, quantiles))))
     return found
 
@@ -60,7 +66,7 @@ def wilson_interval(successes: int, runs: int) -> tuple[float, float]:
 
     Source: Wilson (1927); recommended for small numbers by Brown, Cai and DasGupta (2001).
     """
-    # takes a while to import, and few sweeps judge claims
+    # as above
     from scipy.stats import binomtest
 
     if runs == 0:

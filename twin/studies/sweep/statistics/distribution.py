@@ -1,13 +1,10 @@
 """How a metric is spread over the runs."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twin.studies.sweep.rows import Row
+from twin.studies.sweep.columns import Columns, Numbers, once
 from twin.studies.sweep.statistics.ranking import ROUNDING, value
 
 QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
@@ -29,27 +26,29 @@ class Spread:
     """
 
     metric: str
-    numbers: NDArray[np.float64]
+    numbers: Numbers
     missing: int
     quantiles: tuple[float, ...]
     counts: tuple[int, ...]
-    edges: NDArray[np.float64]
+    edges: Numbers
 
 
-def spread(rows: Sequence[Row], metric: str) -> Spread | None:
+@once
+def spread(columns: Columns, metric: str) -> Spread | None:
     """Over all finished runs, limits kept or not; None if none has the metric."""
-    numbers = np.array([number for row in rows if not math.isnan(number := value(row, metric))])
+    numbers = value(columns, metric)
+    numbers = numbers[~np.isnan(numbers)]
     if len(numbers) == 0:
         return None
-    counts, edges = np.histogram(numbers, _edges(numbers))
+    counts, edges = np.histogram(numbers, *_bins(numbers))
     quantiles = tuple(float(number) for number in np.quantile(numbers, QUANTILES))
-    return Spread(metric, numbers, len(rows) - len(numbers), quantiles, tuple(int(count) for count in counts), edges)
+    return Spread(metric, numbers, len(columns) - len(numbers), quantiles, tuple(int(count) for count in counts), edges)
 
 
-def _edges(numbers: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Of the bins: neighbouring doubles have nothing between them that twelve bins could share."""
+def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
+    """(bins, range of them all): neighbouring doubles have nothing between them that twelve bins could share."""
     scale = max(1.0, float(np.abs(numbers).max()))
     low, high = float(numbers.min()), float(numbers.max())
     if high - low <= 10.0**-ROUNDING * scale:
-        return np.array([low - 0.5 * scale, high + 0.5 * scale])
-    return np.linspace(low, high, BINS + 1)
+        return 1, (low - 0.5 * scale, high + 0.5 * scale)
+    return BINS, (low, high)

@@ -1,17 +1,16 @@
 """Which drive is best, how sure that is, and which ones the runs cannot tell apart."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.studies.sweep.rows import Row
-from twin.studies.sweep.statistics.ranking import drives_in, value
+from twin.studies.sweep.columns import Columns, Numbers, Words
+from twin.studies.sweep.statistics.ranking import drives_in, of_drive, value
 
 RESAMPLES = 2000
-Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -44,7 +43,7 @@ class DriveScore:
         return low > 0.0 or high < 0.0
 
 
-def drive_ranking(rows: Sequence[Row], metric: str) -> list[DriveScore]:
+def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
     """Drives: those that completed most first, then by median of the metric.
 
     A drive that fails where another is slow must not look better for it, so completed runs count before the median.
@@ -53,49 +52,60 @@ def drive_ranking(rows: Sequence[Row], metric: str) -> list[DriveScore]:
     well or badly, are resampled (percentile bootstrap: Efron and Tibshirani 1993, 13.3); the same rows give the same
     intervals.
     """
-    drives = drives_in(rows)
-    mine = {drive: [row for row in rows if row["drive"] == drive] for drive in drives}
-    table = _at_shared_points(rows, drives, metric)
-    own = [
-        np.array([number for row in mine[drive] if not math.isnan(number := _done(row, metric))]) for drive in drives
-    ]
-    ranks = [(-len(numbers) / len(mine[drive]), _median(numbers)) for drive, numbers in zip(drives, own, strict=True)]
+    drives = drives_in(columns)
+    mine = [of_drive(columns, drive) for drive in drives]
+    done = _done(columns, metric)
+    own = [done[is_mine & ~np.isnan(done)] for is_mine in mine]
+    runs = [int(is_mine.sum()) for is_mine in mine]
+    table = _at_shared_points(columns, mine, done)
+    ranks = [(-len(numbers) / n, _median(numbers)) for n, numbers in zip(runs, own, strict=True)]
     order = sorted(range(len(drives)), key=lambda d: (ranks[d][0], math.isnan(ranks[d][1]), ranks[d][1]))
-    picks = np.random.default_rng(0).integers(max(1, table.shape[1]), size=(RESAMPLES, table.shape[1]))
-    chances = _chances(table, picks)
+    chances = _chances(table)
     scores = []
     for d in order:
         behind = (math.nan, (math.nan, math.nan)) if d == order[0] else _behind(table[d] - table[order[0]])
         worst = float(own[d].max()) if len(own[d]) else math.nan
         name = drives[d] or ""
-        scores.append(
-            DriveScore(name, len(mine[drives[d]]), len(own[d]), ranks[d][1], worst, *behind, float(chances[d]))
-        )
+        scores.append(DriveScore(name, runs[d], len(own[d]), ranks[d][1], worst, *behind, float(chances[d])))
     return scores
 
 
-def _at_shared_points(rows: Sequence[Row], drives: Sequence[str | None], metric: str) -> Numbers:
+def _at_shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
     """The metric, (drives, points), at the points that every drive has finished; nan: not completed."""
-    at_point: dict[str, dict[str | None, float]] = {}
-    for row in rows:
-        at_point.setdefault(repr(sorted(row["parameters"].items())), {})[row["drive"]] = _done(row, metric)
-    shared = [[found[drive] for drive in drives] for found in at_point.values() if len(found) == len(drives)]
-    return np.array(shared).reshape(-1, len(drives)).T
+    point = np.zeros(len(columns), np.intp)
+    for name in columns.under("parameters").values():
+        column = columns.of[name]
+        # bit by bit: a parameter that is not there is one, too
+        _, codes = np.unique(column.codes if isinstance(column, Words) else column.view(np.int64), return_inverse=True)
+        _, first, point = np.unique(point * (1 + codes.max()) + codes, return_index=True, return_inverse=True)
+        # in the order of rows
+        point = np.argsort(np.argsort(first))[point]
+    table, finished = (np.full((len(mine), 1 + point.max()), nothing) for nothing in (np.nan, False))
+    for d, is_mine in enumerate(mine):
+        table[d, point[is_mine]], finished[d, point[is_mine]] = done[is_mine], True
+    shared: Numbers = table[:, finished.all(axis=0)]
+    return shared
 
 
-def _chances(table: Numbers, picks: NDArray[np.int64]) -> Numbers:
+def _resampled(points: int) -> Iterator[NDArray[np.int64]]:
+    """So many points drawn from as many, anew each time: one at a time, as all together need not fit in memory."""
+    rng = np.random.default_rng(0)
+    return (rng.integers(max(1, points), size=points) for _ in range(RESAMPLES))
+
+
+def _chances(table: Numbers) -> Numbers:
     """How often each drive ranks first over resampled points, (drives,); a tie is shared."""
     if table.shape[1] == 0:
         return np.full(len(table), np.nan)
     first = np.zeros(len(table))
-    for pick in picks:
+    for pick in _resampled(table.shape[1]):
         drawn = table[:, pick]
         completed = np.isfinite(drawn).sum(axis=1)
         medians = np.array([_median(numbers[np.isfinite(numbers)]) for numbers in drawn])
         medians[completed < completed.max()] = np.inf
         leaders = medians == medians.min() if completed.max() else np.ones(len(table), bool)
         first += leaders / leaders.sum()
-    return first / len(picks)
+    return first / RESAMPLES
 
 
 def _behind(differences: Numbers) -> tuple[float, tuple[float, float]]:
@@ -103,8 +113,7 @@ def _behind(differences: Numbers) -> tuple[float, tuple[float, float]]:
     known = differences[np.isfinite(differences)]
     if len(known) == 0:
         return math.nan, (math.nan, math.nan)
-    picks = np.random.default_rng(0).integers(len(known), size=(RESAMPLES, len(known)))
-    low, high = np.percentile(np.median(known[picks], axis=1), [2.5, 97.5])
+    low, high = np.percentile([np.median(known[pick]) for pick in _resampled(len(known))], [2.5, 97.5])
     return float(np.median(known)), (float(low), float(high))
 
 
@@ -112,6 +121,6 @@ def _median(numbers: Numbers) -> float:
     return float(np.median(numbers)) if len(numbers) else math.nan
 
 
-def _done(row: Row, metric: str) -> float:
-    """The number of a run that came to its end without a trip."""
-    return value(row, metric) if row["status"] == "done" else math.nan
+def _done(columns: Columns, metric: str) -> Numbers:
+    """The numbers of runs that came to their end without a trip."""
+    return np.where(columns.words("status").are(lambda status: status == "done"), value(columns, metric), np.nan)

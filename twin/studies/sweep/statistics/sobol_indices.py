@@ -4,14 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from twin.studies.sweep.rows import Row
+from twin.studies.sweep.columns import Columns, Numbers
 from twin.studies.sweep.statistics.ranking import value
 
 RESAMPLES = 1000
 LEAST_BLOCKS = 8
-Numbers = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
@@ -46,7 +44,7 @@ class Indices:
     planned: int
 
 
-def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric: str) -> Indices:
+def sobol_indices(columns: Columns, labels: Sequence[str], runs: int, metric: str) -> Indices:
     """Indices of every parameter, of one drive's rows in a design = "saltelli".
 
     Args:
@@ -61,15 +59,15 @@ def sobol_indices(rows: Sequence[Row], labels: Sequence[str], runs: int, metric:
     if runs % width:
         # two runs that came out equal are planned once, and then nothing says which block a run belongs to
         return Indices((), f"{runs} runs are no whole blocks of {width}; draw with another seed", 0, planned)
-    first = min((row["run"] for row in rows), default=1)
+    run = columns.numbers("run").astype(int)
+    first = int(run.min()) if len(run) else 1
     # rows may be missing, their drive's first one too: blocks of all drives are equally many
     start = first - (first - 1) % runs
+    block, place = np.divmod(run - start, width)
+    # of another drive, somebody has changed the rows
+    inside = (block >= 0) & (block < planned)
     blocks = np.full((planned, width), np.nan)
-    for row in rows:
-        block, place = divmod(row["run"] - start, width)
-        # of another drive, somebody has changed the rows
-        if 0 <= block < planned:
-            blocks[block, place] = value(row, metric)
+    blocks[block[inside], place[inside]] = value(columns, metric)[inside]
     whole = blocks[np.isfinite(blocks).all(axis=1)]
     if len(whole) < LEAST_BLOCKS:
         return Indices((), f"{len(whole)} whole blocks of {width} runs; needs {LEAST_BLOCKS}", len(whole), planned)
