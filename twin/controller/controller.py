@@ -24,6 +24,7 @@ INPUTS = (
     Port("F_ee_B", 3, "N", "estimated force by the robot on the environment"),
 )
 OMEGA_REF = Port("omega_ref", 3, "rad/s", "commanded motor speeds")
+SHARE = Port("share", 1, "1", "of the motor speeds commanded in the call before, what an energy tank has passed on")
 OUTPUTS = (
     OMEGA_REF,
     Port("p_ref_B", 3, "m", "pre-defined reference position"),
@@ -109,6 +110,22 @@ def force_correction(law, pid, e, h):
     return -min(max(u, -law.dp_z_max), law.dp_z_max)
 
 
+@njit(cache=True, error_model="numpy")
+def follow_passed(pid, z, share, h):
+    """Let the integral go to where the share of the last command leads that an energy tank has passed on.
+
+    What does not get through winds up nothing: back-calculation within half of the integral's own time kp/ki (Åström
+    and Hägglund 2006, Advanced PID Control, Sec. 3.5). A way back up is never held back.
+
+    Args:
+        pid: the force loop.
+        z: what the position loop was off by in the call before (m); negative: it was told to go down.
+        share: of that command.
+    """
+    if share < 1.0 and pid.started and z < 0.0 and pid.ki > 0.0:
+        pid.integral += (1.0 - share) * min(2.0 * pid.ki * h / pid.kp, 1.0) * z
+
+
 @njit(cache=True)
 def motor_speeds(law, pids, J, p_B, p_cmd_B, lead, h, omega_ref):
     """omega_ref (3,) of the position loop from `p_B` to `p_cmd_B` (3,), m, plus feed-forward `lead` (3,), rad/s.
@@ -144,22 +161,42 @@ def control(m, t, h, u, y, shift):
     y.triggered, y.F_z, y.F_z_ref = m.triggered, m.F_z, m.law.F_z_ref
 
 
+@njit(cache=True, inline="always")
+def adaptive_control(m, t, h, u, y):
+    """A call of the law with all that comes before and after it."""
+    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
+    for i in range(3):
+        m.lead[i] = m.law.N * u.J[3 * i + 2] * m.adaptive.v_shift
+    control(m, t, h, u, y, m.adaptive.shift)
+    tell(m.adaptive, m.force, m.triggered, y)
+
+
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+
+
 @step_function(MEMORY, INPUTS, OUTPUTS)
 def step(m, t, h, u, y):
     control(m, t, h, u, y, 0.0)
     return 0
 
 
-ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+@step_function(MEMORY, (*INPUTS, SHARE), OUTPUTS)
+def tank_step(m, t, h, u, y):
+    follow_passed(m.force, m.position[2].error, u.share, h)
+    control(m, t, h, u, y, 0.0)
+    return 0
 
 
 @step_function(ADAPTIVE_MEMORY, INPUTS, (*OUTPUTS, *ADAPTIVE_OUTPUTS))
 def adaptive_step(m, t, h, u, y):
-    adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.law.F_z_ref)
-    for i in range(3):
-        m.lead[i] = m.law.N * u.J[3 * i + 2] * m.adaptive.v_shift
-    control(m, t, h, u, y, m.adaptive.shift)
-    tell(m.adaptive, m.force, m.triggered, y)
+    adaptive_control(m, t, h, u, y)
+    return 0
+
+
+@step_function(ADAPTIVE_MEMORY, (*INPUTS, SHARE), (*OUTPUTS, *ADAPTIVE_OUTPUTS))
+def adaptive_tank_step(m, t, h, u, y):
+    follow_passed(m.force, m.position[2].error, u.share, h)
+    adaptive_control(m, t, h, u, y)
     return 0
 
 
@@ -172,6 +209,7 @@ class Controller(NativeComponent):
         times, points: way points of the reference, (n,) s ascending and (n, 3) m.
         period: in ticks.
         adapting: what it does besides; None: nothing.
+        tank: whether an energy tank stands behind it, and tells what it passes on.
     """
 
     def __init__(
@@ -183,6 +221,7 @@ class Controller(NativeComponent):
         points: Sequence[Sequence[float]],
         period: int = 1,
         adapting: Adapting | None = None,
+        tank: bool = False,
     ):
         times_, points_ = np.array(times, dtype=float), np.array(points, dtype=float)
         memory = memory_of(
@@ -190,12 +229,13 @@ class Controller(NativeComponent):
         )
         memory["way_points"] = len(times_)
         kept = {"times": times_, "points": points_}
-        chosen = step
+        inputs: tuple[Port, ...] = (*INPUTS, SHARE) if tank else INPUTS
         outputs: tuple[Port, ...] = OUTPUTS
+        chosen = tank_step if tank else step
         if adapting:
-            chosen, outputs = adaptive_step, (*OUTPUTS, *ADAPTIVE_OUTPUTS)
+            outputs, chosen = (*OUTPUTS, *ADAPTIVE_OUTPUTS), adaptive_tank_step if tank else adaptive_step
             kept |= adapting.fill(memory["adaptive"][0])
-        super().__init__("controller", INPUTS, outputs, True, chosen, memory, period=period, pointers=kept)
+        super().__init__("controller", inputs, outputs, True, chosen, memory, period=period, pointers=kept)
 
 
 NEVER = math.inf

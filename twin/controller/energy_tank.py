@@ -18,12 +18,14 @@ late tells nothing of the energy that goes meanwhile: the motors stand still unt
 import math
 from typing import NamedTuple
 
+import numpy as np
+
 from twin.compiled.function import njit
 from twin.controller.controller import OMEGA_REF
 from twin.controller.feed_forward import load_torques
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
-from twin.cosim.port import Port
+from twin.cosim.port import Port, by_port, width
 from twin.cosim.record import memory_of, record, record_of
 
 INPUTS = (
@@ -108,6 +110,12 @@ def _given_way(tau, omega_ref, passed):
     return left / asked
 
 
+@njit(cache=True)
+def _retreats(omega_ref, F, touch):
+    """Whether all motors are told to turn up and none pulls at anything: what lies below gets nothing by that."""
+    return omega_ref[0] <= 0.0 and omega_ref[1] <= 0.0 and omega_ref[2] <= 0.0 and F[2] < touch
+
+
 @step_function(MEMORY, INPUTS, OUTPUTS)
 def step(m, t, h, u, y):
     tank = m.tank
@@ -142,10 +150,12 @@ def step(m, t, h, u, y):
     on = COASTING * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
     left, told = m.level - stored - coasting, m.age <= tank.late
-    share = passed_on(left, tank.horizon, power, force) if told else 0.0
+    share = 0.0
+    if told:
+        share = 1.0 if _retreats(u.omega_ref, m.F, tank.touch) else passed_on(left, tank.horizon, power, force)
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
-    if told and left < 0.0 < force and power * power + 2.0 * force * left <= 0.0:
+    if told and share < 1.0 and left < 0.0 < force and power * power + 2.0 * force * left <= 0.0:
         share = _given_way(m.tau, u.omega_ref, y.omega_ref)
     for i in range(3):
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
@@ -163,4 +173,7 @@ class EnergyTank(NativeComponent):
 
     def __init__(self, tank: Tank, period: int = 1):
         memory = memory_of(MEMORY, tank=tuple(tank), level=tank.size)
-        super().__init__("tank", INPUTS, OUTPUTS, True, step, memory, period=period)
+        # the controller is told of the call before, and before the first one nothing is held back
+        first = np.zeros(width(OUTPUTS))
+        by_port(OUTPUTS, first)["share"][:] = 1.0
+        super().__init__("tank", INPUTS, OUTPUTS, True, step, memory, first, period=period)

@@ -13,7 +13,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
 from twin.controller.controller import INPUTS as ESTIMATES
-from twin.controller.controller import LAW, OUTPUTS, Law, force_correction, motor_speeds
+from twin.controller.controller import LAW, OUTPUTS, SHARE, Law, follow_passed, force_correction, motor_speeds
 from twin.controller.damping import DAMPER, Damping, damp, damper
 from twin.controller.feed_forward import FEED_FORWARD, FeedForward, friction_force, load_torques
 from twin.controller.machine import MACHINE, walk
@@ -123,17 +123,9 @@ def control(m, t, h, u, y, shift, v_shift):
     y.task, y.phase = phase.task, phase.kind
 
 
-@step_function(MEMORY, TASK_INPUTS, TASK_OUTPUTS)
-def step(m, t, h, u, y):
-    control(m, t, h, u, y, 0.0, 0.0)
-    return 0
-
-
-ADAPTIVE_MEMORY = with_adaptive(MEMORY)
-
-
-@step_function(ADAPTIVE_MEMORY, TASK_INPUTS, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
-def adaptive_step(m, t, h, u, y):
+@njit(cache=True, inline="always")
+def adaptive_control(m, t, h, u, y):
+    """A call with all that comes before and after it."""
     adapt(m.adaptive, m.gain_table, m.force, h, u.p_B[2], -u.F_ee_B[2], u.J, m.machine.F_ref)
     if m.adaptive.taps.share > 0.0 and m.machine.index >= 0:
         phases = carray(_phases_at(m.phases), m.count)
@@ -142,6 +134,34 @@ def adaptive_step(m, t, h, u, y):
         )
     control(m, t, h, u, y, m.adaptive.shift, m.adaptive.v_shift)
     tell(m.adaptive, m.force, y.triggered, y)
+
+
+ADAPTIVE_MEMORY = with_adaptive(MEMORY)
+
+
+@step_function(MEMORY, TASK_INPUTS, TASK_OUTPUTS)
+def step(m, t, h, u, y):
+    control(m, t, h, u, y, 0.0, 0.0)
+    return 0
+
+
+@step_function(MEMORY, (*TASK_INPUTS, SHARE), TASK_OUTPUTS)
+def tank_step(m, t, h, u, y):
+    follow_passed(m.force, m.position[2].error, u.share, h)
+    control(m, t, h, u, y, 0.0, 0.0)
+    return 0
+
+
+@step_function(ADAPTIVE_MEMORY, TASK_INPUTS, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
+def adaptive_step(m, t, h, u, y):
+    adaptive_control(m, t, h, u, y)
+    return 0
+
+
+@step_function(ADAPTIVE_MEMORY, (*TASK_INPUTS, SHARE), (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS))
+def adaptive_tank_step(m, t, h, u, y):
+    follow_passed(m.force, m.position[2].error, u.share, h)
+    adaptive_control(m, t, h, u, y)
     return 0
 
 
@@ -156,6 +176,7 @@ class TaskController(NativeComponent):
         start: where the platform is at the beginning (3,), m.
         period: in ticks.
         adapting: what it does besides; None: nothing.
+        tank: whether an energy tank stands behind it, and tells what it passes on.
     """
 
     def __init__(
@@ -170,6 +191,7 @@ class TaskController(NativeComponent):
         start: Sequence[float],
         period: int = 1,
         adapting: Adapting | None = None,
+        tank: bool = False,
     ):
         table = np.array([tuple(phase) for phase in phases], dtype=PHASE)
         memory = memory_of(
@@ -181,9 +203,11 @@ class TaskController(NativeComponent):
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
         machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
         machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
-        kept, chosen = {"phases": table}, step
+        kept = {"phases": table}
+        inputs: tuple[Port, ...] = (*TASK_INPUTS, SHARE) if tank else TASK_INPUTS
         outputs: tuple[Port, ...] = TASK_OUTPUTS
+        chosen = tank_step if tank else step
         if adapting:
-            chosen, outputs = adaptive_step, (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS)
+            outputs, chosen = (*TASK_OUTPUTS, *ADAPTIVE_OUTPUTS), adaptive_tank_step if tank else adaptive_step
             kept |= adapting.fill(memory["adaptive"][0])
-        super().__init__("controller", TASK_INPUTS, outputs, True, chosen, memory, period=period, pointers=kept)
+        super().__init__("controller", inputs, outputs, True, chosen, memory, period=period, pointers=kept)

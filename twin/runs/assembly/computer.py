@@ -60,9 +60,9 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     )
     position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
     force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
-    ticks, besides = experiment.controller_ticks, adapting(experiment)
+    ticks, besides, tank = experiment.controller_ticks, adapting(experiment), c.energy_tank is not None
     if experiment.reference is not None and program is None:
-        return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks, besides)
+        return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks, besides, tank)
     if program is None:
         assert experiment.approach is not None and c.touch is not None
         program = program_of(experiment.approach, c.touch.contact, experiment.tasks)
@@ -78,6 +78,7 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         experiment.start,
         ticks,
         besides,
+        tank,
     )
 
 

@@ -60,6 +60,7 @@ ROBOT = (
         "controller", computer.controllers,
         p_ref_B="reference.p_ref_B",
         p_B="estimator.p_B", J="estimator.J", F_ee_B="estimator.F_ee_B", tau_l="estimator.tau_l",
+        share="tank.share",
     ),
     _row(
         "tank", computer.tanks,

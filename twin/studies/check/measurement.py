@@ -11,7 +11,8 @@ from twin.experiment import measure as measures
 from twin.experiment.experiment import Experiment
 from twin.studies.check.metric import SHARE, Metric, floor_of
 from twin.studies.check.signals import Signals
-from twin.studies.metrics.distance import checked_requirement, distance
+from twin.studies.metrics.checked_requirement import checked_requirement
+from twin.studies.metrics.distance import distance
 from twin.studies.metrics.effort import travel, work
 from twin.studies.metrics.response import within
 from twin.studies.metrics.step import step_info

@@ -17,7 +17,7 @@ from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.loop import simulate
 from twin.runs.streams import fields_of
 from twin.runs.trace import Trace
-from twin.studies.metrics.distance import checked_requirement
+from twin.studies.metrics.checked_requirement import checked_requirement
 
 REFERENCE_THETA_L = "reference.theta_l"
 """Load angles (rad) at which the platform, as the controller believes it to be made, is at controller.p_ref_B."""

@@ -21,7 +21,7 @@ from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, Wrong, settings_as_toml
 from twin.studies.falsify.text import Found, Requirement, falsify_text, header
 from twin.studies.faults.case import cases, known_kinds
-from twin.studies.metrics.distance import checked_requirement
+from twin.studies.metrics.checked_requirement import checked_requirement
 from twin.studies.steps import Say
 from twin.studies.tune.fragment import findable
 from twin.writing import made_folder, write_json, write_text
