@@ -11,8 +11,9 @@ the force,
 What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
 presses on, and an empty one lets it give way only (tanks: Ferraguti, Secchi and Fantuzzi 2013). Where more is gone than
 there was, and no share of the command brings it back in time, each motor that gives way does so as it is told: another
-that does what it likes must not hold it back. Energy that comes back fills the store, up to its size. A message that is
-late tells nothing of the energy that goes meanwhile: the motors stand still until the next one.
+that does what it likes must not hold it back. A retreat of all three passes as it is: what lies below gets nothing by
+that. The controller is told the share. Energy that comes back fills the store, up to its size. A message that is late
+tells nothing of the energy that goes meanwhile: the motors stand still until the next one.
 """
 
 import math
