@@ -13,8 +13,9 @@ from twin.experiment.contact import Contact
 from twin.experiment.experiment import Experiment
 from twin.recording.form import BLANK_TIME, Form, blank
 from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.scene.arrows import WIDTH, arrows, force_example
 from twin.runs.scene.frames import BASE, FRAMES, POSE, poses
-from twin.runs.scene.parts import WIDTH, arrows, force_example, pose, scene_update
+from twin.runs.scene.parts import pose, scene_update
 from twin.runs.scene.rotation import X, Y, product, turn
 
 PICTURE_RATE = 50.0
