@@ -12,7 +12,7 @@ from twin.cosim.simulation import NOBODY, Simulation
 from twin.cosim.system import System
 from twin.runs.guard.account import Account
 from twin.runs.guard.black_box import INPUTS_AT, Announcer, BlackBox, Call
-from twin.runs.guard.reporter import PipeReporter
+from twin.runs.guard.pipe_reporter import PipeReporter
 
 
 def test_who_reads_the_black_box_sees_the_last_step_and_its_inputs():

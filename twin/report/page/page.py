@@ -6,7 +6,7 @@ from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from twin.report.page.block import DataBlock
 from twin.report.page.dark import dark_filter
@@ -17,12 +17,13 @@ from twin.report.page.run import ReportRun, report_runs
 from twin.report.page.scene import scene
 from twin.report.page.sections import sections, verdict_section
 from twin.report.page.verdict import verdict
-from twin.runs.assembly.recorded import recorded_experiment
 from twin.runs.guard.recorded import seen_from_here
-from twin.studies.accuracy.budget import Budget, accuracy_budget
 from twin.studies.answer import Answer
 from twin.studies.steps import Say, silent
 from twin.writing import finite, made_folder, write_text
+
+if TYPE_CHECKING:
+    from twin.studies.accuracy.budget import Budget
 
 ASSETS = files("twin.report.page") / "assets"
 SCRIPTS = ("data", "clock", "look", "plot", "plots", "scene", "player", "page")
@@ -60,7 +61,7 @@ def write_report(
     return Answer(f"{headline}\n  page  {page}", {"headline": headline, "page": str(page)})
 
 
-def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tuple[str, str]:
+def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> tuple[str, str]:
     """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
     judged = verdict(runs)
     blocks = [DataBlock() for _ in runs]
@@ -97,7 +98,11 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence[Budget] = ()) -> tu
     return html, judged.headline
 
 
-def _budget(run: ReportRun, say: Say) -> Budget:
+def _budget(run: ReportRun, say: Say) -> "Budget":
+    # what runs experiments takes a while to load
+    from twin.runs.assembly.recorded import recorded_experiment
+    from twin.studies.accuracy.budget import accuracy_budget
+
     experiment = recorded_experiment(run.recording.metadata, run.recording.path)
     return accuracy_budget(experiment, lambda what, share=None: say(f"{run.label}: {what}", share))
 

@@ -2,18 +2,19 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-from twin.report.page.accuracy import accuracy
 from twin.report.page.markup import Markup, element, joined, section, table
 from twin.report.page.measures import Measure, measures, number
 from twin.report.page.parameters import differences, flat, parameters
 from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict, RunGroup
-from twin.studies.accuracy.budget import Budget
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.score import tally
+
+if TYPE_CHECKING:
+    from twin.studies.accuracy.budget import Budget
 
 MARKS = {
     "holds": ("✓ holds", "good"),
@@ -37,11 +38,10 @@ class Section(NamedTuple):
 
 
 def sections(
-    runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence[Budget] = ()
+    runs: Sequence[ReportRun], verdict: PageVerdict, picture: Markup | None, budgets: Sequence["Budget"] = ()
 ) -> list[Section]:
     """Everything after the replay; `budgets`: of each run, or none."""
-    own = {run.label: one for run, one in zip(runs, budgets, strict=False)}
-    budget = _of_each(runs, lambda run: accuracy(own[run.label], run.label)) if own else None
+    budget = _accuracies(runs, budgets) if budgets else None
     found = [
         ("numbers", "Claims and measures", numbers(runs, verdict)),
         ("figure", "Figure", picture),
@@ -53,6 +53,14 @@ def sections(
         ("provenance", "How to make this again", _of_each(runs, provenance)),
     ]
     return [Section(key, title, section(key, title, html)) for key, title, html in found if html is not None]
+
+
+def _accuracies(runs: Sequence[ReportRun], budgets: Sequence["Budget"]) -> Markup | None:
+    # few ask for it, and what runs experiments takes a while to load
+    from twin.report.page.accuracy import accuracy
+
+    own = {run.label: one for run, one in zip(runs, budgets, strict=True)}
+    return _of_each(runs, lambda run: accuracy(own[run.label], run.label))
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:

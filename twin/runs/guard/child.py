@@ -45,7 +45,8 @@ def main() -> None:
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
                 from twin.cosim.simulation import let_watch
                 from twin.drive.announcement import listen
-                from twin.runs.guard.reporter import PipeReporter, let_speak
+                from twin.runs.guard.pipe_reporter import PipeReporter
+                from twin.runs.guard.reporter import let_speak
 
                 reporter = PipeReporter(reports, box)
                 listen(reporter.announcer.tell)
