@@ -2,7 +2,8 @@
 PYTHON ?= python3
 # what `make test` installs beside the product; CI adds the C cross compiler that rebuilds the FMUs: test,docs,fmus
 EXTRAS ?= test,docs
-JOBS   ?= 2
+# one more than the smallest machine has: tests wait for processes a sixth of the time
+JOBS   ?= 3
 VENV   := .venv
 TWIN   := $(VENV)/bin/twin
 TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).toml)
