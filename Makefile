@@ -2,8 +2,7 @@
 PYTHON ?= python3
 # what `make test` installs beside the product; CI adds the C cross compiler that rebuilds the FMUs: test,docs,fmus
 EXTRAS ?= test,docs
-# one more than the smallest machine has: tests wait for processes a sixth of the time
-JOBS   ?= 3
+JOBS   ?= 2
 VENV   := .venv
 TWIN   := $(VENV)/bin/twin
 TASKS  := $(foreach task,pressing tapping rolling pushing,experiments/$(task).toml)
