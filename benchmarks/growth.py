@@ -39,6 +39,8 @@ EXPERIMENT = ROOT / "experiments" / "fig4_force_position.toml"
 DOCS = ROOT / "docs"
 BEGIN = "<!-- from here on written by python -m benchmarks.growth -->\n"
 TURNS = 3
+ACROSS = 4
+"""Panels side by side."""
 HEAD = ("what grows", "from", "to", "cost there", "slope")
 
 
@@ -169,14 +171,19 @@ def table(found: list[Growth]) -> str:
 
 def draw(found: list[Growth], path: Path) -> None:
     """Seconds over sizes, logarithmic, a panel each; grey is proportional."""
-    with picture(path, 2.0 * len(found), 3.0) as figure:
-        for axes, one in zip(figure.subplots(1, len(found)), found, strict=True):
+    lines = -(-len(found) // ACROSS)
+    with picture(path, 2.6 * ACROSS, 2.8 * lines) as figure:
+        panels = figure.subplots(lines, ACROSS).ravel()
+        for axes in panels[len(found) :]:
+            axes.set_visible(False)
+        for axes, one in zip(panels, found, strict=False):
             last = one.seconds[-1] / one.sizes[-1]
             axes.loglog(one.sizes, [last * size for size in one.sizes], color="0.8", linewidth=4)
             axes.loglog(one.sizes, one.seconds, "o-", color=BLUE, markersize=4)
             axes.set_title(one.name, fontsize=8)
             axes.set_xlabel(one.size)
-        figure.axes[0].set_ylabel("s")
+        for axes in panels[::ACROSS]:
+            axes.set_ylabel("s")
 
 
 def main() -> None:
