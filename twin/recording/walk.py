@@ -10,11 +10,11 @@ from twin.compiled.function import carray, njit
 from twin.compiled.memory import copy
 from twin.compiled.native import entry
 from twin.recording.filling import SEQUENCE_AT
-from twin.recording.messages import HEAD_SIZE, RECORD_PREFIX
+from twin.recording.messages import HEAD_OFFSETS, HEAD_SIZE, RECORD_PREFIX
 
 PLACE, OPCODE, LENGTH, CHANNEL, SEQUENCE = range(5)
 """Columns of a table of records."""
-LENGTH_AT, CHANNEL_AT = 1, 9
+LENGTH_AT, CHANNEL_AT = HEAD_OFFSETS[1:3]
 MESSAGE_FRONT = HEAD_SIZE - RECORD_PREFIX
 """Channel, sequence number and two times: no message is shorter."""
 MESSAGE = int(Opcode.MESSAGE)

@@ -20,7 +20,10 @@ def recorded_until_then(folder: Path | None) -> str:
 
 def left_behind(folder: Path) -> str:
     """What Ctrl-C has left in the `folder` of a run; it goes if that is nothing."""
-    whole, partial = folder / "run.mcap", folder / "run.mcap.partial"
+    from twin.recording.folder import RECORDING
+    from twin.recording.output import PARTIAL
+
+    whole, partial = folder / RECORDING, folder / f"{RECORDING}{PARTIAL}"
     if partial.exists():
         return f"interrupted; recorded until then: {seen_from_here(partial)}"
     if whole.exists():
