@@ -30,13 +30,14 @@ from twin.cli import (
     sweep,
     tune,
 )
+from twin.cli.group import Group
 from twin.cli.options import as_spelt_now
 from twin.cli.streams import READER_GONE, Unread, standard_streams
 from twin.cli.terminal import guard_terminal
 from twin.errors import InputRefused, NotWritten, TwinError, plain, system_sentence
 from twin.runs.guard.interrupt import INTERRUPTED
 
-app = typer.Typer(name="twin", no_args_is_help=True, pretty_exceptions_enable=False)
+app = typer.Typer(name="twin", cls=Group, pretty_exceptions_enable=False, rich_markup_mode=None)
 
 
 def _print_version(wanted: bool) -> None:

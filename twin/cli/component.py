@@ -8,9 +8,10 @@ import typer
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files, role_names
 from twin.cli.first_look import look_at_files
+from twin.cli.group import Group
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
 
-app = typer.Typer(help="Look at and check parts of the robot of another make.", no_args_is_help=True)
+app = typer.Typer(cls=Group, help="Look at and check parts of the robot of another make.")
 
 
 @app.callback()

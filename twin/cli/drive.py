@@ -14,6 +14,7 @@ from twin.cli.ask import answer_of, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.drive_survey import survey
 from twin.cli.first_look import look_at_experiments
+from twin.cli.group import Group
 from twin.cli.options import (
     JOB_ISOLATION,
     AsJson,
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from twin.experiment.schema import Drive
 
 
-app = typer.Typer(help="Look at drive FMUs, qualify, compare and bring them in.", no_args_is_help=True)
+app = typer.Typer(cls=Group, help="Look at drive FMUs, qualify, compare and bring them in.")
 app.command("survey")(survey)
 
 Fmu = Annotated[

@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
-from typer.core import TyperGroup
 
+from twin.cli.group import Group
 from twin.cli.options import AsJson, LimitStep
 from twin.cli.progress import Progress, progress
 from twin.cli.sweep_show import By, as_facts, show
@@ -30,7 +30,7 @@ MANY = 100_000
 RUN = "run"
 
 
-class Group(TyperGroup):
+class Sweeps(Group):
     """`twin sweep FILE` means `twin sweep run FILE`."""
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
@@ -53,7 +53,7 @@ class Record(StrEnum):
     ALL = "all"
 
 
-app = typer.Typer(cls=Group, no_args_is_help=True)
+app = typer.Typer(cls=Sweeps)
 
 Sweep = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep file (TOML).")]
 
