@@ -1,5 +1,7 @@
 """What many tests stand on: the repository's files, and the paper's experiment run once."""
 
+import gc
+import os
 import signal
 from pathlib import Path
 from typing import Any
@@ -14,6 +16,8 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 
 ROOT = Path(__file__).parents[1]
+# it colours the message of each form of a function that it tries in vain, a tenth of what compiling takes here
+os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 USUAL = 100
 """Examples of a property."""
 
@@ -42,6 +46,12 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Rooms in the order of `LONG`, then all others."""
     order = {ROOT / "tests" / room: place for place, room in enumerate(LONG)}
     items.sort(key=lambda item: min(order.get(folder, len(LONG)) for folder in item.path.parents))
+
+
+def pytest_collection_finish() -> None:
+    """What was imported stays: it is not looked through again and again for what can go."""
+    gc.collect()
+    gc.freeze()
 
 
 def examples(count: int, **options: Any) -> settings:

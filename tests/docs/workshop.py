@@ -1,5 +1,6 @@
 """A folder in which the code of a page runs as it would from the repository's root."""
 
+import itertools
 import os
 import re
 import shlex
@@ -21,9 +22,9 @@ from twin.recording.logs.column_map import column_map
 from twin.runs.assembly.load import load_experiment
 from twin.studies.sweep.plan import planned
 
-PLAIN = re.compile(r"twin [^|;&$<>`*?~{}()!\\]*$")
+PLAIN = re.compile(r"twin ([^|;&$<>`*?~{}()!\\'\"]|'[^']*')*$")
 """A command that a shell would only split into words."""
-TUTORIAL = "docs/tutorial.md"
+ISOLATION = "docs/isolation.md"
 LATEST = ": the latest run, "
 SETUP = re.compile(r"^(make\b|python3 -m venv|\S*python -m pip install|\S*pip install|pipx |uv tool )")
 
@@ -99,17 +100,18 @@ class Workshop:
                 self._knows_options(block, command)
             else:
                 commands.append((command.replace(".venv/bin/", ""), expected))
-        if all(PLAIN.match(command) for command, _ in commands):
-            self._typed(block, commands)
-        else:
-            self._scripted(block, commands)
+        # what only twin is needed for is sooner typed in this process than in a shell
+        plain = list(itertools.takewhile(lambda command: PLAIN.match(command[0]), commands))
+        self._typed(block, plain)
+        if len(plain) < len(commands):
+            self._scripted(block, commands[len(plain) :])
 
     def _typed(self, block: Block, commands: list[tuple[str, int]]) -> None:
-        """Commands of twin and nothing else: typed in this process, which is sooner than a shell's."""
+        """Commands of twin and nothing else, in this process."""
         for command, expected in commands:
             words = shlex.split(command, comments=True)[1:]
-            # what the tutorial is about is not what guards a run, and it types twenty commands
-            isolated = block.page != TUTORIAL
+            # other pages are not about what guards a run, and type two hundred commands
+            isolated = block.page == ISOLATION
             done = twin(*words, cwd=self.folder, env=self._environment, isolated=isolated)
             assert done.returncode == expected, (
                 f"{block.place}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
@@ -126,7 +128,7 @@ class Workshop:
             ["bash", "-c", "\n".join(script)],
             cwd=self.folder, env=self._environment, capture_output=True, text=True, timeout=900,
         )  # fmt: skip
-        self._refusal = done.stderr if any(expected for _, expected in commands) else ""
+        self._refusal += done.stderr if any(expected for _, expected in commands) else ""
         assert done.returncode == 0, f"{block.place}: exit code {done.returncode}\n{done.stdout}\n{done.stderr}"
 
     def _setup(self, block: Block, command: str) -> None:
