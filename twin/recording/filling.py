@@ -17,6 +17,7 @@ SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
 GROUPS = 5
 """Of 7 bits, in which a form has seconds and nanoseconds."""
 SECOND = 10**9
+ITEM = np.dtype(np.float64).itemsize
 NO_PLACES = np.empty((0, 3), dtype=np.int64)
 
 
@@ -62,22 +63,29 @@ class Filling:
         # numpy takes as long to tell an address as it takes to fill a record
         self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
+    def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
+        """Write `count` records at address `to`; whether there is an integer wherever one goes.
+
+        Args:
+            times: address of theirs, ns, (count,) int64.
+            first_sequence: number of the first record.
+            rows: (count, columns) float64.
+        """
+        if rows.dtype != np.float64 or not rows.size or rows.strides[1] != ITEM or rows.strides[0] % ITEM:
+            rows = np.ascontiguousarray(rows, dtype=np.float64)
+        stride, step = len(self.template), rows.strides[0] // ITEM
+        return _fill(
+            to, count, stride, self._template_at, times, first_sequence, rows, step, self._places_at, len(self._places)
+        )  # fmt: skip
+
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
         """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
 
         Args:
             times: ns, (n,) integer.
-            first_sequence: number of the first record.
-            rows: (n, columns) float64.
+            first_sequence, rows: see `fill`.
         """
         times = np.ascontiguousarray(times, dtype=np.int64)
-        item = np.dtype(np.float64).itemsize
-        if rows.dtype != np.float64 or not rows.size or rows.strides[1] != item or rows.strides[0] % item:
-            rows = np.ascontiguousarray(rows, dtype=np.float64)
-        count, stride = len(times), len(self.template)
-        records = np.empty((count, stride), dtype=np.uint8)
-        whole = _fill(
-            records, count, stride, self._template_at, times, first_sequence, rows, rows.strides[0] // item,
-            self._places_at, len(self._places),
-        )  # fmt: skip
+        records = np.empty((len(times), len(self.template)), dtype=np.uint8)
+        whole = self.fill(records.ctypes.data, times.ctypes.data, len(times), first_sequence, rows)
         return records if whole else None
