@@ -1,3 +1,4 @@
+import threading
 from collections import Counter, defaultdict
 from fractions import Fraction
 from itertools import pairwise
@@ -12,6 +13,7 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
+from twin.recording import aside
 from twin.recording.errors import RecordingFailed
 from twin.recording.layout import Field, Topic
 from twin.recording.reader import read
@@ -149,6 +151,27 @@ def test_one_long_slice_is_cut_into_chunks_of_at_most_256_kilobytes(tmp_path: Pa
 def test_equal_input_gives_equal_bytes_wherever_it_is_written(finished: Path, tmp_path: Path) -> None:
     again = samples.finished(tmp_path / "elsewhere.mcap")
     assert again.read_bytes() == finished.read_bytes()
+
+
+@pytest.mark.parametrize("processors", [1, 2])
+def test_a_second_processor_changes_no_byte(
+    processors: int, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(aside, "cores", lambda: processors)
+    before = threading.active_count()
+    again = samples.finished(tmp_path / "again.mcap")
+    assert again.read_bytes() == finished.read_bytes()
+    assert threading.active_count() == before
+
+
+def test_rows_may_be_written_over_as_soon_as_they_are_taken(tmp_path: Path) -> None:
+    rows = np.ones((5000, 2))
+    with Writer(tmp_path / "run.mcap", [Topic("drive/1", DRIVE, 1)], TICK, {}) as writer:
+        writer.write("drive/1", 0, rows)
+        rows[:] = 2.0
+        writer.end_slice()
+        rows[:] = 3.0
+    assert (read(tmp_path / "run.mcap")["drive/1.theta_m"] == 1.0).all()
 
 
 def test_a_recording_names_neither_its_file_nor_any_folder(finished: Path) -> None:

@@ -9,6 +9,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from mcap.opcode import Opcode
@@ -56,34 +57,35 @@ class Piece:
         return {channel: head + own[where] for channel, head, where in self.channels}
 
 
-class Weave:
-    """How the records of some blocks go in between each other; those of one time stay in the order of the blocks.
-
-    Args:
-        size: bytes of all records.
-        shapes: of the blocks.
-        places: bytes at which records start, of one block after another, (n,) int64.
+class Woven(NamedTuple):
+    """Records in between each other, in order of time; those of one time in the order of their blocks.
 
     Attributes:
+        begin: log time of the first message, ns.
+        content: the records, one after another, (bytes,) uint8.
         pieces: chunks of about `LARGEST_CHUNK` bytes at most, cut between ticks: whatever of them survives, every
             topic ends at the same tick.
     """
 
-    def __init__(self, size: int, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
-        self.pieces = pieces
-        self._size, self._places = size, places
-        self._blocks = np.array([shape[1:] for shape in shapes], dtype=np.int64)
-        self._table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
+    begin: int
+    content: np.ndarray
+    pieces: tuple[Piece, ...]
 
-    def woven(self, pending: Pending) -> np.ndarray:
-        """The records of the blocks that this was made for, one after another, (size,) uint8."""
-        content = np.empty(self._size, dtype=np.uint8)
-        _weave(content, pending.address, *self._table)
-        return content
+
+def woven(pending: Pending) -> Woven:
+    """The records of `pending`, of which there is at least one; there are none in it afterwards."""
+    times = np.concatenate(pending.times)
+    begin = times.min()
+    made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
+    weave = made(tuple(pending.shapes), (times - begin).tobytes())
+    content = np.empty(pending.size, dtype=np.uint8)
+    _scatter(content, pending.address, *weave.table)
+    pending.clear()
+    return Woven(int(begin), content, weave.pieces)
 
 
 @entry("nothing", "int", "int", "integers", "int", "integers", "int")
-def _weave(content, source, blocks, number, places, messages):
+def _scatter(content, source, blocks, number, places, messages):
     block, place = carray(blocks, 2 * number), carray(places, messages)
     k = 0
     for b in range(number):
@@ -94,16 +96,26 @@ def _weave(content, source, blocks, number, places, messages):
             k += 1
 
 
-def weave_of(pending: Pending) -> tuple[int, Weave]:
-    """Log time of the first message of `pending`, ns, of which there is at least one, and how it is woven."""
-    times = np.concatenate(pending.times)
-    begin = times.min()
-    made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
-    return int(begin), made(tuple(pending.shapes), (times - begin).tobytes())
+class _Weave:
+    """How the records of some blocks go in between each other.
+
+    Args:
+        shapes: of the blocks.
+        places: bytes at which records go, of one block after another, (n,) int64.
+
+    Attributes:
+        pieces: see `Woven`.
+        table: what `_scatter` takes of it.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
+        self.pieces = pieces
+        self._blocks, self._places = np.array([shape[1:] for shape in shapes], dtype=np.int64), places
+        self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
 
 
 @lru_cache(KEPT)
-def _kept(shapes: tuple[Shape, ...], times: bytes) -> Weave:
+def _kept(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
     """`times` (n,) int64 since the first message, of one block after another."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
@@ -118,7 +130,7 @@ def _kept(shapes: tuple[Shape, ...], times: bytes) -> Weave:
     inside = np.searchsorted(offsets, targets, side="right") - 1
     bounds = np.unique([0, *np.searchsorted(since, since[inside]), len(since)])
     pieces = tuple(_piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist()))
-    return Weave(int(offsets[-1]), shapes, places, pieces)
+    return _Weave(shapes, places, pieces)
 
 
 def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piece:
@@ -133,4 +145,3 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
     )
     in_turn = entries[np.argsort(channels, kind="stable")]
     return Piece(slice(first, last), int(since[0]), int(since[-1]), in_turn, places)
-

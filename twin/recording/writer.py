@@ -25,7 +25,7 @@ from twin.recording.output import Output
 from twin.recording.pending import Pending
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.summary import Summary
-from twin.recording.weave import Weave, weave_of
+from twin.recording.weave import Woven, woven
 
 EVENTS = "events"
 NANOSECONDS = 1e9
@@ -182,8 +182,8 @@ class Writer:
         Raises:
             RecordingFailed: disk full or recording closed; the partial file stays, readable.
         """
-        self._write_chunks()
         self._aside.wait()
+        self._write_rest()
         self._output.append(self._summary.ending(self._output.size, self._output.crc))
         self._output.publish()
         return self._output.path
@@ -196,8 +196,7 @@ class Writer:
         """
         self._aside.wait()
         if not self._output.closed:
-            self._write_chunks()
-            self._aside.wait()
+            self._write_rest()
             self._output.close()
         return self._output.partial
 
@@ -221,52 +220,38 @@ class Writer:
         return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
 
     def end_slice(self) -> None:
-        """Put what was written into the file if it fills a chunk, rather than when the next slice begins.
+        """Let what was written go into the file if it fills a chunk, rather than when the next slice begins.
 
         Raises:
             RecordingFailed: disk full or recording closed.
         """
+        self._aside.check()
         self._slice_topics.clear()
         self._slice_times.clear()
         if self._pending.size >= SMALLEST_CHUNK:
-            self._write_chunks()
+            records = woven(self._pending)
+            self._aside.begin(partial(append_chunks, self._output, self._summary, records, self._compressor))
 
-    def _write_chunks(self) -> None:
+    def _write_rest(self) -> None:
         if self._pending.size:
-            begin, weave = weave_of(self._pending)
-            content = weave.woven(self._pending)
-            self._pending.clear()
-            self._aside.begin(
-                partial(append_chunks, self._output, self._summary, content, begin, weave, self._compressor)
-            )
+            append_chunks(self._output, self._summary, woven(self._pending), self._compressor)
 
 
-def append_chunks(
-    output: Output,
-    summary: Summary,
-    content: np.ndarray,
-    begin: int,
-    weave: Weave,
-    compressor: zstandard.ZstdCompressor,
-) -> None:
-    """Put `content` into the file as chunks with their indexes, and note them in `summary`.
-
-    Args:
-        content: as `weave` has made it.
-        begin: log time of its first message, ns.
+def append_chunks(output: Output, summary: Summary, records: Woven, compressor: zstandard.ZstdCompressor) -> None:
+    """Put `records` into the file as chunks with their indexes, and note them in `summary`.
 
     Raises:
         RecordingFailed: disk full or recording closed.
     """
-    for piece in weave.pieces:
+    for piece in records.pieces:
         # in the first chunk rather than before it, schemas and channels are under its CRC
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
         preamble = b"".join(map(encoded, declared))
-        messages = content.data[piece.content]
+        messages = records.content.data[piece.content]
         inside = b"".join((preamble, messages)) if preamble else messages
-        record = chunk(inside, begin + piece.start, begin + piece.end, compressor)
+        record = chunk(inside, records.begin + piece.start, records.begin + piece.end, compressor)
         data = encoded(record)
-        indexes = piece.indexes(begin, len(preamble))
+        indexes = piece.indexes(records.begin, len(preamble))
         start = output.append(data + b"".join(indexes.values()))
         summary.note_chunk(record, start, len(data), indexes)
 
