@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.compiled.address import address
+
 ROOM = 256 * 1024
 """Bytes to begin with: those of a slice."""
 
@@ -57,5 +59,4 @@ class Pending:
         self.size = 0
 
     def _hold(self, memory: np.ndarray) -> None:
-        # numpy takes as long to tell an address as it takes to fill a record
-        self._memory, self.address = memory, memory.ctypes.data
+        self._memory, self.address = memory, address(memory)
