@@ -1,7 +1,7 @@
 """Where the numbers of an array are in memory.
 
-Numpy makes an object of Python to tell, which takes as long as compiled code takes to fill fifty records; the same number
-stands in the array's own memory, behind what every object of the interpreter begins with.
+Numpy makes an object of Python to tell, which takes as long as compiled code takes to fill fifty records; the same
+number stands in the array's own memory, behind what every object of the interpreter begins with.
 """
 
 import ctypes

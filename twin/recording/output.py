@@ -1,4 +1,7 @@
-"""The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end."""
+"""The file a recording grows in: `NAME.mcap.partial` until finished.
+
+It ends with half a record only if the process was killed while it wrote one.
+"""
 
 import contextlib
 import os
