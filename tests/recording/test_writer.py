@@ -1,4 +1,3 @@
-import threading
 from collections import Counter, defaultdict
 from fractions import Fraction
 from itertools import pairwise
@@ -13,7 +12,6 @@ from mcap.records import Chunk, MessageIndex
 from mcap.stream_reader import StreamReader, get_chunk_data_stream
 from mcap_protobuf.decoder import DecoderFactory
 
-from twin.recording import aside
 from twin.recording.errors import RecordingFailed
 from twin.recording.layout import Field, Topic
 from twin.recording.reader import read
@@ -151,17 +149,6 @@ def test_one_long_slice_is_cut_into_chunks_of_at_most_256_kilobytes(tmp_path: Pa
 def test_equal_input_gives_equal_bytes_wherever_it_is_written(finished: Path, tmp_path: Path) -> None:
     again = samples.finished(tmp_path / "elsewhere.mcap")
     assert again.read_bytes() == finished.read_bytes()
-
-
-@pytest.mark.parametrize("processors", [1, 2])
-def test_a_second_processor_changes_no_byte(
-    processors: int, finished: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(aside, "cores", lambda: processors)
-    before = threading.active_count()
-    again = samples.finished(tmp_path / "again.mcap")
-    assert again.read_bytes() == finished.read_bytes()
-    assert threading.active_count() == before
 
 
 def test_rows_may_be_written_over_as_soon_as_they_are_taken(tmp_path: Path) -> None:

@@ -9,7 +9,7 @@ from twin.cli.ask import ask
 from twin.cli.completion import experiment_files
 from twin.cli.first_look import look_at_experiments
 from twin.cli.options import AsJson, DriveName, Settings
-from twin.cores import cores
+from twin.cli.sweep import cores
 
 
 def falsify(

@@ -152,8 +152,7 @@ def _sweep(
     as_json: bool,
     sure: bool,
 ) -> None:
-    from twin.cli.sweep import How, carry_out, check_start
-    from twin.cores import cores
+    from twin.cli.sweep import How, carry_out, check_start, cores
     from twin.experiment.named import experiment_file
     from twin.studies.sweep.definition import short_definition
     from twin.studies.sweep.folder import HOME

@@ -15,7 +15,6 @@ from typer.core import TyperGroup
 from twin.cli.options import AsJson, LimitStep
 from twin.cli.progress import Progress, progress
 from twin.cli.sweep_show import By, as_facts, show
-from twin.cores import cores
 from twin.errors import InputRefused
 from twin.writing import json_text
 
@@ -202,6 +201,11 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
 
 
 app.command("show")(show)
+
+
+def cores() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _refuse_endless(plan: "Plan") -> None:

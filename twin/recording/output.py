@@ -1,7 +1,4 @@
-"""The file a recording grows in: `NAME.mcap.partial` until finished.
-
-It ends with half a record only if the process was killed while it wrote one.
-"""
+"""The file a recording grows in: `NAME.mcap.partial` until finished, never with half a record at its end."""
 
 import contextlib
 import os

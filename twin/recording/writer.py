@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -15,7 +14,6 @@ from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
 from twin.compiled.address import address
-from twin.recording.aside import Aside
 from twin.recording.chunks import COMPRESSION_LEVEL, chunk, encoded
 from twin.recording.errors import RecordingFailed
 from twin.recording.filling import Filling
@@ -100,7 +98,7 @@ class Writer:
         self._slice_topics: set[str] = set()
         # most topics have the same; with their addresses
         self._slice_times: dict[range, tuple[np.ndarray, int]] = {}
-        self._output, self._aside = Output(Path(path)), Aside()
+        self._output = Output(Path(path))
         self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
         for name, entries in metadata.items():
             self.write_metadata(name, entries)
@@ -172,7 +170,6 @@ class Writer:
         Raises:
             RecordingFailed: disk full or recording closed.
         """
-        self._aside.wait()
         record = encoded(Metadata(name, dict(entries)))
         start = self._output.append(record)
         self._summary.metadata.append(MetadataIndex(start, len(record), name))
@@ -183,8 +180,7 @@ class Writer:
         Raises:
             RecordingFailed: disk full or recording closed; the partial file stays, readable.
         """
-        self._aside.wait()
-        self._write_rest()
+        self._write_chunks()
         self._output.append(self._summary.ending(self._output.size, self._output.crc))
         self._output.publish()
         return self._output.path
@@ -195,9 +191,8 @@ class Writer:
         Raises:
             RecordingFailed: disk full; the file is closed all the same.
         """
-        self._aside.wait()
         if not self._output.closed:
-            self._write_rest()
+            self._write_chunks()
             self._output.close()
         return self._output.partial
 
@@ -221,19 +216,17 @@ class Writer:
         return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
 
     def end_slice(self) -> None:
-        """Let what was written go into the file if it fills a chunk, rather than when the next slice begins.
+        """Put what was written into the file if it fills a chunk, rather than when the next slice begins.
 
         Raises:
             RecordingFailed: disk full or recording closed.
         """
-        self._aside.check()
         self._slice_topics.clear()
         self._slice_times.clear()
         if self._pending.size >= SMALLEST_CHUNK:
-            records = woven(self._pending)
-            self._aside.begin(partial(append_chunks, self._output, self._summary, records, self._compressor))
+            self._write_chunks()
 
-    def _write_rest(self) -> None:
+    def _write_chunks(self) -> None:
         if self._pending.size:
             append_chunks(self._output, self._summary, woven(self._pending), self._compressor)
 

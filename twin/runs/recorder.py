@@ -29,7 +29,7 @@ class Recorder(Observer):
 
     Attributes:
         events: all of them.
-        writing: wall time that the thread that steps spent in here (s).
+        writing: wall time spent in here (s).
     """
 
     def __init__(
@@ -88,6 +88,6 @@ class Recorder(Observer):
             self._writer.write(*drawing)
         for event in block.events:
             self._writer.write_event(event.tick, event.level, event.text, event.source)
-        # a component may take this process with it in the next slice, and then the thread that writes this one
+        # a component may take this process with it in the next slice
         self._writer.end_slice()
         block.clear()
