@@ -1,4 +1,5 @@
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from hypothesis import given
@@ -6,21 +7,37 @@ from hypothesis import strategies as st
 from mcap.data_stream import RecordBuilder
 from mcap.records import MessageIndex
 
-from twin.recording.weave import LARGEST_CHUNK, RecordBlock, weave_of
+from twin.recording.pending import Pending
+from twin.recording.weave import LARGEST_CHUNK, Woven, woven
+
+
+class Block(NamedTuple):
+    """Records (n, stride) of one channel, and their times (n,)."""
+
+    channel: int
+    times: np.ndarray
+    records: np.ndarray
+
+
+def together(several: list[Block]) -> Woven:
+    pending = Pending()
+    for block in several:
+        pending.put(*block)
+    return woven(pending)
 
 
 @st.composite
-def blocks(draw: st.DrawFn) -> RecordBlock:
+def blocks(draw: st.DrawFn) -> Block:
     """Records that name their channel, time and place, so that each can be told from all others."""
     channel = draw(st.integers(1, 5))
     times = np.array(sorted(draw(st.lists(st.integers(0, 20), min_size=1, max_size=8))))
     stride = draw(st.integers(3, 40))
     records = np.zeros((len(times), stride), dtype=np.uint8)
     records[:, 0], records[:, 1], records[:, 2] = channel, times, np.arange(len(times))
-    return RecordBlock(channel, times, records)
+    return Block(channel, times, records)
 
 
-def in_order(several: list[RecordBlock]) -> list[tuple[int, int, bytes]]:
+def in_order(several: list[Block]) -> list[tuple[int, int, bytes]]:
     """(time, channel, record) of all messages, by time, then by block."""
     found = [
         (int(time), block.channel, bytes(record))
@@ -31,19 +48,19 @@ def in_order(several: list[RecordBlock]) -> list[tuple[int, int, bytes]]:
 
 
 @given(st.lists(blocks(), min_size=1, max_size=6))
-def test_weaving_orders_records_by_time_then_by_block_and_loses_none(several: list[RecordBlock]) -> None:
-    weave, expected = weave_of(several), in_order(several)
-    assert weave.woven(several).tobytes() == b"".join(record for _, _, record in expected)
+def test_weaving_orders_records_by_time_then_by_block_and_loses_none(several: list[Block]) -> None:
+    weave, expected = together(several), in_order(several)
+    assert weave.content.tobytes() == b"".join(record for _, _, record in expected)
     assert weave.begin == expected[0][0]
 
 
 @given(st.lists(blocks(), min_size=1, max_size=6), st.integers(1, 10**15), st.integers(1, 255))
-def test_what_is_remembered_of_one_slice_fits_the_next(several: list[RecordBlock], later: int, mark: int) -> None:
+def test_what_is_remembered_of_one_slice_fits_the_next(several: list[Block], later: int, mark: int) -> None:
     """Of the same shape, but at other times and with other numbers in it."""
-    weave_of(several)
-    following = [RecordBlock(b.channel, b.times + later, b.records ^ np.uint8(mark)) for b in several]
-    weave, expected = weave_of(following), in_order(following)
-    assert weave.woven(following).tobytes() == b"".join(record for _, _, record in expected)
+    together(several)
+    following = [Block(b.channel, b.times + later, b.records ^ np.uint8(mark)) for b in several]
+    weave, expected = together(following), in_order(following)
+    assert weave.content.tobytes() == b"".join(record for _, _, record in expected)
     assert (weave.begin, weave.begin + weave.pieces[-1].end) == (expected[0][0], expected[-1][0])
 
 
@@ -51,10 +68,9 @@ def test_what_is_remembered_of_one_slice_fits_the_next(several: list[RecordBlock
 @given(st.lists(st.integers(1, 100_000), min_size=10, max_size=60), st.integers(1, 7))
 def test_pieces_are_the_whole_in_order_and_never_cut_a_tick(lengths: list[int], per_tick: int) -> None:
     several = [
-        RecordBlock(1, np.array([k // per_tick]), np.zeros((1, length), dtype=np.uint8))
-        for k, length in enumerate(lengths)
+        Block(1, np.array([k // per_tick]), np.zeros((1, length), dtype=np.uint8)) for k, length in enumerate(lengths)
     ]
-    pieces = weave_of(several).pieces
+    pieces = together(several).pieces
     bounds = [0, *np.cumsum(lengths).tolist()]
     assert [piece.content.start for piece in pieces] == [0, *(piece.content.stop for piece in pieces[:-1])]
     assert pieces[-1].content.stop == bounds[-1]
@@ -66,8 +82,8 @@ def test_pieces_are_the_whole_in_order_and_never_cut_a_tick(lengths: list[int], 
 
 
 @given(st.lists(blocks(), min_size=1, max_size=6), st.integers(0, 1000))
-def test_message_indexes_are_those_that_mcap_writes(several: list[RecordBlock], shift: int) -> None:
-    weave, expected = weave_of(several), in_order(several)
+def test_message_indexes_are_those_that_mcap_writes(several: list[Block], shift: int) -> None:
+    weave, expected = together(several), in_order(several)
     (piece,) = weave.pieces
     starts = np.cumsum([shift, *(len(record) for _, _, record in expected)]).tolist()
     indexes = piece.indexes(weave.begin, shift)

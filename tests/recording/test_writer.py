@@ -151,6 +151,16 @@ def test_equal_input_gives_equal_bytes_wherever_it_is_written(finished: Path, tm
     assert again.read_bytes() == finished.read_bytes()
 
 
+def test_rows_may_be_written_over_as_soon_as_they_are_taken(tmp_path: Path) -> None:
+    rows = np.ones((5000, 2))
+    with Writer(tmp_path / "run.mcap", [Topic("drive/1", DRIVE, 1)], TICK, {}) as writer:
+        writer.write("drive/1", 0, rows)
+        rows[:] = 2.0
+        writer.end_slice()
+        rows[:] = 3.0
+    assert (read(tmp_path / "run.mcap")["drive/1.theta_m"] == 1.0).all()
+
+
 def test_a_recording_names_neither_its_file_nor_any_folder(finished: Path) -> None:
     content = finished.read_bytes()
     assert not [trace for trace in (Path.home(), Path.cwd(), finished.stem) if str(trace).encode() in content]

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.compiled import store
+from twin.compiled.address import address
 from twin.compiled.builtin import PYTHON, built_in
 from twin.compiled.function import Function, types
 
@@ -137,7 +138,7 @@ class Entry(Function):
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""
-        return self.native.called(*[a.ctypes.data if isinstance(a, np.ndarray) else a for a in arguments])
+        return self.native.called(*[address(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
 def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:

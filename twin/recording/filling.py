@@ -6,6 +6,7 @@ are those of the messages, in seconds and nanoseconds as a form has them.
 
 import numpy as np
 
+from twin.compiled.address import address
 from twin.compiled.function import carray
 from twin.compiled.memory import copy, put
 from twin.compiled.native import entry
@@ -17,6 +18,8 @@ SEQUENCE_AT, LOG_TIME_AT, PUBLISH_TIME_AT = 11, 15, 23
 GROUPS = 5
 """Of 7 bits, in which a form has seconds and nanoseconds."""
 SECOND = 10**9
+FLOAT = np.dtype(np.float64)
+ITEM = FLOAT.itemsize
 NO_PLACES = np.empty((0, 3), dtype=np.int64)
 
 
@@ -59,25 +62,34 @@ class Filling:
 
     def __init__(self, template: np.ndarray, places: np.ndarray):
         self.template, self._places = template, places
-        # numpy takes as long to tell an address as it takes to fill a record
-        self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
+        self._template_at, self._places_at = address(template), address(places)
+
+    def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
+        """Write `count` records at address `to`; whether there is an integer wherever one goes.
+
+        Args:
+            times: address of theirs, ns, (count,) int64.
+            first_sequence: number of the first record.
+            rows: (count, columns) float64.
+        """
+        if rows.dtype != FLOAT or not rows.size or rows.strides[1] != ITEM or rows.strides[0] % ITEM:
+            rows = np.ascontiguousarray(rows, dtype=FLOAT)
+        stride, step = len(self.template), rows.strides[0] // ITEM
+        # addresses all of them: an entry would look for arrays among its arguments
+        whole: int = _fill.native.called(
+            to, count, stride, self._template_at, times, first_sequence, address(rows), step,
+            self._places_at, len(self._places),
+        )  # fmt: skip
+        return whole != 0
 
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
         """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
 
         Args:
             times: ns, (n,) integer.
-            first_sequence: number of the first record.
-            rows: (n, columns) float64.
+            first_sequence, rows: see `fill`.
         """
         times = np.ascontiguousarray(times, dtype=np.int64)
-        item = np.dtype(np.float64).itemsize
-        if rows.dtype != np.float64 or not rows.size or rows.strides[1] != item or rows.strides[0] % item:
-            rows = np.ascontiguousarray(rows, dtype=np.float64)
-        count, stride = len(times), len(self.template)
-        records = np.empty((count, stride), dtype=np.uint8)
-        whole = _fill(
-            records, count, stride, self._template_at, times, first_sequence, rows, rows.strides[0] // item,
-            self._places_at, len(self._places),
-        )  # fmt: skip
+        records = np.empty((len(times), len(self.template)), dtype=np.uint8)
+        whole = self.fill(address(records), address(times), len(times), first_sequence, rows)
         return records if whole else None

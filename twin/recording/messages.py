@@ -110,11 +110,12 @@ def message_records(
     """
     records = layout.filling.records(times, first_sequence, rows)
     if records is None:
-        raise ValueError(_no_integer(fields, rows))
+        raise ValueError(no_integer(fields, rows))
     return records
 
 
-def _no_integer(fields: Sequence[Field], rows: np.ndarray) -> str:
+def no_integer(fields: Sequence[Field], rows: np.ndarray) -> str:
+    """A sentence about the first of `rows` that has none where `fields` want one."""
     start = 0
     for field in fields:
         values = rows[:, start : start + field.size]

@@ -14,35 +14,18 @@ from typing import NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
+from twin.compiled.address import address
+from twin.compiled.function import carray
+from twin.compiled.memory import copy
+from twin.compiled.native import entry
+from twin.recording.pending import Pending, Shape
+
 # small enough that little is lost with the last one, large enough to compress; before compression, bytes
 LARGEST_CHUNK = 256 * 1024
 # of a log time and an offset in an index, bytes
 ENTRY = 16
 KEPT, KEPT_MESSAGES = 32, 5000
 """So many weaves of so many messages at most are remembered: a few MB."""
-
-
-@dataclass(frozen=True)
-class RecordBlock:
-    """Message records of one channel.
-
-    Attributes:
-        channel: its number.
-        times: log times, ns, (n,) int64, ascending.
-        records: (n, stride) uint8.
-    """
-
-    channel: int
-    times: np.ndarray
-    records: np.ndarray
-
-
-class Shape(NamedTuple):
-    """What a weave asks of a block: its channel, how many its records are, and their length in bytes."""
-
-    channel: int
-    messages: int
-    stride: int
 
 
 @dataclass(frozen=True)
@@ -75,46 +58,66 @@ class Piece:
         return {channel: head + own[where] for channel, head, where in self.channels}
 
 
-@dataclass(frozen=True)
-class Weave:
-    """How the records of some blocks go in between each other; those of one time stay in the order of the blocks.
+class Woven(NamedTuple):
+    """Records in between each other, in order of time; those of one time in the order of their blocks.
 
     Attributes:
         begin: log time of the first message, ns.
-        size: bytes of all records.
-        places: of each block, the bytes at which its records start, (n,) int64.
+        content: the records, one after another, (bytes,) uint8.
         pieces: chunks of about `LARGEST_CHUNK` bytes at most, cut between ticks: whatever of them survives, every
             topic ends at the same tick.
     """
 
     begin: int
-    size: int
-    places: tuple[np.ndarray, ...]
+    content: np.ndarray
     pieces: tuple[Piece, ...]
 
-    def woven(self, blocks: Sequence[RecordBlock]) -> np.ndarray:
-        """The records of the `blocks` that this was made for, one after another, (size,) uint8."""
-        content = np.empty(self.size, dtype=np.uint8)
-        for block, places in zip(blocks, self.places, strict=True):
-            windows = record_windows(content, block.records.shape[1])
-            # as one opaque item each, numpy moves whole records
-            windows[places] = block.records.view(windows.dtype)[:, 0]
-        return content
 
-
-def weave_of(blocks: Sequence[RecordBlock]) -> Weave:
-    """How `blocks`, of at least one message, are woven."""
-    shapes = tuple(Shape(block.channel, *block.records.shape) for block in blocks)
-    times = np.concatenate([block.times for block in blocks])
+def woven(pending: Pending) -> Woven:
+    """The records of `pending`, of which there is at least one; there are none in it afterwards."""
+    times = np.concatenate(pending.times)
     begin = times.min()
     made = _kept if len(times) <= KEPT_MESSAGES else _kept.__wrapped__
-    size, places, pieces = made(shapes, (times - begin).tobytes())
-    return Weave(int(begin), size, places, pieces)
+    weave = made(tuple(pending.shapes), (times - begin).tobytes())
+    content = np.empty(pending.size, dtype=np.uint8)
+    _scatter(content, pending.address, *weave.table)
+    pending.clear()
+    return Woven(int(begin), content, weave.pieces)
+
+
+@entry("nothing", "int", "int", "integers", "int", "integers", "int")
+def _scatter(content, source, blocks, number, places, messages):
+    block, place = carray(blocks, 2 * number), carray(places, messages)
+    k = 0
+    for b in range(number):
+        stride = block[2 * b + 1]
+        for _ in range(block[2 * b]):
+            copy(content + place[k], source, stride)
+            source += stride
+            k += 1
+
+
+class _Weave:
+    """How the records of some blocks go in between each other.
+
+    Args:
+        shapes: of the blocks.
+        places: bytes at which records go, of one block after another, (n,) int64.
+
+    Attributes:
+        pieces: see `Woven`.
+        table: what `_scatter` takes of it.
+    """
+
+    def __init__(self, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
+        self.pieces = pieces
+        self._blocks, self._places = np.array([shape[1:] for shape in shapes], dtype=np.int64), places
+        self.table = address(self._blocks), len(shapes), address(places), len(places)
 
 
 @lru_cache(KEPT)
-def _kept(shapes: tuple[Shape, ...], times: bytes) -> tuple[int, tuple[np.ndarray, ...], tuple[Piece, ...]]:
-    """Size, places and pieces of a weave; `times` (n,) int64 since its first message, of one block after another."""
+def _kept(shapes: tuple[Shape, ...], times: bytes) -> _Weave:
+    """`times` (n,) int64 since the first message, of one block after another."""
     counts = [shape.messages for shape in shapes]
     since = np.frombuffer(times, dtype=np.int64)
     order = np.argsort(since, kind="stable")
@@ -128,7 +131,7 @@ def _kept(shapes: tuple[Shape, ...], times: bytes) -> tuple[int, tuple[np.ndarra
     inside = np.searchsorted(offsets, targets, side="right") - 1
     bounds = np.unique([0, *np.searchsorted(since, since[inside]), len(since)])
     pieces = tuple(_piece(since[a:b], channels[a:b], offsets[a : b + 1]) for a, b in pairwise(bounds.tolist()))
-    return int(offsets[-1]), tuple(np.split(places, np.cumsum(counts)[:-1])), pieces
+    return _Weave(shapes, places, pieces)
 
 
 def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piece:
@@ -143,11 +146,3 @@ def _piece(since: np.ndarray, channels: np.ndarray, offsets: np.ndarray) -> Piec
     )
     in_turn = entries[np.argsort(channels, kind="stable")]
     return Piece(slice(first, last), int(since[0]), int(since[-1]), in_turn, places)
-
-
-def record_windows(content: np.ndarray, stride: int) -> np.ndarray:
-    """View of content (bytes,) uint8 as an item of `stride` bytes from every byte on, (bytes - stride + 1,).
-
-    Indexing it with offsets gathers or scatters records of one length from among records of other lengths.
-    """
-    return np.ndarray((max(0, len(content) - stride + 1),), f"V{stride}", content, strides=(1,))

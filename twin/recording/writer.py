@@ -1,8 +1,7 @@
 """Writing a recording: slices of rows in, an MCAP file of protobuf messages out."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -14,15 +13,18 @@ from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Sche
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
+from twin.compiled.address import address
 from twin.recording.chunks import COMPRESSION_LEVEL, chunk, encoded
 from twin.recording.errors import RecordingFailed
-from twin.recording.form import Form, form_filling, form_records
-from twin.recording.layout import Topic
-from twin.recording.messages import message_layout, message_records
+from twin.recording.filling import Filling
+from twin.recording.form import Form, form_filling
+from twin.recording.layout import Field, Topic
+from twin.recording.messages import message_layout, no_integer
 from twin.recording.output import Output
+from twin.recording.pending import Pending
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.summary import Summary
-from twin.recording.weave import RecordBlock, weave_of
+from twin.recording.weave import Woven, woven
 
 EVENTS = "events"
 NANOSECONDS = 1e9
@@ -38,14 +40,16 @@ class OpenTopic:
         channel: its number.
         period: ticks from one message to the next.
         width: numbers in a row.
-        records: Message records of (times, first sequence number, rows).
+        filling: of its Message records.
+        fields: of a numeric topic.
         next_tick: the tick its next row may not precede.
     """
 
     channel: int
     period: int
     width: int
-    records: Callable[[np.ndarray, int, np.ndarray], np.ndarray]
+    filling: Filling
+    fields: Sequence[Field]
     next_tick: int = 0
 
 
@@ -90,10 +94,10 @@ class Writer:
         }
         self._summary = Summary(schemas, self._channels)
         self._compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
-        self._pending: list[RecordBlock] = []
+        self._pending = Pending()
         self._slice_topics: set[str] = set()
-        # most topics have the same
-        self._slice_times: dict[range, np.ndarray] = {}
+        # most topics have the same; with their addresses
+        self._slice_times: dict[range, tuple[np.ndarray, int]] = {}
         self._output = Output(Path(path))
         self._output.append(MCAP0_MAGIC + encoded(Header(profile="", library=f"twin {__version__}")))
         for name, entries in metadata.items():
@@ -124,14 +128,21 @@ class Writer:
         if topic in self._slice_topics:
             self.end_slice()
         self._slice_topics.add(topic)
-        if len(rows) == 0:
+        count = len(rows)
+        if count == 0:
             return
-        ticks = range(first_tick, first_tick + opened.period * len(rows), opened.period)
-        if ticks not in self._slice_times:
-            self._slice_times[ticks] = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
-        times = self._slice_times[ticks]
-        records = opened.records(times, self._summary.message_counts[opened.channel], rows)
-        self._buffer(RecordBlock(opened.channel, times, records))
+        ticks = range(first_tick, first_tick + opened.period * count, opened.period)
+        known = self._slice_times.get(ticks)
+        if known is None:
+            made = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
+            known = self._slice_times[ticks] = made, address(made)
+        times, times_at = known
+        counts, stride = self._summary.message_counts, len(opened.filling.template)
+        to = self._pending.room(count * stride)
+        if not opened.filling.fill(to, times_at, count, counts[opened.channel], rows):
+            raise ValueError(no_integer(opened.fields, rows))
+        counts[opened.channel] += count
+        self._pending.add(opened.channel, times, stride)
         opened.next_tick = ticks.stop
 
     def write_event(self, tick: int, level: str, text: str, name: str) -> None:
@@ -150,7 +161,8 @@ class Writer:
         channel = self._channels[-1].id
         data = log.SerializeToString(deterministic=True)
         record = encoded(Message(channel, time, data, time, self._summary.message_counts[channel]))
-        self._buffer(RecordBlock(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :]))
+        self._summary.message_counts[channel] += 1
+        self._pending.put(channel, times, np.frombuffer(record, dtype=np.uint8)[None, :])
 
     def write_metadata(self, name: str, entries: Mapping[str, str]) -> None:
         """Write a metadata record at once, ahead of messages still buffered.
@@ -203,10 +215,6 @@ class Writer:
         """Log times of `ticks`, ns, (n,) int64: each from its own tick, so that nothing accumulates."""
         return np.rint(ticks * (self.tick * NANOSECONDS)).astype(np.int64)
 
-    def _buffer(self, block: RecordBlock) -> None:
-        self._summary.message_counts[block.channel] += len(block.times)
-        self._pending.append(block)
-
     def end_slice(self) -> None:
         """Put what was written into the file if it fills a chunk, rather than when the next slice begins.
 
@@ -215,45 +223,38 @@ class Writer:
         """
         self._slice_topics.clear()
         self._slice_times.clear()
-        if sum(block.records.size for block in self._pending) >= SMALLEST_CHUNK:
+        if self._pending.size >= SMALLEST_CHUNK:
             self._write_chunks()
 
     def _write_chunks(self) -> None:
-        blocks, self._pending = self._pending, []
-        append_chunks(self._output, self._summary, blocks, self._compressor)
+        if self._pending.size:
+            append_chunks(self._output, self._summary, woven(self._pending), self._compressor)
 
 
-def append_chunks(
-    output: Output, summary: Summary, blocks: Sequence[RecordBlock], compressor: zstandard.ZstdCompressor
-) -> None:
-    """Put `blocks` into the file as chunks with their indexes, and note them in `summary`.
+def append_chunks(output: Output, summary: Summary, records: Woven, compressor: zstandard.ZstdCompressor) -> None:
+    """Put `records` into the file as chunks with their indexes, and note them in `summary`.
 
     Raises:
         RecordingFailed: disk full or recording closed.
     """
-    if not blocks:
-        return
-    weave = weave_of(blocks)
-    content = weave.woven(blocks).data
-    for piece in weave.pieces:
+    for piece in records.pieces:
         # in the first chunk rather than before it, schemas and channels are under its CRC
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []
         preamble = b"".join(map(encoded, declared))
-        messages = content[piece.content]
+        messages = records.content.data[piece.content]
         inside = b"".join((preamble, messages)) if preamble else messages
-        record = chunk(inside, weave.begin + piece.start, weave.begin + piece.end, compressor)
+        record = chunk(inside, records.begin + piece.start, records.begin + piece.end, compressor)
         data = encoded(record)
-        indexes = piece.indexes(weave.begin, len(preamble))
+        indexes = piece.indexes(records.begin, len(preamble))
         start = output.append(data + b"".join(indexes.values()))
         summary.note_chunk(record, start, len(data), indexes)
 
 
 def _opened(topic: Topic | Form, channel: int) -> OpenTopic:
     if isinstance(topic, Form):
-        return OpenTopic(channel, topic.period, topic.width, partial(form_records, form_filling(channel, topic)))
+        return OpenTopic(channel, topic.period, topic.width, form_filling(channel, topic), ())
     width = sum(field.size for field in topic.fields)
-    records = partial(message_records, message_layout(channel, topic.fields), topic.fields)
-    return OpenTopic(channel, topic.period, width, records)
+    return OpenTopic(channel, topic.period, width, message_layout(channel, topic.fields).filling, topic.fields)
 
 
 def _declarations(topics: Sequence[Topic], forms: Sequence[Form]) -> tuple[list[Schema], list[Channel]]:

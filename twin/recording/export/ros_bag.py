@@ -21,9 +21,10 @@ from twin.recording.export.table import NANOSECONDS, message_times, numbers_of, 
 from twin.recording.filling import NO_PLACES, Filling
 from twin.recording.messages import HEAD_SIZE, record_template
 from twin.recording.output import Output
+from twin.recording.pending import Pending
 from twin.recording.recording import Recording
 from twin.recording.summary import Summary
-from twin.recording.weave import RecordBlock
+from twin.recording.weave import woven
 from twin.recording.writer import append_chunks
 from twin.writing import made_folder, write_text
 
@@ -93,13 +94,12 @@ def _write_file(
     for name, entries in recording.metadata.items():
         record = encoded(Metadata(name, dict(entries)))
         summary.metadata.append(MetadataIndex(output.append(record), len(record), name))
-    compressor = zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
+    pending, compressor = Pending(), zstandard.ZstdCompressor(level=COMPRESSION_LEVEL)
     end = max(int(t[-1]) for t in rows.values())
     densest = max(len(t) for t in rows.values())
     # slices of equal length in time, so that no topic runs ahead of another
     edges = np.linspace(0, end + 1, -(-densest // AT_ONCE) + 1).astype(np.int64)
     for start, stop in pairwise(edges.tolist()):
-        blocks = []
         for channel, topic in zip(channels, topics, strict=True):
             own = rows[topic.source]
             at = own[np.searchsorted(own, start) : np.searchsorted(own, stop)]
@@ -108,8 +108,9 @@ def _write_file(
             picked = np.searchsorted(times[topic.source], at, side="right") - 1
             records = _records(channel.id, topic, recording, at, picked, summary.message_counts[channel.id])
             summary.message_counts[channel.id] += len(at)
-            blocks.append(RecordBlock(channel.id, at, records))
-        append_chunks(output, summary, blocks, compressor)
+            pending.put(channel.id, at, records)
+        if pending.size:
+            append_chunks(output, summary, woven(pending), compressor)
     output.append(summary.ending(output.size, output.crc))
     output.publish()
     return [summary.message_counts[channel.id] for channel in channels]

@@ -60,7 +60,7 @@ class Scene:
         shown = rows[start :: self._period]
         if len(shown):
             p_B = shown[:, self._p_B]
-            surface = np.tile(self._surface, (len(shown), 1))
+            surface = np.repeat(self._surface[None], len(shown), axis=0)
             if self._s_B is not None:
                 surface[:, :3] += shown[:, self._s_B]
             frames = poses(self._geometry, shown[:, self._theta_l], p_B, surface)
