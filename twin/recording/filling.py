@@ -62,6 +62,10 @@ class Filling:
         # numpy takes as long to tell an address as it takes to fill a record
         self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
+    def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray]]:
+        """Of a recording that another process gets: addresses are others there."""
+        return Filling, (self.template, self._places)
+
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
         """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
 

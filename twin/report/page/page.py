@@ -64,6 +64,30 @@ def write_report(
 def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> tuple[str, str]:
     """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
     judged = verdict(runs)
+    with picture(runs, judged) as drawn:
+        data, factor = _data(runs)
+        parts = sections(runs, judged, drawn(), budgets)
+    title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
+    links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
+    html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
+        title=joined([title]),
+        subtitle=element("p", " | ".join(run.label for run in runs)),
+        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
+        dark=dark_filter(),
+        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
+        verdict=verdict_section(runs, judged),
+        remark=_remark(data["scenes"], factor),
+        chooser=_chooser(runs, data["scenes"]),
+        sections=joined([part.html for part in parts]),
+        version=joined([version("twin")]),
+        data=_json(data),
+        script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
+    )
+    return html, judged.headline
+
+
+def _data(runs: Sequence[ReportRun]) -> tuple[dict[str, Any], int]:
+    """What the scripts of the page work on, and the factor by which samples are thinned."""
     blocks = [DataBlock() for _ in runs]
     panels, factor = curves(runs, blocks)
     scenes = [scene(run, block) for run, block in zip(runs, blocks, strict=True)]
@@ -78,24 +102,7 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> 
             for event in run.recording.events
         ],
     }
-    parts = sections(runs, judged, picture(runs, judged), budgets)
-    title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
-    links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
-    html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
-        title=joined([title]),
-        subtitle=element("p", " | ".join(run.label for run in runs)),
-        style=(ASSETS / "page.css").read_text(encoding="utf-8"),
-        dark=dark_filter(),
-        contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
-        verdict=verdict_section(runs, judged),
-        remark=_remark(scenes, factor),
-        chooser=_chooser(runs, scenes),
-        sections=joined([part.html for part in parts]),
-        version=joined([version("twin")]),
-        data=_json(data),
-        script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
-    )
-    return html, judged.headline
+    return data, factor
 
 
 def _budget(run: ReportRun, say: Say) -> "Budget":
