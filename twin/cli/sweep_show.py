@@ -1,6 +1,8 @@
 """`twin sweep show`: what a sweep came to."""
 
 import shlex
+from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -12,6 +14,7 @@ from twin.writing import json_text
 
 if TYPE_CHECKING:
     from twin.studies.sweep.folder import KeptRows
+    from twin.studies.sweep.show.parts import Asked
 
 By = Annotated[
     str | None,
@@ -49,20 +52,21 @@ def show(
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
     found = kept(folder, parquet)
-    # only for what is there: what draws and reckons takes a second to load
-    from twin.studies.paper_figure import for_paper
+    # only for what is there: what reckons and draws takes a second to load
     from twin.studies.sweep.parquet import write_parquet
     from twin.studies.sweep.show.parts import Asked, parts
-    from twin.studies.sweep.show.pictures import write_pictures
     from twin.studies.sweep.show.text import sweep_text
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     claims = claims_in(found.columns)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
-    with for_paper(formats or (), columns) as paper:
-        files = write_pictures(found, asked, x, y, folder)
-    vectors = {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}
+    # side by side: what sorts a million rows holds no lock
+    with ThreadPoolExecutor(1) as pool:
+        drawn = pool.submit(_drawn, found, asked, x, y, folder, formats or (), columns)
+        tables = [asdict(part) for part in parts(found, asked)] if as_json else []
+        text = "" if as_json else sweep_text(found, asked)
+    files, vectors = drawn.result()
     if html:
         from twin.report.page.sweep import write_sweep_page
 
@@ -72,14 +76,31 @@ def show(
         write_parquet(found, files["rows"])
     files |= vectors
     if as_json:
-        tables = [asdict(part) for part in parts(found, asked)]
         paths = {name: str(path) for name, path in files.items()}
         print(json_text(as_facts(found) | {"tables": tables, "files": paths}))
         return
-    print("\n".join([sweep_text(found, asked), *([""] if files else [])]))
+    print("\n".join([text, *([""] if files else [])]))
     width = max(map(len, files), default=0)
     for name, path in files.items():
         print(f"  {name:<{width}}  {path}")
+
+
+def _drawn(
+    found: "KeptRows",
+    asked: "Asked",
+    x: str | None,
+    y: str | None,
+    folder: Path,
+    formats: Sequence[str],
+    columns: int,
+) -> tuple[dict[str, Path], dict[str, Path]]:
+    """What each picture shows -> its file, and those for a paper."""
+    from twin.studies.paper_figure import for_paper
+    from twin.studies.sweep.show.pictures import write_pictures
+
+    with for_paper(formats, columns) as paper:
+        files = write_pictures(found, asked, x, y, folder)
+    return files, {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}
 
 
 def as_facts(found: "KeptRows") -> dict[str, Any]:

@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import wraps
 from itertools import chain
+from threading import Lock
 from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy as np
@@ -72,6 +73,7 @@ class Columns:
 
     of: dict[str, Column]
     _found: dict[tuple[Any, ...], Any] = field(default_factory=dict, repr=False)
+    _sought: dict[tuple[Any, ...], Lock] = field(default_factory=dict, repr=False)
 
     def __len__(self) -> int:
         return len(self.numbers("run"))
@@ -107,13 +109,14 @@ class Columns:
 
 
 def once(work: Callable[Concatenate[Columns, Asked], Answer]) -> Callable[Concatenate[Columns, Asked], Answer]:
-    """`work` with a memory: of the same columns the same is found out once."""
+    """`work` with a memory: of the same columns the same is found out once, whichever thread asks."""
 
     @wraps(work)
     def found(columns: Columns, *args: Asked.args, **kwargs: Asked.kwargs) -> Answer:
         asked = (work, *args, *kwargs.items())
-        if asked not in columns._found:
-            columns._found[asked] = work(columns, *args, **kwargs)
+        with columns._sought.setdefault(asked, Lock()):
+            if asked not in columns._found:
+                columns._found[asked] = work(columns, *args, **kwargs)
         answer: Answer = columns._found[asked]
         return answer
 
