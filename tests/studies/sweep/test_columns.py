@@ -1,5 +1,7 @@
 """Columns say what the rows say, whatever the parts they are made of."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import numpy as np
@@ -78,3 +80,16 @@ def test_what_was_found_out_of_columns_is_not_found_out_again():
     columns, other = columns_of([row(1, {})]), columns_of([])
     assert [length(columns, 1), length(columns, 1), length(columns, 2), length(other, 1)] == [2, 2, 3, 1]
     assert asked == [1, 2, 1]
+
+
+def test_two_threads_that_ask_at_once_get_what_one_of_them_found_out():
+    asked = []
+
+    @once
+    def slow(columns: Columns) -> int:
+        asked.append(None)
+        time.sleep(0.1)
+        return len(asked)
+
+    with ThreadPoolExecutor(2) as pool:
+        assert list(pool.map(slow, [columns_of([])] * 2)) == [1, 1]
