@@ -17,7 +17,7 @@ _ELSEWHERE = {
 }
 """Words of a command line that another process serves, or none."""
 FEW = 6
-"""Words of a report with a picture: more runs than those of Fig. 4 have one if they are of tasks only."""
+"""Words of a report whose picture is begun ahead: of more runs there hardly is one."""
 
 
 @contextmanager

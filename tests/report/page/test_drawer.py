@@ -6,7 +6,7 @@ import signal
 import pytest
 
 from twin.report.page import DRAWN
-from twin.report.page.drawer import drawing
+from twin.report.page.drawer import LARGEST, drawing
 from twin.runs.guard import ahead
 from twin.runs.guard.ahead import end_waiting, start_ahead
 
@@ -48,6 +48,20 @@ def test_one_that_was_killed_meanwhile_is_not_waited_for(pid: int):
 def test_one_that_stands_still_is_not_waited_for_for_ever(pid: int, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("twin.report.page.drawer.PATIENCE", 0.2)
     os.kill(pid, signal.SIGSTOP)
+    with drawing(HERE + "sign", "it") as content:
+        assert content() == f"it {os.getpid()}".encode()
+
+
+def test_what_is_too_large_to_be_handed_over_is_drawn_here(pid: int):
+    with drawing(HERE + "sign", "it", LARGEST + 1) as content:
+        assert content() == f"it {os.getpid()}".encode()
+
+
+def test_where_there_is_no_room_to_hand_it_over_it_is_drawn_here(pid: int, monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: object, **__: object) -> None:
+        raise OSError("No space left on device")
+
+    monkeypatch.setattr("pickle.dump", refuse)
     with drawing(HERE + "sign", "it") as content:
         assert content() == f"it {os.getpid()}".encode()
 

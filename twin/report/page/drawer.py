@@ -14,20 +14,30 @@ from twin.runs.guard.process import GuardedProcess
 POLL, PATIENCE = 0.05, 60.0
 """How often (s) it is looked whether that process still lives, and for how long it is waited for."""
 
+LARGEST = 200_000_000
+"""Bytes that are handed over; to write and read more would take time and room, and a minute of drawing is ahead."""
+
 
 @contextmanager
-def drawing(draw: str, shown: object) -> Iterator[Callable[[], bytes]]:
+def drawing(draw: str, shown: object, size: int = 0) -> Iterator[Callable[[], bytes]]:
     """What waits for a picture that is being drawn, and returns its content (PNG).
 
     Args:
         draw: "module:function", which is called as `draw(shown, path)`.
         shown: what can be pickled.
+        size: of that (bytes), about.
     """
-    with tempfile.TemporaryDirectory() as folder, taken(DRAWN) or nullcontext() as process:
+    waiting = taken(DRAWN) if size <= LARGEST else None
+    with tempfile.TemporaryDirectory() as folder, waiting or nullcontext() as process:
         path, handed_over = Path(folder) / "picture.png", Path(folder) / "shown"
         if process:
-            handed_over.write_bytes(pickle.dumps(shown))
-            process.start({"draw": draw, "shown": handed_over, "path": path})
+            try:
+                with handed_over.open("wb") as file:
+                    # arrays go straight to the file
+                    pickle.dump(shown, file, protocol=5)
+                process.start({"draw": draw, "shown": handed_over, "path": path})
+            except OSError:
+                process = None
 
         def content() -> bytes:
             if process is None or not _is_finished(process):

@@ -13,4 +13,6 @@ from twin.runs.guard.reporter import Reporter
 
 def drawn(reporter: Reporter, draw: str, shown: Path, path: Path) -> None:
     """A job of the guard: call the function `draw` with what the file `shown` holds (pickled); `path`: the picture."""
-    function_called(draw)(pickle.loads(shown.read_bytes()), path)
+    with shown.open("rb") as file:
+        content = pickle.load(file)
+    function_called(draw)(content, path)

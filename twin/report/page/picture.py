@@ -29,23 +29,23 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
-        return _figure("twin.studies.paper.fig4_picture:draw_fig4", verdict.fig4, text)
+        return _figure(runs, "twin.studies.paper.fig4_picture:draw_fig4", verdict.fig4, text)
     if verdict.fig5 is not None and (tasks := shown_tasks(verdict.fig5)):
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
         # what was judged by cannot be pickled, and is not drawn
         score = Fig5Score(tuple(replace(task, findings=()) for task in tasks), ())
-        return _figure("twin.studies.paper.fig5_picture:draw_fig5", score, text)
+        return _figure(runs, "twin.studies.paper.fig5_picture:draw_fig5", score, text)
     if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*CURVES):
         run = Fig4Run(runs[0].recording)
         if run.is_in_step:
             text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
-            return _figure("twin.report.page.one_run:draw_one_run", run, text)
+            return _figure(runs, "twin.report.page.one_run:draw_one_run", run, text)
     return nullcontext(lambda: None)
 
 
 @contextmanager
-def _figure(draw: str, shown: object, text: str) -> Iterator[Callable[[], Markup]]:
-    with drawing(draw, shown) as content:
+def _figure(runs: Sequence[ReportRun], draw: str, shown: object, text: str) -> Iterator[Callable[[], Markup]]:
+    with drawing(draw, shown, sum(run.size for run in runs)) as content:
         yield lambda: figure(content(), text)
 
 

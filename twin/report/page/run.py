@@ -83,6 +83,11 @@ class ReportRun:
         return measures(self)
 
     @property
+    def size(self) -> int:
+        """Bytes of its samples."""
+        return sum(stream.records.nbytes for _, stream in self.streams)
+
+    @property
     def streams(self) -> list[tuple[str, Any]]:
         return list(self.recording.streams.items())
 
@@ -116,7 +121,7 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
     """
     # two at a time: what unpacks and adds up holds no lock
     with ThreadPoolExecutor(2) as pool:
-        recordings = list(pool.map(read, map(recording_in, paths)))
+        recordings = list(pool.map(lambda path: read(recording_in(path)), paths))
     for path, recording in zip(paths, recordings, strict=True):
         if not any(len(stream.records) for stream in recording.streams.values()):
             note = f" ({recording.note})" if recording.note else ""
