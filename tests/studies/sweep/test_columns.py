@@ -83,7 +83,7 @@ def test_what_was_found_out_of_columns_is_not_found_out_again():
 
 
 def test_two_threads_that_ask_at_once_get_what_one_of_them_found_out():
-    asked = []
+    asked: list[None] = []
 
     @once
     def slow(columns: Columns) -> int:
