@@ -2,13 +2,13 @@
 
 import shlex
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.cli.beside import Beside
 from twin.cli.options import AsJson, Columns, Formats
 from twin.writing import json_text
 
@@ -62,11 +62,10 @@ def show(
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
     # side by side: what sorts a million rows holds no lock
-    with ThreadPoolExecutor(1) as pool:
-        drawn = pool.submit(_drawn, found, asked, x, y, folder, formats or (), columns)
+    with Beside(lambda: _drawn(found, asked, x, y, folder, formats or (), columns)) as drawn:
         tables = [asdict(part) for part in parts(found, asked)] if as_json else []
         text = "" if as_json else sweep_text(found, asked)
-    files, vectors = drawn.result()
+        files, vectors = drawn.answer()
     if html:
         from twin.report.page.sweep import write_sweep_page
 
