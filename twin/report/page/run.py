@@ -2,7 +2,6 @@
 
 import hashlib
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -119,9 +118,7 @@ def report_runs(paths: Sequence[Path]) -> list[ReportRun]:
         RecordingRefused: one is missing, empty, damaged or foreign.
         InputRefused: one holds no samples, is not of the robot, or is given twice.
     """
-    # two at a time: what unpacks and adds up holds no lock
-    with ThreadPoolExecutor(2) as pool:
-        recordings = list(pool.map(lambda path: read(recording_in(path)), paths))
+    recordings = [read(recording_in(path)) for path in paths]
     for path, recording in zip(paths, recordings, strict=True):
         if not any(len(stream.records) for stream in recording.streams.values()):
             note = f" ({recording.note})" if recording.note else ""
