@@ -20,6 +20,7 @@ ALONE = {
     "recording/folder.py": "the folder of a run must be new",
     "runs/guard/child.py": "pipes to the guard",
     "cli/streams.py": "standard streams",
+    "report/page/drawer.py": "what one process hands to another, in a folder of its own that goes with the page",
 }
 """Those who write by themselves, and why."""
 METHODS = {"write_text", "write_bytes", "savefig", "mkdir", "makedirs", "touch", "symlink_to", "write_table", "tofile"}

@@ -8,6 +8,8 @@ from tests.cli.test_run import FIG4
 from tests.command_line import twin
 from tests.recording import samples
 from twin.recording.recording import Recording
+from twin.report.page.page import report_page
+from twin.report.page.run import report_runs
 
 
 def test_the_verdict_is_printed_first_then_where_the_page_is(force_position: Recording, tmp_path: Path):
@@ -15,6 +17,17 @@ def test_the_verdict_is_printed_first_then_where_the_page_is(force_position: Rec
     assert done.returncode == 0, done.stderr
     assert done.stdout == "4 of 4 claims hold\n  page  page.html\n"
     assert (tmp_path / "page.html").stat().st_size < 8e6
+
+
+def test_a_page_is_the_same_whichever_process_drew_its_picture(
+    force_position: Recording, position: Recording, tmp_path: Path
+):
+    runs = [recording.path.parent for recording in (force_position, position)]
+    # on a machine with one core both are drawn here
+    for shown in (runs[:1], runs):
+        assert twin("report", *shown, "--out", "page.html", cwd=tmp_path).returncode == 0
+        html, _ = report_page(report_runs(shown))
+        assert (tmp_path / "page.html").read_text(encoding="utf-8") == html
 
 
 def test_several_runs_share_a_page(force_position: Recording, position: Recording, tmp_path: Path):

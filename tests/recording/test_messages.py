@@ -1,3 +1,5 @@
+import pickle
+
 import numpy as np
 import pytest
 from google.protobuf.descriptor_pb2 import FileDescriptorSet
@@ -67,3 +69,13 @@ def test_fields_that_json_would_call_alike_have_names_of_their_own() -> None:
     pool.Add(file)
     names = [field.json_name for field in pool.FindMessageTypeByName("twin.Plant").fields]
     assert len({*names}) == len(fields) and names[-1] == "b"
+
+
+def test_a_layout_that_another_process_gets_fills_records_as_it_did_here():
+    fields = (Field("p", 2, "double", "m", "a place"),)
+    layout = message_layout(3, fields)
+    times, rows = np.array([1, 2]), np.array([[0.5, 1.5], [2.5, 3.5]])
+    expected = message_records(layout, fields, times, 0, rows)
+    elsewhere = pickle.loads(pickle.dumps(layout))
+    assert elsewhere.filling._template_at != layout.filling._template_at
+    np.testing.assert_array_equal(message_records(elsewhere, fields, times, 0, rows), expected)

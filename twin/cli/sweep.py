@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from twin.cli.ahead import cores
 from twin.cli.group import Group
 from twin.cli.options import AsJson, LimitStep
 from twin.cli.progress import Progress, progress
@@ -201,11 +202,6 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
 
 
 app.command("show")(show)
-
-
-def cores() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def _refuse_endless(plan: "Plan") -> None:

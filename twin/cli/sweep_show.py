@@ -49,17 +49,24 @@ def show(
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
     found = kept(folder, parquet)
-    # only for what is there: what draws and reckons takes a second to load
-    from twin.studies.paper_figure import for_paper
+    # only for what is there: what reckons takes a second to load
     from twin.studies.sweep.parquet import write_parquet
+    from twin.studies.sweep.show.axes import axes_of
     from twin.studies.sweep.show.parts import Asked, parts
-    from twin.studies.sweep.show.pictures import write_pictures
     from twin.studies.sweep.show.text import sweep_text
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     claims = claims_in(found.columns)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
     asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
+    # a misspelt one is told before anything else
+    axes_of(found, x, y)
+    if not as_json:
+        # pictures of a million runs take as long again
+        print(sweep_text(found, asked), flush=True)
+    from twin.studies.paper_figure import for_paper
+    from twin.studies.sweep.show.pictures import write_pictures
+
     with for_paper(formats or (), columns) as paper:
         files = write_pictures(found, asked, x, y, folder)
     vectors = {f"{path.suffix[1:]} {path.stem}": path for path in paper.written}
@@ -76,7 +83,8 @@ def show(
         paths = {name: str(path) for name, path in files.items()}
         print(json_text(as_facts(found) | {"tables": tables, "files": paths}))
         return
-    print("\n".join([sweep_text(found, asked), *([""] if files else [])]))
+    if files:
+        print()
     width = max(map(len, files), default=0)
     for name, path in files.items():
         print(f"  {name:<{width}}  {path}")

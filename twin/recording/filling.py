@@ -82,6 +82,10 @@ class Filling:
         )  # fmt: skip
         return whole != 0
 
+    def __reduce__(self) -> tuple[type["Filling"], tuple[np.ndarray, np.ndarray]]:
+        """Of a recording that another process gets: addresses are others there."""
+        return Filling, (self.template, self._places)
+
     def records(self, times: np.ndarray, first_sequence: int, rows: np.ndarray) -> np.ndarray | None:
         """A record for each of `times`, (n, stride) uint8; None: where an integer goes there is none.
 

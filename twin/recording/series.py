@@ -94,12 +94,16 @@ class Contents:
             ValueError, KeyError, struct.error, McapError, DecodeError: not what twin writes.
         """
         records = Records(content)
-        declared = self._declared(position, content, records.table)
-        messages = records.table[records.table[:, CHANNEL] >= 0]
-        channels, firsts, counts = np.unique(messages[:, CHANNEL], return_index=True, return_counts=True)
+        is_message = records.table[:, CHANNEL] >= 0
+        declared = self._declared(position, content, records.table[~is_message])
+        messages = records.table[is_message]
+        of_channel = messages[:, CHANNEL]
+        number = np.bincount(of_channel)
+        counts = {channel: int(number[channel]) for channel in np.flatnonzero(number).tolist()}
         parts, logs = {}, []
-        for channel, first, count in zip(channels.tolist(), firsts.tolist(), counts.tolist(), strict=True):
-            if channel not in self._channels or messages[first, PLACE] < declared.get(channel, 0):
+        for channel, count in counts.items():
+            place = messages[(of_channel == channel).argmax(), PLACE] if channel in declared else 0
+            if channel not in self._channels or place < declared.get(channel, 0):
                 raise Damage(position, "a chunk before which the declaration of its topics is missing")
             if channel in self.series:
                 part = records.of(channel, count, self.counts[channel], self.series[channel].layout.stride)
@@ -107,25 +111,26 @@ class Contents:
                     raise Damage(position, MISSING)
                 parts[channel] = part
                 continue
-            sequence = messages[messages[:, CHANNEL] == channel, SEQUENCE]
+            sequence = messages[of_channel == channel, SEQUENCE]
             if not np.array_equal(sequence, np.arange(count) + self.counts[channel]):
                 raise Damage(position, MISSING)
             if channel not in self.foreign:
                 logs.append(channel)
-        events = [_event(_body(content, record)) for record in messages[np.isin(messages[:, CHANNEL], logs)]]
+        told = messages[np.isin(of_channel, logs)] if logs else ()
+        events = [_event(_body(content, record)) for record in told]
         for channel, part in parts.items():
             self.series[channel].parts.append(part)
         self.events += events
-        self.counts.update(dict(zip(channels.tolist(), counts.tolist(), strict=True)))
+        self.counts.update(counts)
 
-    def _declared(self, position: int, content: bytes, table: np.ndarray) -> dict[int, int]:
-        """Declare what the chunk declares: by channel number, where in the chunk that is.
+    def _declared(self, position: int, content: bytes, others: np.ndarray) -> dict[int, int]:
+        """Declare what the chunk declares, in records that are no messages: by channel number, where in it that is.
 
         Raises:
             Damage: there is something else in it than declarations and messages.
         """
         declared: dict[int, int] = {}
-        for record in table[table[:, CHANNEL] < 0]:
+        for record in others:
             place, opcode, length = record[: LENGTH + 1].tolist()
             if opcode not in (Opcode.SCHEMA, Opcode.CHANNEL):
                 raise Damage(position, f"a chunk with a record of kind {opcode} and {length} bytes")

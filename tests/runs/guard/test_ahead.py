@@ -38,15 +38,28 @@ def test_who_asks_for_another_job_gets_a_new_one_and_none_waits_any_more():
         (["run", "fig4", "--live"], False),
         (["run", "fig4", "--isolate", "none"], False),
         (["compare", "run"], False),
+        (["report", "fig4"], True),
+        (["report"], False),
+        (["report", "--help"], False),
+        (["report", "fig4", "--budget"], False),
+        (["report", *"abcdefg"], False),
         ([], False),
     ],
 )
-def test_what_looks_like_a_run_begins_one(monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool):
+def test_what_looks_like_a_run_or_a_picture_begins_one(monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool):
     monkeypatch.setattr("sys.argv", ["twin", *words])
+    monkeypatch.setattr("twin.cli.ahead.cores", lambda: 2)
     with run_expected():
         waiting = list(ahead._waiting.values())
         assert bool(waiting) == begins
     assert all(process.ended for process in waiting)
+
+
+def test_on_one_core_nothing_begins_that_can_be_done_as_well_later(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("sys.argv", ["twin", "report", "fig4"])
+    monkeypatch.setattr("twin.cli.ahead.cores", lambda: 1)
+    with run_expected():
+        assert not ahead._waiting
 
 
 def test_where_a_stream_is_closed_nothing_begins(monkeypatch: pytest.MonkeyPatch):

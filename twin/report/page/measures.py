@@ -2,14 +2,16 @@
 
 import math
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from twin.report.page.run import ReportRun
 from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
 from twin.studies.metrics.tracking import rms
 from twin.studies.paper.fig5_runs import trip_time
+
+if TYPE_CHECKING:
+    from twin.report.page.run import ReportRun
 
 BAND = 0.05
 """Share of the reference within which a force has settled, as in the paper's Fig. 4."""
@@ -37,9 +39,9 @@ def number(value: float, unit: str = "") -> str:
     return f"{value:.4g} {unit}".rstrip() if math.isfinite(value) else "never"
 
 
-def outcome(run: ReportRun) -> str:
+def outcome(run: "ReportRun") -> str:
     """What a constant force came to, as half a sentence; "" where no force was asked for."""
-    found = {measure.text: measure for measure in measures(run)}
+    found = {measure.text: measure for measure in run.measures}
     settled = next((measure for text, measure in found.items() if text.startswith("within ")), None)
     if settled is None:
         return ""
@@ -48,7 +50,7 @@ def outcome(run: ReportRun) -> str:
     return f"The true force {when} and ends at {number(found[END].true, 'N')}"
 
 
-def measures(run: ReportRun) -> list[Measure]:
+def measures(run: "ReportRun") -> list[Measure]:
     """All measures that `run` holds the series for, the force first."""
     found: list[Measure] = []
     if run.has("plant.F_ee_B"):
@@ -62,8 +64,8 @@ def measures(run: ReportRun) -> list[Measure]:
     return found
 
 
-def _force(run: ReportRun) -> list[Measure]:
-    t = run.recording.time("plant")
+def _force(run: "ReportRun") -> list[Measure]:
+    t = run.times["plant"]
     F_z = -run.recording["plant.F_ee_B"][:, 2]
     # not the force's z component: pulling sideways on a tilted surface has one, too
     touching = (run.recording["plant.F_n"] if run.has("plant.F_n") else F_z) > 0.0
@@ -108,8 +110,8 @@ def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching:
     ]  # fmt: skip
 
 
-def _path(run: ReportRun) -> list[Measure]:
-    t, p_B = run.recording.time("plant"), run.recording["plant.p_B"]
+def _path(run: "ReportRun") -> list[Measure]:
+    t, p_B = run.times["plant"], run.recording["plant.p_B"]
     found = []
     if run.has("controller.p_ref_B"):
         off = MM * (p_B - run.held("controller.p_ref_B", t))
@@ -126,7 +128,7 @@ def _path(run: ReportRun) -> list[Measure]:
     return found
 
 
-def _drives(run: ReportRun) -> list[Measure]:
+def _drives(run: "ReportRun") -> list[Measure]:
     worst = {
         name: max(float(np.abs(run.recording[f"drive/{joint}.{name}"]).max()) for joint in (1, 2, 3))
         for name in ("omega_m", "tau_motor")

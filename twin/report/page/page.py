@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from concurrent.futures import ThreadPoolExecutor
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
@@ -64,21 +65,9 @@ def write_report(
 def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> tuple[str, str]:
     """(HTML, first sentence). The same recordings, summaries and budgets (of each run, or none) give the same text."""
     judged = verdict(runs)
-    blocks = [DataBlock() for _ in runs]
-    panels, factor = curves(runs, blocks)
-    scenes = [scene(run, block) for run, block in zip(runs, blocks, strict=True)]
-    data = {
-        "end": max(run.end for run in runs),
-        "runs": [{"label": run.label, "block": block.text()} for run, block in zip(runs, blocks, strict=True)],
-        "panels": panels,
-        "scenes": scenes,
-        "events": [
-            {"run": number, "t": event.time, "level": event.level, "text": event.text}
-            for number, run in enumerate(runs)
-            for event in run.recording.events
-        ],
-    }
-    parts = sections(runs, judged, picture(runs, judged), budgets)
+    with picture(runs, judged) as drawn:
+        data, factor = _data(runs)
+        parts = sections(runs, judged, drawn(), budgets)
     title = runs[0].title if len(runs) == 1 else f"{len(runs)} runs compared"
     links = [("verdict", "Verdict"), ("replay", "Replay"), *((part.key, part.title) for part in parts)]
     html = Template((ASSETS / "page.html").read_text(encoding="utf-8")).substitute(
@@ -88,14 +77,37 @@ def report_page(runs: Sequence[ReportRun], budgets: Sequence["Budget"] = ()) -> 
         dark=dark_filter(),
         contents=joined([element("a", text, href=f"#{key}") for key, text in links]),
         verdict=verdict_section(runs, judged),
-        remark=_remark(scenes, factor),
-        chooser=_chooser(runs, scenes),
+        remark=_remark(data["scenes"], factor),
+        chooser=_chooser(runs, data["scenes"]),
         sections=joined([part.html for part in parts]),
         version=joined([version("twin")]),
         data=_json(data),
         script="\n".join((ASSETS / f"{name}.js").read_text(encoding="utf-8") for name in SCRIPTS),
     )
     return html, judged.headline
+
+
+def _data(runs: Sequence[ReportRun]) -> tuple[dict[str, Any], int]:
+    """What the scripts of the page work on, and the factor by which samples are thinned."""
+    blocks = [DataBlock() for _ in runs]
+    # side by side: what adds up and compresses holds no lock
+    with ThreadPoolExecutor(2) as pool:
+        pool.map(lambda run: run.sha256, runs)
+        panels, factor = curves(runs, blocks)
+        scenes = [scene(run, block) for run, block in zip(runs, blocks, strict=True)]
+        texts = pool.map(DataBlock.text, blocks)
+    data = {
+        "end": max(run.end for run in runs),
+        "runs": [{"label": run.label, "block": text} for run, text in zip(runs, texts, strict=True)],
+        "panels": panels,
+        "scenes": scenes,
+        "events": [
+            {"run": number, "t": event.time, "level": event.level, "text": event.text}
+            for number, run in enumerate(runs)
+            for event in run.recording.events
+        ],
+    }
+    return data, factor
 
 
 def _budget(run: ReportRun, say: Say) -> "Budget":

@@ -54,8 +54,7 @@ def series(key: str, column: int | None = None, scale: float = 1.0) -> Reader:
     def samples(run: ReportRun) -> Samples | None:
         if not run.has(key):
             return None
-        values = run.recording[key]
-        return run.recording.time(key.rpartition(".")[0]), scale * (values if column is None else values[:, column])
+        return run.times[key.rpartition(".")[0]], scale * run.column(key, column)
 
     return samples
 
@@ -66,8 +65,8 @@ def deviation(axis: int) -> Reader:
     def samples(run: ReportRun) -> Samples | None:
         if not run.has("plant.p_B", "controller.p_ref_B"):
             return None
-        t = run.recording.time("plant")
-        return t, MM * (run.recording["plant.p_B"][:, axis] - run.held("controller.p_ref_B", t)[:, axis])
+        t = run.times["plant"]
+        return t, MM * (run.column("plant.p_B", axis) - run.held("controller.p_ref_B", t)[:, axis])
 
     return samples
 
@@ -76,7 +75,7 @@ def surface_height(run: ReportRun) -> Samples | None:
     """Reads where the apex of a surface that moves is, mm."""
     if not run.has("body.s_B") or "contact" not in run.values:
         return None
-    return run.recording.time("body"), run.values["contact"]["height_mm"] + MM * run.recording["body.s_B"][:, 2]
+    return run.times["body"], run.values["contact"]["height_mm"] + MM * run.column("body.s_B", 2)
 
 
 def wind_up(joint: int, motor: str, load: str) -> Reader:
@@ -85,10 +84,10 @@ def wind_up(joint: int, motor: str, load: str) -> Reader:
     def samples(run: ReportRun) -> Samples | None:
         if not run.has(motor, load) or "N" not in run.values.get("plant", {}):
             return None
-        t = run.recording.time(load.rpartition(".")[0])
+        t = run.times[load.rpartition(".")[0]]
         theta_m = run.held(motor, t)
         theta_m = theta_m if theta_m.ndim == 1 else theta_m[:, joint]
-        return t, DEG * (theta_m - run.values["plant"]["N"] * run.recording[load][:, joint])
+        return t, DEG * (theta_m - run.values["plant"]["N"] * run.column(load, joint))
 
     return samples
 

@@ -2,15 +2,16 @@
 
 import base64
 import struct
-import tempfile
-from collections.abc import Callable, Sequence
-from functools import partial
-from pathlib import Path
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager, nullcontext
+from dataclasses import replace
 
+from twin.report.page.drawer import drawing
 from twin.report.page.markup import Markup, element
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict
 from twin.studies.paper.fig4_runs import Fig4Run
+from twin.studies.paper.fig5_score import Fig5Score, shown_tasks
 
 CURVES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
@@ -22,34 +23,30 @@ MAGNIFIED = 2.0
 """Most pixels of the page for a pixel of a picture."""
 
 
-def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup | None:
-    """Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out like Fig. 4; None if none of these fits."""
+def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextManager[Callable[[], Markup | None]]:
+    """What waits for a picture that is being drawn: Fig. 4 of its two runs, Fig. 5 of runs with tasks, one run laid out
+    like Fig. 4; None if none of these fits."""
     if verdict.fig4 is not None:
-        from twin.studies.paper.fig4_picture import draw_fig4
-
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
-        return _figure(partial(draw_fig4, verdict.fig4), text)
-    if verdict.fig5 is not None:
-        from twin.studies.paper.fig5_picture import draw_fig5, shown_tasks
-
-        if not shown_tasks(verdict.fig5):
-            return None
+        return _figure(runs, "twin.studies.paper.fig4_picture:draw_fig4", verdict.fig4, text)
+    if verdict.fig5 is not None and (tasks := shown_tasks(verdict.fig5)):
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
-        return _figure(partial(draw_fig5, verdict.fig5), text)
-    if len(runs) == 1 and runs[0].has(*CURVES) and Fig4Run(runs[0].recording).is_in_step:
-        from twin.report.page.one_run import draw_one_run
+        # what was judged by cannot be pickled, and is not drawn
+        score = Fig5Score(tuple(replace(task, findings=()) for task in tasks), ())
+        return _figure(runs, "twin.studies.paper.fig5_picture:draw_fig5", score, text)
+    if verdict.fig5 is None and len(runs) == 1 and runs[0].has(*CURVES):
+        run = Fig4Run(runs[0].recording)
+        if run.is_in_step:
+            text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
+            return _figure(runs, "twin.report.page.one_run:draw_one_run", run, text)
+    return nullcontext(lambda: None)
 
-        text = "Laid out like Fig. 4 of the paper: A height, B pressing force, C and D force along x and y."
-        return _figure(partial(draw_one_run, Fig4Run(runs[0].recording)), text)
-    return None
 
-
-def _figure(draw: Callable[[Path], None], text: str) -> Markup:
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "picture.png"
-        draw(path)
-        return figure(path.read_bytes(), text)
+@contextmanager
+def _figure(runs: Sequence[ReportRun], draw: str, shown: object, text: str) -> Iterator[Callable[[], Markup]]:
+    with drawing(draw, shown, sum(run.size for run in runs)) as content:
+        yield lambda: figure(content(), text)
 
 
 def figure(content: bytes, text: str) -> Markup:

@@ -13,6 +13,7 @@ from twin.files import read_json
 from twin.recording.folder import recording_in
 from twin.recording.reader import read
 from twin.recording.recording import Recording
+from twin.report.page.measures import Measure, measures
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.fig5_runs import settings
 
@@ -68,7 +69,22 @@ class ReportRun:
     @cached_property
     def end(self) -> float:
         """Time of the last sample (s)."""
-        return max(float(self.recording.time(topic)[-1]) for topic, stream in self.streams if len(stream.records))
+        return max(float(t[-1]) for t in self.times.values() if len(t))
+
+    @cached_property
+    def times(self) -> dict[str, Curve]:
+        """Of the samples of each topic (s), (n,)."""
+        return {topic: self.recording.time(topic) for topic in self.recording.streams}
+
+    @cached_property
+    def measures(self) -> list[Measure]:
+        """See the function of this name."""
+        return measures(self)
+
+    @property
+    def size(self) -> int:
+        """Bytes of its samples."""
+        return sum(stream.records.nbytes for _, stream in self.streams)
 
     @property
     def streams(self) -> list[tuple[str, Any]]:
@@ -79,11 +95,17 @@ class ReportRun:
         fields = self.recording.fields()
         return all(key in fields and len(self.recording.streams[key.rpartition(".")[0]].records) for key in keys)
 
+    def column(self, key: str, column: int | None) -> Curve:
+        """Samples of a series (n,), or of one column of it, as they lie in the memory: to be worked on, not kept."""
+        topic, _, name = key.rpartition(".")
+        values = self.recording.streams[topic].values[name]
+        return values if column is None else values[:, column]
+
     def held(self, key: str, t: Curve) -> Curve:
         """Samples of a series as they held at times `t` (n,) in s; before its first sample, that one."""
         topic = key.rpartition(".")[0]
         # half a nanosecond: rounding of the recorded times
-        place = self.recording.time(topic).searchsorted(t + 5e-10, side="right") - 1
+        place = self.times[topic].searchsorted(t + 5e-10, side="right") - 1
         return self.recording[key][place.clip(min=0)]
 
 

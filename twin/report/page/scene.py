@@ -33,7 +33,7 @@ def scene(run: ReportRun, block: DataBlock) -> dict[str, Any] | None:
     if not run.has("plant.p_B", "plant.theta_l") or None in lengths:
         return None
     geometry = Geometry(*(length / MM for length in lengths))
-    times = run.recording.time("plant")
+    times = run.times["plant"]
     step = max(1.0 / RATE, float(times[-1] - times[0]) / MOST_FRAMES)
     t = times[0] + step * np.arange(int((times[-1] - times[0]) / step + 1e-6) + 1)
     p_B = run.held("plant.p_B", t)

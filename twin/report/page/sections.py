@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.report.page.markup import Markup, element, joined, section, table
-from twin.report.page.measures import Measure, measures, number
+from twin.report.page.measures import Measure, number
 from twin.report.page.parameters import differences, flat, parameters
 from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
@@ -129,7 +129,7 @@ def _claim(finding: ClaimFinding) -> tuple[str, ...]:
 
 def _measures(runs: Sequence[ReportRun]) -> Markup:
     """A measure per line, a run per column."""
-    found = [{(m.text, m.unit): m for m in measures(run)} for run in runs]
+    found = [{(m.text, m.unit): m for m in run.measures} for run in runs]
     lines = dict.fromkeys(key for one in found for key in one)
     if len(runs) == 1:
         told = [(text, number(m.true), number(m.believed), unit) for (text, unit), m in found[0].items()]

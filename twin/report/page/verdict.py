@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
-from twin.report.page.measures import measures, outcome
+from twin.report.page.measures import outcome
 from twin.report.page.run import ReportRun
 from twin.studies.metrics.better import standing
 from twin.studies.paper.claim import ClaimFinding, judged
@@ -109,7 +109,7 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
 def beside(runs: Sequence[ReportRun]) -> list[str]:
     """In what each run but the first is better or worse than the first; nothing of one run."""
     values = [
-        {m.short: m.true for m in measures(run) if m.short and not math.isnan(m.true)} if len(runs) > 1 else {}
+        {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)} if len(runs) > 1 else {}
         for run in runs
     ]
     return [

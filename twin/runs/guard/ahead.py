@@ -10,11 +10,16 @@ def start_ahead(job: str) -> None:
     _waiting[job] = GuardedProcess(job)
 
 
-def process_for(job: str) -> GuardedProcess:
-    """The process that was started ahead for `job`, or a new one; none waits any more."""
+def taken(job: str) -> GuardedProcess | None:
+    """The process that was started ahead for `job`, if one was; none waits any more."""
     found = _waiting.pop(job, None)
     end_waiting()
-    return found or GuardedProcess(job)
+    return found
+
+
+def process_for(job: str) -> GuardedProcess:
+    """The process that was started ahead for `job`, or a new one; none waits any more."""
+    return taken(job) or GuardedProcess(job)
 
 
 def end_waiting() -> None:

@@ -18,7 +18,7 @@ from twin.studies.metrics.path import along_and_off
 from twin.studies.paper.claim import Claim
 from twin.studies.paper.fig5 import CLAIMS
 from twin.studies.paper.fig5_runs import TaskRun, settings
-from twin.studies.paper.fig5_score import Fig5Score, TaskScore
+from twin.studies.paper.fig5_score import Fig5Score, shown_tasks
 from twin.studies.paper.fig5_space import REFERENCE, TRACE, TRUTH, draw_in_space
 
 ESTIMATE, SHIFTED = ORANGE, GREEN
@@ -62,16 +62,6 @@ def draw_fig5(score: Fig5Score, path: Path) -> None:
         figure.legend(
             marks.values(), marks.keys(), loc="lower center", ncols=min(len(marks), MARKS * len(shown)), fontsize=9
         )
-
-
-def shown_tasks(score: Fig5Score) -> list[TaskScore]:
-    """Of each kind of task, in the order of Fig. 5, the last one that was begun in the first run that has one."""
-    shown = []
-    for kind in TITLES:
-        tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
-        if tasks:
-            shown.append([task for task in tasks if task.run.recording is tasks[0].run.recording][-1])
-    return shown
 
 
 def _seen(run: TaskRun) -> slice:

@@ -90,6 +90,16 @@ def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
     return Fig5Score(tuple(tasks), tuple(remarks))
 
 
+def shown_tasks(score: Fig5Score) -> list[TaskScore]:
+    """Of each kind of task, in the order of Fig. 5, the last one that was begun in the first run that has one."""
+    shown = []
+    for kind in CLAIMS:
+        tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
+        if tasks:
+            shown.append([task for task in tasks if task.run.recording is tasks[0].run.recording][-1])
+    return shown
+
+
 def _task_scores(recording: Recording) -> list[TaskScore]:
     runs = task_runs(recording)
     drive, body = drive_of(recording), body_of(recording)

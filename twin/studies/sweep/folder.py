@@ -5,7 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydantic import Field
 
@@ -13,9 +13,11 @@ from twin.errors import InputRefused
 from twin.files import read_bytes
 from twin.studies.sweep.column_file import columns_in
 from twin.studies.sweep.columns import Columns, Row
-from twin.studies.sweep.plan import Plan
 from twin.studies.sweep.rows import MOST_RUNS, ROWS, Shape, parsed, read_rows
 from twin.writing import made_folder, write_json
+
+if TYPE_CHECKING:
+    from twin.studies.sweep.plan import Plan
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
@@ -64,7 +66,7 @@ class KeptRows:
         return sorted(self.read(), key=lambda row: row["run"])
 
 
-def claim(folder: Path, plan: Plan) -> None:
+def claim(folder: Path, plan: "Plan") -> None:
     """Make `folder` that of `plan`, or find that it is already.
 
     Raises:

@@ -1,5 +1,6 @@
 """A sweep as a heat map: one metric over two parameters, failures marked."""
 
+import math
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,13 +12,12 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from twin.errors import InputRefused
 from twin.studies.figure import INK, MAP, VERMILION, picture
 from twin.studies.sweep.columns import Numbers
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.crowd import visible
 from twin.studies.sweep.show.words import short
-from twin.studies.sweep.statistics.ranking import drives_in, numeric_labels, of_drive, parameter, value
+from twin.studies.sweep.statistics.ranking import drives_in, of_drive, parameter, value
 
 COLORS = "cividis_r"
 """Made for colour-blind readers; light is little error."""
@@ -28,28 +28,6 @@ FEW_LEVELS = 10
 """Named along an axis of so many cells."""
 FAR = 3.0
 """Interquartile ranges beyond the quartiles from which a value is far out (Tukey 1977, "outer fences")."""
-
-
-def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | None:
-    """The two parameters of the map: those asked for, else the first two that are numbers; None: there are not two.
-
-    Raises:
-        InputRefused: one asked for does not vary.
-    """
-    numeric = numeric_labels(kept.labels, kept.columns)
-    names = short(kept.labels)
-    chosen = []
-    for option, wanted in (("--x", x), ("--y", y)):
-        found = [label for label in numeric if wanted in (label, names[label])]
-        if wanted is not None and not found:
-            raise InputRefused(
-                f"{option} {wanted}: no number that varies here; there are {', '.join(numeric) or 'none'}"
-            )
-        chosen.append(found[0] if found else None)
-    free = [label for label in numeric if label not in chosen]
-    first = chosen[0] or (free.pop(0) if free else None)
-    second = chosen[1] or (free.pop(0) if free else None)
-    return (first, second) if first and second and first != second else None
 
 
 def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -> None:
@@ -108,15 +86,15 @@ def shown_range(values: Numbers) -> tuple[float, float, str]:
 
 
 def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numbers: Numbers) -> None:
-    at_x, at_y = np.unique(x), np.unique(y)
-    if 0 < len(at_x) * len(at_y) <= len(x):
+    if levels := _levels(x, y):
+        at_x, at_y = levels
         i, j = np.searchsorted(at_x, x), np.searchsorted(at_y, y)
         best = np.full((len(at_x), len(at_y)), np.nan)
         np.fmin.at(best, (i, j), numbers)
-        _draw_grid(panel, shade, (at_x, at_y), best, np.unique(i * len(at_y) + j))
+        _draw_grid(panel, shade, levels, best, np.unique(i * len(at_y) + j))
         return
     # several octaves, all positive: a ratio says more than a difference
-    octaves = [len(level) > 1 and level[0] > 0.0 and level[-1] / level[0] >= 4.0 for level in (at_x, at_y)]
+    octaves = [len(x) > 0 and along.min() > 0.0 and along.max() / along.min() >= 4.0 for along in (x, y)]
     on_paper = [np.log(along) if is_so else along for along, is_so in zip((x, y), octaves, strict=True)]
     good, bad = (np.flatnonzero(some) for some in (np.isfinite(numbers), ~np.isfinite(numbers)))
     good, bad = (some[visible(on_paper[0][some], on_paper[1][some], 1)] for some in (good, bad))
@@ -130,6 +108,16 @@ def _draw_panel(panel: Axes, shade: ScalarMappable, x: Numbers, y: Numbers, numb
             axis.set_minor_formatter(NullFormatter())
     panel.tick_params(labelsize=8)
     panel.grid()
+
+
+def _levels(x: Numbers, y: Numbers) -> tuple[Numbers, Numbers] | None:
+    """Each number that there is of either, in order, where the dots are those of a grid."""
+    # of a sample the first dots tell, and to sort a million takes long
+    few = math.isqrt(len(x)) + 1
+    if len(np.unique(x[:few])) * len(np.unique(y[:few])) > len(x):
+        return None
+    at_x, at_y = np.unique(x), np.unique(y)
+    return (at_x, at_y) if 0 < len(at_x) * len(at_y) <= len(x) else None
 
 
 def _draw_grid(

@@ -3,9 +3,10 @@
 from pathlib import Path
 
 from twin.studies.sweep.folder import KeptRows
+from twin.studies.sweep.show.axes import axes_of
 from twin.studies.sweep.show.front import draw_front
 from twin.studies.sweep.show.parts import Asked
-from twin.studies.sweep.show.picture import axes_of, draw_sweep
+from twin.studies.sweep.show.picture import draw_sweep
 from twin.studies.sweep.show.spread import draw_spreads
 from twin.studies.sweep.statistics.bands import bands
 from twin.studies.sweep.statistics.pareto import pareto_front

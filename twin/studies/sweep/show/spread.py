@@ -28,7 +28,7 @@ def draw_spreads(kept: KeptRows, path: Path) -> None:
             found = spread(columns, metric)
             assert found is not None
             for number, drive in enumerate(drives):
-                values = value(columns, metric)[of_drive(columns, drive)]
+                values = value(columns, metric)[of_drive(columns, drive)] if len(drives) > 1 else found.numbers
                 counts, _ = np.histogram(values[~np.isnan(values)], len(found.counts), tuple(found.edges[[0, -1]]))
                 # of a million runs only their counts
                 axes.hist(

@@ -1,0 +1,18 @@
+"""What a process that waits for pictures to draw does; it imports what draws them before it knows which."""
+
+import pickle
+from pathlib import Path
+
+import matplotlib.backends.backend_agg  # noqa: F401
+
+import twin.report.page.one_run
+import twin.studies.paper.fig4_picture  # noqa: F401
+from twin.runs.guard.job import function_called
+from twin.runs.guard.reporter import Reporter
+
+
+def drawn(reporter: Reporter, draw: str, shown: Path, path: Path) -> None:
+    """A job of the guard: call the function `draw` with what the file `shown` holds (pickled); `path`: the picture."""
+    with shown.open("rb") as file:
+        content = pickle.load(file)
+    function_called(draw)(content, path)
