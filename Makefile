@@ -23,8 +23,11 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 
 # tests start hundreds of processes: none of them should compile what another one has compiled
 test: export PYTHONDONTWRITEBYTECODE :=
-test: $(VENV)/.test-$(EXTRAS) lint  ## set up, lint, check types and import floors, run the tests
-	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"
+test: $(VENV)/.test-$(EXTRAS)  ## set up, run the tests and, beside them, lint, types and import floors
+	@trap 'kill $$lint 2>/dev/null' INT TERM; \
+	$(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
+	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"; tests=$$?; \
+	wait $$lint; linted=$$?; cat $(VENV)/lint.txt; [ $$tests = 0 ] && [ $$linted = 0 ]
 
 test-fast: export PYTHONDONTWRITEBYTECODE :=
 test-fast: $(VENV)/.test-$(EXTRAS)  ## the rooms whose tests start no processes, with a quarter of the examples

@@ -69,6 +69,8 @@ def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, is
         if not isolated:
             for place in GUARDED:
                 stack.enter_context(mock.patch(place, _unguarded))
+            # nobody would ask the process that is started before it is known what for
+            stack.enter_context(mock.patch("twin.cli.ahead.start_ahead"))
         code = _exit_code(main)
     return Done(code, said.getvalue(), told.getvalue())
 

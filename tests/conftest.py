@@ -1,6 +1,5 @@
 """What many tests stand on: the repository's files, and the paper's experiment run once."""
 
-import gc
 import os
 import signal
 from pathlib import Path
@@ -46,12 +45,6 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Rooms in the order of `LONG`, then all others."""
     order = {ROOT / "tests" / room: place for place, room in enumerate(LONG)}
     items.sort(key=lambda item: min(order.get(folder, len(LONG)) for folder in item.path.parents))
-
-
-def pytest_collection_finish() -> None:
-    """What was imported stays: it is not looked through again and again for what can go."""
-    gc.collect()
-    gc.freeze()
 
 
 def examples(count: int, **options: Any) -> settings:
