@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from tests.studies.sweep.statistics.rows import row
 from twin.cli.app import app
-from twin.errors import InputRefused
+from twin.errors import InputRefused, NotWritten
 from twin.studies.sweep.folder import FACTS
 from twin.studies.sweep.rows import ROWS
 
@@ -41,6 +41,16 @@ def test_the_answer_comes_first_and_the_files_last(folder: Path):
     assert lines[0] == "made_up  12 runs: least force_error_N 1 (run 4); 1 failed"
     assert lines[-1].split() == ["page", str(folder / "sweep.html")]
     assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
+
+
+def test_it_is_told_before_anything_is_drawn(folder: Path, monkeypatch: pytest.MonkeyPatch):
+    def refuse(*_: object) -> None:
+        raise NotWritten("no room")
+
+    monkeypatch.setattr("twin.studies.sweep.show.pictures.write_pictures", refuse)
+    done = CliRunner().invoke(app, ["sweep", "show", str(folder)])
+    assert isinstance(done.exception, NotWritten)
+    assert done.stdout.startswith("made_up  12 runs: ")
 
 
 def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
