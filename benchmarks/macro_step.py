@@ -142,7 +142,7 @@ def _against_c(name: str, rounds: Rounds) -> list[Measurement]:
         Measurement(f"{name}: of it the FMU calls alone", 1e9 * rounds.typical("fmu") / TICKS, "ns"),
         Measurement(f"{name}: master / C loop", rounds.ratio("master", "c"), "x", at_most=1.3),
         Measurement(
-            f"{name}: the same in slices of {SLICE_TICKS} ticks", rounds.ratio("sliced", "c"), "x", at_most=1.45
+            f"{name}: the same in slices of {SLICE_TICKS} ticks", rounds.ratio("sliced", "c"), "x", at_most=1.4
         ),
         Measurement(f"{name}: master beyond the FMU calls", net("master"), "ns"),
         Measurement(f"{name}: C loop beyond the FMU calls", net("c"), "ns"),
