@@ -9,9 +9,9 @@ def main() -> None:
 
     keep_interrupts()
     try:
-        from twin.cli.ahead import run_expected
+        from twin.cli.ahead import job_expected
 
-        with run_expected():
+        with job_expected():
             from twin.cli.app import main
 
             main()

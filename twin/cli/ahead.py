@@ -21,7 +21,7 @@ FEW = 6
 
 
 @contextmanager
-def run_expected() -> Iterator[None]:
+def job_expected() -> Iterator[None]:
     """Start the process of a run, or of the picture of a report, if the command line looks like one; it ends with the
     block if nobody has asked."""
     command, words = "".join(sys.argv[1:2]), sys.argv[2:]

@@ -67,7 +67,7 @@ class Simulation:
         for component in system.components:
             component.keep_time(self._mark)
         self._y = system.outputs()
-        self._rows, self._most = np.empty((slice_ticks, system.outputs_width)), slice_ticks
+        self._rows = np.empty((slice_ticks, system.outputs_width))
         self._table = system.table(self._u, self._y)
         self._timed = timed
         self._loop = system.loop(self._table, self._y, self._mark, last_tick)
@@ -96,18 +96,18 @@ class Simulation:
             (ticks, outputs): one row per tick from the old `next_tick` on, a view that the next call overwrites. If a
             component failed, the rows before it, and `failure` says what happened.
         """
-        done, most = 0, self._most
+        done, most = 0, len(self._rows)
         # what `finished` says, which would cost a tenth of a slice of small drives to ask
         while done < most and self.next_tick <= self.last_tick and self.failure is None:
             count = min(most - done, self._change_memory()) if self.system.changes else most - done
             made = self._advance(self._address, self.next_tick, count, done)
-            if made < 0:
+            failed = made < 0
+            if failed:
                 made = -1 - made
-                self.next_tick += made
-                self.failure = self._failed()
-            else:
-                self.next_tick += made
             done += made
+            self.next_tick += made
+            if failed:
+                self.failure = self._failed()
         return self._rows if done == most else self._rows[:done]
 
     def run(self) -> np.ndarray:

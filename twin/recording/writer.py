@@ -24,7 +24,7 @@ from twin.recording.output import Output
 from twin.recording.pending import Pending
 from twin.recording.schema import descriptor_set, descriptors_of, log_descriptor_set, message_names
 from twin.recording.summary import Summary
-from twin.recording.weave import Woven, woven
+from twin.recording.weave import woven
 
 EVENTS = "events"
 NANOSECONDS = 1e9
@@ -227,16 +227,18 @@ class Writer:
             self._write_chunks()
 
     def _write_chunks(self) -> None:
-        if self._pending.size:
-            append_chunks(self._output, self._summary, woven(self._pending), self._compressor)
+        append_chunks(self._output, self._summary, self._pending, self._compressor)
 
 
-def append_chunks(output: Output, summary: Summary, records: Woven, compressor: zstandard.ZstdCompressor) -> None:
-    """Put `records` into the file as chunks with their indexes, and note them in `summary`.
+def append_chunks(output: Output, summary: Summary, pending: Pending, compressor: zstandard.ZstdCompressor) -> None:
+    """Put what is `pending` into the file as chunks with their indexes, and note them in `summary`.
 
     Raises:
-        RecordingFailed: disk full or recording closed.
+        RecordingFailed: disk full or recording closed; nothing is pending any more.
     """
+    if not pending.size:
+        return
+    records = woven(pending)
     for piece in records.pieces:
         # in the first chunk rather than before it, schemas and channels are under its CRC
         declared = [*summary.schemas, *summary.channels] if not summary.chunks else []

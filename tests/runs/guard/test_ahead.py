@@ -2,7 +2,7 @@
 
 import pytest
 
-from twin.cli.ahead import JOB, run_expected
+from twin.cli.ahead import JOB, job_expected
 from twin.runs.guard import ahead
 from twin.runs.guard.ahead import end_waiting, process_for, start_ahead
 
@@ -49,7 +49,7 @@ def test_who_asks_for_another_job_gets_a_new_one_and_none_waits_any_more():
 def test_what_looks_like_a_run_or_a_picture_begins_one(monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool):
     monkeypatch.setattr("sys.argv", ["twin", *words])
     monkeypatch.setattr("twin.cli.ahead.cores", lambda: 2)
-    with run_expected():
+    with job_expected():
         waiting = list(ahead._waiting.values())
         assert bool(waiting) == begins
     assert all(process.ended for process in waiting)
@@ -58,19 +58,19 @@ def test_what_looks_like_a_run_or_a_picture_begins_one(monkeypatch: pytest.Monke
 def test_on_one_core_nothing_begins_that_can_be_done_as_well_later(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "report", "fig4"])
     monkeypatch.setattr("twin.cli.ahead.cores", lambda: 1)
-    with run_expected():
+    with job_expected():
         assert not ahead._waiting
 
 
 def test_where_a_stream_is_closed_nothing_begins(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "run", "fig4"])
     monkeypatch.setattr("sys.stdin", None)
-    with run_expected():
+    with job_expected():
         assert not ahead._waiting
 
 
 def test_what_hinders_it_is_told_when_it_is_needed(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "run", "fig4"])
     monkeypatch.setattr("twin.cli.ahead.start_ahead", lambda job: (_ for _ in ()).throw(OSError("too many processes")))
-    with run_expected():
+    with job_expected():
         pass

@@ -24,7 +24,6 @@ from twin.recording.output import Output
 from twin.recording.pending import Pending
 from twin.recording.recording import Recording
 from twin.recording.summary import Summary
-from twin.recording.weave import woven
 from twin.recording.writer import append_chunks
 from twin.writing import made_folder, write_text
 
@@ -109,8 +108,7 @@ def _write_file(
             records = _records(channel.id, topic, recording, at, picked, summary.message_counts[channel.id])
             summary.message_counts[channel.id] += len(at)
             pending.put(channel.id, at, records)
-        if pending.size:
-            append_chunks(output, summary, woven(pending), compressor)
+        append_chunks(output, summary, pending, compressor)
     output.append(summary.ending(output.size, output.crc))
     output.publish()
     return [summary.message_counts[channel.id] for channel in channels]
