@@ -21,11 +21,12 @@ run: $(VENV)/.run  ## set up, run the paper's Fig. 4 experiment, score it agains
 	$(TWIN) run $(FIG4)
 	$(TWIN) compare --paper fig4
 
-# tests start hundreds of processes: none of them should compile what another one has compiled
+# tests start hundreds of processes: none of them should compile what another one has compiled. Lint has time while
+# tests wait
 test: export PYTHONDONTWRITEBYTECODE :=
 test: $(VENV)/.test-$(EXTRAS)  ## set up, run the tests and, beside them, lint, types and import floors
 	@trap 'kill $$lint 2>/dev/null' INT TERM; \
-	$(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
+	nice -n 19 $(MAKE) --no-print-directory lint >$(VENV)/lint.txt 2>&1 & lint=$$!; \
 	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile --no-loadscope-reorder -m "not endurance"; tests=$$?; \
 	wait $$lint; linted=$$?; cat $(VENV)/lint.txt; [ $$tests = 0 ] && [ $$linted = 0 ]
 

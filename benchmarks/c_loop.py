@@ -46,12 +46,10 @@ class CLoop:
         """Seconds and last outputs of `ticks` Gauss-Seidel macro steps of a system of drives alone."""
         y = np.concatenate([c.initial_outputs for c in system.components])
         u = np.zeros(system.inputs_width)
-        # the master keeps outputs twice, this loop once: in Gauss-Seidel order both halves are the same place
-        sources = np.ascontiguousarray(system.sources % system.outputs_width)
         drives = _drives(system)
         began = time.perf_counter()
         status = self._library.macro_steps(
-            _address(drives), len(drives), _address(sources), _address(u), _address(y),
+            _address(drives), len(drives), _address(system.sources), _address(u), _address(y),
             ctypes.c_double(system.tick), ctypes.c_int64(ticks),
         )  # fmt: skip
         seconds = time.perf_counter() - began

@@ -6,12 +6,18 @@ import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 from statistics import median
 
 from benchmarks.measurement import Measurement, Rounds
 
 ROUNDS = 5
+COLD_TURNS = 3
+TURNS = 11
+"""Of commands that take less than a tenth of a second."""
+COMMANDS = {"--help": 5.0, "schema": 8.0, "drive list": 8.0, "doctor": 8.0}
+"""What answers without running anything, and the most time it may take, in times of a Python that does nothing."""
 WATCH = Path(__file__).with_name("watch.py")
 IMPORTS = "import twin.runs, twin.runs.assembly.load, twin.recording.folder"
 MEGABYTE = 1024.0 if sys.platform != "darwin" else 1024.0**2
@@ -47,7 +53,8 @@ def measurements(experiment: Path) -> list[Measurement]:
             runs += 1
             return process(["-m", "twin", "run", str(experiment), "--out", f"{scratch}/run_{runs}"], **environment)
 
-        cold, cold_peak = run(NUMBA_CACHE_DIR=f"{scratch}/cache")
+        colds = [run(NUMBA_CACHE_DIR=f"{scratch}/cache_{turn}") for turn in range(COLD_TURNS)]
+        cold, cold_peak = median(seconds for seconds, _ in colds), max(peak for _, peak in colds)
         run()  # whatever the last edit made stale is compiled here
         peaks = []
 
@@ -59,7 +66,6 @@ def measurements(experiment: Path) -> list[Measurement]:
         rounds = Rounds(
             {
                 "python": lambda: process(["-c", "pass"])[0],
-                "help": lambda: process(["-m", "twin", "--help"])[0],
                 "numba": lambda: process(["-c", "import numba"])[0],
                 "imports": lambda: process(["-c", IMPORTS])[0],
                 "run": warm,
@@ -69,7 +75,7 @@ def measurements(experiment: Path) -> list[Measurement]:
     bare = rounds.typical("python")
     return [
         Measurement("start: bare Python", bare, "s"),
-        Measurement("start: twin --help", rounds.typical("help"), "s", at_most=0.3),
+        *command_measurements(),
         Measurement("start: what twin run imports", rounds.typical("imports") - bare, "s"),
         Measurement("start: twin run Fig. 4, warm", rounds.typical("run"), "s"),
         Measurement("start: that / import numba", rounds.ratio("run", "numba"), "x", at_most=2.5),
@@ -77,3 +83,19 @@ def measurements(experiment: Path) -> list[Measurement]:
         Measurement("start: compiling into an empty cache", cold - rounds.typical("run"), "s", at_most=6.0),
         Measurement("start: peak memory while compiling", cold_peak, "MB"),
     ]
+
+
+def command_measurements() -> list[Measurement]:
+    """Commands that answer, as scripts call them: what they keep is there, made by the call before."""
+    subjects = {line: partial(_seconds, "-m", "twin", *line.split()) for line in COMMANDS}
+    for call in subjects.values():
+        call()
+    rounds = Rounds({"python": partial(_seconds, "-c", "pass"), **subjects}, TURNS)
+    return [
+        Measurement(f"start: twin {line} / bare Python", rounds.ratio(line, "python"), "x", at_most=most)
+        for line, most in COMMANDS.items()
+    ]
+
+
+def _seconds(*arguments: str) -> float:
+    return process(arguments)[0]

@@ -38,8 +38,8 @@ def measurements(path: Path) -> list[Measurement]:
     overhead = min(each - stepping for (each, stepping), _ in rounds)
     return [
         Measurement("sweep: a run of Fig. 4 in a warm process", 1e3 * one, "ms"),
-        Measurement("sweep: of that, all but stepping", 1e3 * overhead, "ms", at_most=15.0),
-        Measurement("sweep: two processes against one", one / two, "x", at_least=1.8),
+        Measurement("sweep: of that, all but stepping", 1e3 * overhead, "ms", at_most=10.0),
+        Measurement("sweep: two processes against one", one / two, "x", at_least=1.9),
         Measurement("sweep: worker after 100 runs", early / 1e6, "MB", at_most=350.0),
         Measurement(f"sweep: worker after {MANY} runs", late / 1e6, "MB", at_most=350.0),
     ]

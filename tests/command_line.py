@@ -63,6 +63,9 @@ def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, is
         stack.enter_context(contextlib.chdir(cwd))
         stack.enter_context(mock.patch.object(sys, "argv", ["twin", *map(str, arguments)]))
         stack.enter_context(mock.patch.object(sys, "stdin", io.StringIO()))
+        # a command sees to it that Ctrl-C in a finaliser comes again: in the middle of somebody else's test
+        for hook in ("unraisablehook", "excepthook"):
+            stack.enter_context(mock.patch.object(sys, hook, getattr(sys, hook)))
         stack.enter_context(mock.patch.dict(os.environ, dict(os.environ if env is None else env), clear=True))
         stack.enter_context(contextlib.redirect_stdout(said))
         stack.enter_context(contextlib.redirect_stderr(told))
@@ -70,7 +73,7 @@ def twin(*arguments: object, cwd: Path, env: Mapping[str, str] | None = None, is
             for place in GUARDED:
                 stack.enter_context(mock.patch(place, _unguarded))
             # nobody would ask the process that is started before it is known what for
-            stack.enter_context(mock.patch("twin.cli.ahead.start_ahead"))
+            stack.enter_context(mock.patch("twin.runs.guard.ahead.start_ahead"))
         code = _exit_code(main)
     return Done(code, said.getvalue(), told.getvalue())
 

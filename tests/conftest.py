@@ -1,14 +1,18 @@
 """What many tests stand on: the repository's files, and the paper's experiment run once."""
 
+import gc
 import os
 import signal
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import pytest
 from hypothesis import settings
 
 from tests.drive.eventful import Maker, maker
+from tests.warm import WarmStart
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
@@ -47,10 +51,24 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     items.sort(key=lambda item: min(order.get(folder, len(LONG)) for folder in item.path.parents))
 
 
+def pytest_collection_finish() -> None:
+    """What is there now stays; to look through it for garbage again and again takes a tenth of the tests' time."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(50_000, 20, 20)
+
+
 def examples(count: int, **options: Any) -> settings:
     """Settings of a test that affords `count` examples where others have a hundred; more in `make endurance`."""
     drawn = settings().max_examples
     return settings(max_examples=count * drawn // USUAL, **options)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def warm_start() -> Iterator[None]:
+    """Guarded processes do not import anew what all of them import."""
+    with mock.patch("twin.runs.guard.process.Popen", WarmStart()):
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -6,7 +6,6 @@ What lies in it is run: libraries of FMUs, machine code, pickles. Whoever can wr
 import contextlib
 import os
 import re
-import shutil
 import stat
 import sys
 import time
@@ -123,6 +122,19 @@ def hold(folder: Path) -> bool:
     return False
 
 
+def files_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
+    """What lies in `folder` and in folders within it, and is no folder; pathlib would take ten times as long."""
+    folders: list[str | os.PathLike[str]] = [folder]
+    while folders:
+        # another process may take it away meanwhile
+        with contextlib.suppress(OSError), os.scandir(folders.pop()) as entries:
+            for entry in entries:
+                if entry.is_dir(follow_symlinks=False):
+                    folders.append(entry.path)
+                else:
+                    yield entry
+
+
 def evict(home: Path, kept: int) -> None:
     """Leave in `home` the `kept` folders that were used last, and those that a process holds."""
     used: list[tuple[float, Path]] = []
@@ -136,7 +148,8 @@ def evict(home: Path, kept: int) -> None:
             remove(old)
     for last, entry in used:
         if entry.name.startswith(".") and time.time() - last > _FORGOTTEN:
-            shutil.rmtree(entry, ignore_errors=True)
+            with contextlib.suppress(OSError):
+                _delete(entry)
 
 
 def remove(path: Path) -> None:
@@ -147,11 +160,18 @@ def remove(path: Path) -> None:
     """
     aside = path.with_name(f".{path.name[:12]}-{os.getpid()}-{time.monotonic_ns()}")
     path.rename(aside)
-    if aside.is_dir() and not aside.is_symlink():
-        aside.chmod(PRIVATE)
-        shutil.rmtree(aside, ignore_errors=True)
+    _delete(aside)
+
+
+def _delete(path: Path) -> None:
+    if path.is_dir() and not path.is_symlink():
+        # most commands delete nothing, and this imports all kinds of compression
+        import shutil
+
+        path.chmod(PRIVATE)
+        shutil.rmtree(path, ignore_errors=True)
     else:
-        aside.unlink()
+        path.unlink()
 
 
 @contextlib.contextmanager
@@ -160,7 +180,8 @@ def _alone(folder: Path) -> Iterator[None]:
     if fcntl is None:
         yield
         return
-    descriptor = os.open(folder, os.O_RDONLY)
+    # a pipe in its place would be waited for
+    descriptor = os.open(folder, os.O_RDONLY | os.O_NONBLOCK)
     try:
         fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         yield

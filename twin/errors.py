@@ -1,6 +1,5 @@
 """Typed errors. Each carries the exit code of the process that ends with it."""
 
-import difflib
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -108,6 +107,9 @@ def nearest(got: str, known: Iterable[str], otherwise: str = "known are {}", mos
 
 def closest(got: str, names: Sequence[str], most: int = 1) -> list[str]:
     """Those of `names` that may have been meant by `got`, at most so many, as `nearest` tells them."""
+    # most commands have no mistake
+    import difflib
+
     words = re.compile(rf"(?<![^\W_]){re.escape(got)}(?![^\W_])")
     close = [name for name in names if got and words.search(name)][:most]
     return close or difflib.get_close_matches(got, names, most, cutoff=0.5)

@@ -1,9 +1,12 @@
+import os
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from typer.testing import CliRunner
 
+from twin.cache_folder import VARIABLE
 from twin.cli.app import app
 
 
@@ -14,10 +17,11 @@ def test_commands_are_listed_with_their_whole_first_sentences(words: list[str]):
     assert "..." not in listed and listed.endswith(".")
 
 
-def test_help_is_printed_without_what_draws():
+def test_help_is_made_without_what_draws(tmp_path: Path):
     shown = (
         "import sys; sys.argv[1:] = ['--help']; from twin.cli import main\ntry: main()\nfinally: print([*sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True)
+    nothing_kept = os.environ | {VARIABLE: str(tmp_path)}
+    done = subprocess.run([sys.executable, "-c", shown], capture_output=True, text=True, env=nothing_kept)
     assert "run        Run experiments and record them." in done.stdout
     assert "'rich'" not in done.stdout and "'pydantic'" not in done.stdout

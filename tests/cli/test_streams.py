@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.cli import app
+from twin.cli import ending
 from twin.cli.streams import READER_GONE, Aside, Outlet, Unread, standard_streams
 from twin.errors import NotWritten
 from twin.runs.guard.black_box import BlackBox
@@ -78,12 +78,12 @@ def test_streams_are_given_back() -> None:
 def test_every_end_has_its_code_and_no_traceback(
     problem: BaseException, code: int, told: str, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def failing(words: list[str], **how: object) -> None:
+    def failing(words: list[str]) -> None:
         raise problem
 
-    monkeypatch.setattr(app, "app", failing)
+    monkeypatch.setattr(ending, "answered", failing)
     with pytest.raises(SystemExit) as end:
-        app.main()
+        ending.main()
     assert end.value.code == code
     assert capsys.readouterr() == ("", told)
 

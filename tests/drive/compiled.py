@@ -36,7 +36,9 @@ def compiled_library(good: Path, work: Path, replaced: Mapping[str, str | Edit])
     headers = Path(fmpy.origin).parent / "c-code"
     library = work / "drive.so"
     command = [compiler, "-shared", "-fPIC", "-O1", f"-I{sources}", f"-I{headers}"]
-    subprocess.run([*command, *map(str, sorted(sources.glob("*.c"))), "-lm", "-o", str(library)], check=True)
+    # all in one: headers are read once
+    together = "".join(f'#include "{source.name}"\n' for source in sorted(sources.glob("*.c")))
+    subprocess.run([*command, "-x", "c", "-", "-lm", "-o", str(library)], input=together.encode(), check=True)
     return library.read_bytes()
 
 

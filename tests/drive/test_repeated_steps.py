@@ -147,5 +147,5 @@ def test_by_default_the_loop_neither_weighs_nor_saves_anything():
         system = assembly.system
         y = system.outputs()
         table = system.table(np.zeros(system.inputs_width), y)
-        assert len(y) == 2 * system.outputs_width
+        assert len(y) == system.outputs_width
         assert not any(table[name].any() for name in ("weights", "before", "save", "restore", "rewind"))

@@ -18,7 +18,8 @@ from twin.archive import sha256
 from twin.drive import unpacked as module
 from twin.drive.description import described
 from twin.drive.instance import Instance
-from twin.drive.unpacked import KEPT, SEAL, shelf, unpacked
+from twin.drive.shelf import SEAL, shelf
+from twin.drive.unpacked import KEPT, unpacked
 from twin.errors import InputRefused
 
 CONTENTS = {

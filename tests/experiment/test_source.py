@@ -6,7 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.errors import InputRefused
-from twin.experiment.source import Source, located, override, read_source, replace_drive, source_text
+from twin.experiment.source import Source, override, read_source, replace_drive, source_text
+from twin.places import located
 from twin.runs.assembly.load import load_experiment
 
 # a lone surrogate is no text in any encoding

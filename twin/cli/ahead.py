@@ -6,14 +6,15 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from twin.report.page import DRAWN
-from twin.runs.guard.ahead import end_waiting, start_ahead
+from twin.studies.sweep import SERVED
 
 JOB = "twin.runs.guard.runs:recorded_runs"
 """Of `twin run`."""
-JOBS = {"run": JOB, "report": DRAWN}
+JOBS = {"run": JOB, "report": DRAWN, "sweep": SERVED}
 _ELSEWHERE = {
     "run": {"--help", "--live", "--sweep", "none", "--isolate=none"},
     "report": {"--help", "--budget"},
+    "sweep": {"--help", "show", "dask", "--engine=dask"},
 }
 """Words of a command line that another process serves, or none."""
 FEW = 6
@@ -22,21 +23,33 @@ FEW = 6
 
 @contextmanager
 def job_expected() -> Iterator[None]:
-    """Start the process of a run, or of the picture of a report, if the command line looks like one; it ends with the
-    block if nobody has asked."""
-    command, words = "".join(sys.argv[1:2]), sys.argv[2:]
-    # the pipes would get the numbers of streams that are closed
-    usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)
-    # where two cannot work at once it is as fast to draw where everything else is done
-    alone = command == "report" and (cores() == 1 or len(words) > FEW)
-    if usual and command in JOBS and words and not alone and not _ELSEWHERE[command].intersection(words):
-        # what is in the way is told when the process is needed
-        with suppress(OSError):
-            start_ahead(JOBS[command])
+    """Start the process of a run, of the picture of a report or of a sweep's first run, if the command line looks like
+    one; it ends with the block if nobody has asked."""
+    job = _job(sys.argv[1:])
+    if not job:
+        yield
+        return
+    # for every other command this would be half of what it imports
+    from twin.runs.guard.ahead import end_waiting, start_ahead
+
+    # what is in the way is told when the process is needed
+    with suppress(OSError):
+        start_ahead(job)
     try:
         yield
     finally:
         end_waiting()
+
+
+def _job(words: list[str]) -> str:
+    """What the command line `words` will ask for, "" if it does not look so."""
+    command, words = "".join(words[:1]), words[1:]
+    # the pipes would get the numbers of streams that are closed
+    usual = os.name == "posix" and None not in (sys.stdin, sys.stdout, sys.stderr)
+    # where two cannot work at once it is as fast to draw where everything else is done
+    alone = command == "report" and (cores() == 1 or len(words) > FEW)
+    begins = usual and command in JOBS and words and not alone and not _ELSEWHERE[command].intersection(words)
+    return JOBS[command] if begins else ""
 
 
 def cores() -> int:

@@ -22,7 +22,7 @@ def experiment_names(incomplete: str) -> list[str]:
 
 def drive_names(incomplete: str) -> list[str]:
     """Drives of fmus/."""
-    from twin.experiment.source import located
+    from twin.places import located
 
     shelf = located("fmus", Path.cwd())
     fmus = [*shelf.glob("*/*.fmu"), *shelf.glob("*/mapping.toml")]
@@ -39,7 +39,7 @@ def role_names(incomplete: str) -> list[str]:
 def body_names(incomplete: str) -> list[str]:
     """Bodies of bodies/ and experiments/bodies/."""
     from twin.experiment.body_files import FOLDERS
-    from twin.experiment.source import located
+    from twin.places import located
 
     bodies = {body.stem for folder in FOLDERS for body in located(folder, Path.cwd()).glob("*.toml")}
     return _starting_with(incomplete, bodies)

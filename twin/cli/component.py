@@ -11,12 +11,12 @@ from twin.cli.first_look import look_at_files
 from twin.cli.group import Group
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
 
-app = typer.Typer(cls=Group, help="Look at and check parts of the robot of another make.")
+app = typer.Typer(cls=Group)
 
 
 @app.callback()
 def component() -> None:
-    """Look at and check parts of the robot of another make: FMUs and Python classes."""
+    """Look at and check parts of the robot of another make."""
 
 
 @app.command("list")

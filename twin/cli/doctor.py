@@ -1,12 +1,11 @@
 """`twin doctor`: what this installation has and lacks."""
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
 
+from twin.cli.early import examine
 from twin.cli.options import AsJson
-from twin.writing import json_text
 
 
 def doctor(
@@ -19,13 +18,6 @@ def doctor(
 
     Example: twin doctor
     """
-    from twin.cli.installation.examination import examination_text, examined, verdict
-    from twin.cli.installation.finding import is_ready
-
-    findings = examined(Path.cwd(), with_run)
-    if as_json:
-        print(json_text({"verdict": verdict(findings), "findings": [finding._asdict() for finding in findings]}))
-    else:
-        print(examination_text(findings))
-    if not is_ready(findings):
-        raise SystemExit(2)
+    code = examine(as_json, with_run)
+    if code:
+        raise SystemExit(code)

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from twin.experiment.schema import Drive
 
 
-app = typer.Typer(cls=Group, help="Look at drive FMUs, qualify, compare and bring them in.")
+app = typer.Typer(cls=Group)
 app.command("survey")(survey)
 
 Fmu = Annotated[
@@ -87,12 +87,9 @@ def list_(as_json: AsJson = False) -> None:
 
     Example: twin drive list
     """
-    from dataclasses import asdict
+    from twin.cli.early import list_drives
 
-    from twin.studies.qualify.shelf import shelf_text, shelved_drives
-
-    drives = shelved_drives(Path.cwd())
-    print(json_text([asdict(shelved) for shelved in drives]) if as_json else shelf_text(drives))
+    list_drives(as_json)
 
 
 @app.command()

@@ -20,6 +20,10 @@ class Group(TyperGroup):
         return super().parse_args(ctx, args)
 
     def format_commands(self, ctx: Any, formatter: Any) -> None:
-        rows = [(name, self.commands[name].get_short_help_str(WHOLE)) for name in self.list_commands(ctx)]
+        rows = [(name, self.listed(name).get_short_help_str(WHOLE)) for name in self.list_commands(ctx)]
         with formatter.section("Commands"):
             formatter.write_dl(rows)
+
+    def listed(self, name: str) -> Any:
+        """The command `name` as far as a list needs it."""
+        return self.commands[name]

@@ -5,6 +5,7 @@ from typing import Annotated
 
 import typer
 
+from twin.cli import early
 from twin.writing import write_text
 
 
@@ -20,11 +21,8 @@ def schema(
 
     Example: twin schema --out experiment.schema.json
     """
-    from twin.experiment.json_schema import schema_text
-
-    text = schema_text()
     if out is None:
-        print(text, end="")
+        early.print_schema()
         return
-    write_text(out, text)
+    write_text(out, early.schema())
     print(out)

@@ -4,7 +4,7 @@ import re
 import sys
 from typing import Any, TextIO
 
-_OBEYED = re.compile(r"\x1b(?!\[[0-9;]*m)|[^\x1b\n\r\t -\x7e\xa0-\U0010ffff]")
+_OBEYED = re.compile(r"\x1b(?!\[[0-9;]*m)|[\x00-\x08\x0b\x0c\x0e-\x1a\x1c-\x1f\x7f-\x9f]")
 """Control characters, but line ends, tabs and the colours of the help."""
 
 

@@ -11,13 +11,13 @@ import hashlib
 import os
 import re
 import sys
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
 from twin.cache_folder import PRIVATE, REMEDY, cache_base, cache_folder, evict, hold, private_folder, remove
 from twin.compiled.seal import use_seals
 from twin.errors import InputRefused, disk_refusals
+from twin.places import sources
 
 NAME = "native"
 KEPT = 3
@@ -28,26 +28,15 @@ _refusal: list[str] = []
 
 def source_digest(package: Path) -> str:
     """Hash over the names and the content of the Python files of `package` that compiled code is made of."""
-    sources = dict(sorted(_sources(str(package))))
+    texts = sources(str(package))
     # the search alone would take half of a hundredth of a second, at every start
-    said = (name for name, source in sources.items() if b"numba" in source or b"twin.compiled" in source)
-    compiled = {_room(name) for name in said if COMPILES.search(sources[name])}
+    said = (name for name, source in texts.items() if b"numba" in source or b"twin.compiled" in source)
+    compiled = {_room(name) for name in said if COMPILES.search(texts[name])}
     digest = hashlib.sha256()
-    for name, source in sources.items():
+    for name, source in texts.items():
         if not _room(name) or _room(name) in compiled:
             digest.update(name.encode() + b"\0" + source + b"\0")
     return digest.hexdigest()[:16]
-
-
-def _sources(package: str) -> Iterator[tuple[str, bytes]]:
-    """Name below `package` and content of its Python files, read at every start: pathlib would take twice as long."""
-    for folder, folders, files in os.walk(package):
-        folders[:] = [name for name in folders if name != "__pycache__"]
-        for name in files:
-            if name.endswith(".py"):
-                path = os.path.join(folder, name)
-                with open(path, "rb", buffering=0) as file:
-                    yield path[len(package) + 1 :], file.read()
 
 
 def _room(name: str) -> str:

@@ -40,8 +40,11 @@ def module_of(signature: Any, function: Callable, symbol: str) -> Module:
     """The module of `function`, compiled for a `signature` of numba's, that shall be called `symbol`."""
     from numba import cfunc
 
-    # anew: what comes from numba's cache has no module
-    compiled = cfunc(signature, error_model="numpy")(function)
+    from twin.compiled.unexecuted import unexecuted
+
+    with unexecuted():
+        # anew: what comes from numba's cache has no module
+        compiled = cfunc(signature, error_model="numpy")(function)
     return Module(symbol, compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module))
 
 

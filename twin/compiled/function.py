@@ -67,17 +67,19 @@ class Name:
     @cached_property
     def made(self) -> Any:
         """What numba works with."""
-        return self._make()
+        from numba.core.registry import cpu_target
+
+        made = self._make()
+        # numba may be in the middle of the compilation of a function that calls it
+        cpu_target.typing_context.refresh()
+        cpu_target.target_context.refresh()
+        return made
 
     @property
     def _numba_type_(self) -> Any:
         from numba.core.registry import cpu_target
 
-        made = self.made
-        # it may be new, in the middle of the compilation of a function that calls it
-        cpu_target.typing_context.refresh()
-        cpu_target.target_context.refresh()
-        return cpu_target.typing_context.resolve_value_type(made)
+        return cpu_target.typing_context.resolve_value_type(self.made)
 
 
 class Function(Name):

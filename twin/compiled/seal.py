@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from importlib.machinery import ModuleSpec
 
 CACHING = "numba.core.caching"
-KINDS = ("*.nbi", "*.nbc", "*.o", "*.ll")
+KINDS = (".nbi", ".nbc", ".o", ".ll")
 SIZE = 16
 """Bytes of a seal."""
 
@@ -38,7 +38,9 @@ def use_seals(folder: Path) -> None:
 
 def damaged_files(folder: Path) -> list[Path]:
     """The files of compiled code below `folder` that are not as they were written."""
-    return [file for kind in KINDS for file in sorted(folder.rglob(kind)) if not _is_whole(file)]
+    found = ((place, name) for place, folders, files in os.walk(folder) for name in (*folders, *files))
+    paths = sorted(Path(place, name) for place, name in found if name.endswith(KINDS))
+    return [path for path in paths if not _is_whole(path)]
 
 
 def sealed(content: bytes) -> bytes:

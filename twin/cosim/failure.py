@@ -11,7 +11,7 @@ def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, st
     """What went wrong: component, function, simulated time and last inputs, without a full stop.
 
     Args:
-        u, y: memory of all inputs, and of all outputs twice, as the master left them.
+        u, y: memory of all inputs, and of all outputs, as the master left them.
         culprit, status: as the master returned them.
         tick: the one at which it happened.
     """
@@ -27,7 +27,7 @@ def failed_phrase(system: System, u: np.ndarray, y: np.ndarray, culprit: int, st
 def _not_finite(system: System, y: np.ndarray, culprit: int) -> str:
     component = system.components[culprit]
     start = int(system.y_start[culprit])
-    if not component.sampled:
+    if system.apart and not component.sampled:
         start += system.outputs_width
     outputs = y[start : start + width(component.outputs)]
     for name, values in by_port(component.outputs, outputs).items():

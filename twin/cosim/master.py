@@ -5,9 +5,10 @@ written; (3) continuous components that are due go from t_k to t_k + h, and what
 
 Outputs stand twice in `y`: first what is valid at the present tick, then the newest result of each continuous
 component, which may belong to a later tick. Gauss-Seidel and Jacobi differ only in which of the two a wire reads, so
-the coupling scheme is data (see `system.py`). Where inputs are interpolated, a third copy holds what was valid before
-the last publication, and an input is a weighted sum of the three; where steps are repeated, continuous components
-go back and forth again with the weights of a tick whose end is known.
+the coupling scheme is data (see `system.py`). Where nobody would read what a newer result has replaced, both are the
+same place. Where inputs are interpolated, a third copy holds what was valid before the last publication, and an input
+is a weighted sum of the three; where steps are repeated, continuous components go back and forth again with the weights
+of a tick whose end is known.
 """
 
 import numpy as np
@@ -59,7 +60,7 @@ LOOP = np.dtype(
         ("sampled", "i8"),
         ("timed", "i8"),
         ("iterations", "i8"),
-        ("steady", "i8"),
+        ("apart", "i8"),
         ("dt", "f8"),
         ("y", "i8"),
         ("width", "i8"),
@@ -73,11 +74,11 @@ LOOP = np.dtype(
     align=True,
 )
 """What the loop works on: address of a `TABLE` of components, how many there are, and how many of them, the first, are
-sampled; whether to count cycles; how often the continuous components make each step, 1 or more; how many outputs these
-have if all of them publish after every tick and nobody asks what was before, else 0; duration of a tick (s); address of
-all outputs, two or three times, and how many they are; address of the memory of rows, and how many outputs are written
-to each; the tick that gets a row but no step; address of the mark, two integers set to tick and component before each
-step, for whoever watches from outside: a step that crashes or never returns can tell nobody.
+sampled; whether to count cycles; how often the continuous components make each step, 1 or more; whether their newest
+outputs stand apart from the valid ones; duration of a tick (s); address of all outputs, one to three times, and how
+many they are; address of the memory of rows, and how many outputs are written to each; the tick that gets a row but no
+step; address of the mark, two integers set to tick and component before each step, for whoever watches from outside: a
+step that crashes or never returns can tell nobody.
 
 What it tells: component -1 if all went well, else the one whose step failed, and its status.
 """
@@ -92,11 +93,11 @@ def _due(part, k):
 
 
 @njit(cache=True, inline="always")
-def _step(part, timed, y, t, dt, width, again):
+def _step(part, timed, y, t, dt, width, again, held):
     began = clock_cycles() if timed else 0
     u = carray(doubles_at(part.u), part.u_size)
     sources = carray(integers_at(part.sources), part.u_size)
-    if part.weights == 0:
+    if held or part.weights == 0:
         for j in range(part.u_size):
             u[j] = y[sources[j]]
     else:
@@ -140,6 +141,25 @@ def _call_all(m, table, mark, restoring):
     return True
 
 
+@njit(cache=True, inline="always")
+def _go_on(m, table, mark, timed, y, k, again, apart):
+    """Step every continuous component that is due; False, and the loop told, if one fails.
+
+    Args:
+        apart: as in the loop; False: all are due, and inputs are held. Said where this is called, so that what is not
+            asked for is not there.
+    """
+    for c in range(np.uint64(m.sampled), np.uint64(m.components)):
+        part = table[c]
+        if not apart or _due(part, k):
+            mark[1] = c
+            status = _step(part, timed, y, k * m.dt, m.dt, m.width, again, not apart)
+            if status != 0:
+                m.culprit, m.status = c, status
+                return False
+    return True
+
+
 @njit(cache=True)
 def ticks(m, first, count, row):
     """Run ticks `first` to `first + count - 1`, at most to the last; the last gets a row but no step.
@@ -159,40 +179,33 @@ def ticks(m, first, count, row):
     width, dt, timed = m.width, m.dt, m.timed != 0
     m.culprit = -1
     for k in range(first, min(first + count, m.last + 1)):
-        t = k * dt
         mark[0] = k
         for c in range(np.uint64(0), sampled):
             part = table[c]
             if _due(part, k):
                 mark[1] = c
-                status = _step(part, timed, y, t, dt, width, 0)
+                status = _step(part, timed, y, k * dt, dt, width, 0, True)
                 if status != 0:
                     m.culprit, m.status = c, status
                     return k - first
         copy(m.rows + 8 * m.row_width * (row + k - first), m.y, 8 * m.row_width)
         if k == m.last:
             return k - first + 1
+        if not m.apart:
+            if not _go_on(m, table, mark, timed, y, k, 0, False):
+                return k - first + 1
+            continue
         if m.iterations > 1 and not _call_all(m, table, mark, False):
             return k - first + 1
         for n in range(m.iterations):
             if n > 0 and not _call_all(m, table, mark, True):
                 return k - first + 1
-            for c in range(sampled, components):
-                part = table[c]
-                if _due(part, k):
-                    mark[1] = c
-                    status = _step(part, timed, y, t, dt, width, min(n, 1))
-                    if status != 0:
-                        m.culprit, m.status = c, status
-                        return k - first + 1
-        if m.steady:
-            # they stand side by side, at the end
-            copy(m.y + 8 * (width - m.steady), m.y + 8 * (2 * width - m.steady), 8 * m.steady)
-        else:
-            for c in range(sampled, components):
-                part = table[c]
-                if _due(part, k + 1):
-                    _publish(part)
+            if not _go_on(m, table, mark, timed, y, k, min(n, 1), True):
+                return k - first + 1
+        for c in range(sampled, components):
+            part = table[c]
+            if _due(part, k + 1):
+                _publish(part)
     return min(count, m.last + 1 - first)
 
 

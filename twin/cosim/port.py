@@ -40,8 +40,13 @@ def port_record(ports: tuple[Port, ...]) -> np.dtype:
 
 def by_port(ports: tuple[Port, ...], values: np.ndarray) -> dict[str, np.ndarray]:
     """`values` (..., width of `ports`) by the name of the port, (..., size) each, views."""
-    ends = np.cumsum([port.size for port in ports])
-    return {port.name: values[..., end - port.size : end] for port, end in zip(ports, ends, strict=True)}
+    return {name: values[..., place] for name, place in places(ports).items()}
+
+
+def places(ports: tuple[Port, ...]) -> dict[str, slice]:
+    """Which of the values of `ports` are those of each, by its name."""
+    ends = np.cumsum([port.size for port in ports]).tolist()
+    return {port.name: slice(end - port.size, end) for port, end in zip(ports, ends, strict=True)}
 
 
 def named_values(ports: tuple[Port, ...], values: np.ndarray) -> str:

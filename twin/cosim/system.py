@@ -104,6 +104,15 @@ class System:
         return self.inputs != "hold" or self.iterations > 1
 
     @property
+    def apart(self) -> bool:
+        """Whether newest outputs stand apart from the valid ones.
+
+        In Gauss-Seidel order, where all go on in every tick, what has been replaced was read by whoever reads it.
+        """
+        every = all(c.period == 1 for c in self.components[self.sampled :])
+        return self.interpolates or self.scheme != "gauss_seidel" or not every
+
+    @property
     def inputs_width(self) -> int:
         return int(self.u_start[-1])
 
@@ -112,9 +121,9 @@ class System:
         return int(self.y_start[-1])
 
     def outputs(self) -> np.ndarray:
-        """Memory of all outputs as they are before tick 0: (2 * outputs_width,), or 3 times if it interpolates."""
+        """Memory of all outputs before tick 0: (outputs_width,), twice if they stand apart, 3 times if interpolated."""
         valid = np.concatenate([np.zeros(0), *(c.initial_outputs for c in self.components)])
-        return np.tile(valid, 3 if self.interpolates else 2)
+        return np.tile(valid, 3 if self.interpolates else 1 + self.apart)
 
     def table(self, u: np.ndarray, y: np.ndarray) -> np.ndarray:
         """The components as the compiled loop reads them.
@@ -135,7 +144,7 @@ class System:
         table["u"], table["u_size"] = u.ctypes.data + u.itemsize * self.u_start[:-1], np.diff(self.u_start)
         table["valid"], table["y_size"] = y.ctypes.data + y.itemsize * self.y_start[:-1], np.diff(self.y_start)
         table["newest"] = table["valid"]
-        table["newest"][self.sampled :] += y.itemsize * self.outputs_width
+        table["newest"][self.sampled :] += y.itemsize * self.outputs_width * self.apart
         if self.interpolates:
             table["before"][self.sampled :] = table["newest"][self.sampled :] + y.itemsize * self.outputs_width
             table["weights"][self.sampled :] = [weights.ctypes.data for weights in self._weights]
@@ -158,9 +167,7 @@ class System:
         m = loop[0]
         m["table"], m["components"], m["sampled"] = table.ctypes.data, len(table), self.sampled
         m["iterations"], m["dt"], m["last"], m["mark"] = self.iterations, self.tick, last, mark.ctypes.data
-        if not self.interpolates and all(c.period == 1 for c in self.components[self.sampled :]):
-            m["steady"] = self.outputs_width - self.y_start[self.sampled]
-        m["y"], m["width"] = y.ctypes.data, self.outputs_width
+        m["apart"], m["y"], m["width"] = self.apart, y.ctypes.data, self.outputs_width
         return loop
 
     def columns(self, end: str) -> slice:
@@ -178,14 +185,15 @@ class System:
 
     def _connect(self, wires: list[tuple[str, str]]) -> np.ndarray:
         sources = np.full(self.inputs_width, -1, dtype=np.int64)
+        # inputs that are interpolated have weights instead
+        apart = self.apart and not self.interpolates
         for source, target in wires:
             from_, to = self._slots(source, "output"), self._slots(target, "input")
             if from_.size != to.size:
                 raise InputRefused(f"wire {source} -> {target}: {from_.size} values into {to.size}")
             if np.any(sources[to.start : to.start + to.size] >= 0):
                 raise InputRefused(f"input {target} is fed by two wires; remove one ({source})")
-            seen = self._sees_newest(from_.component, to.component) and not self.interpolates
-            newest = self.outputs_width if seen else 0
+            newest = self.outputs_width * (apart and self._sees_newest(from_.component, to.component))
             sources[to.start : to.start + to.size] = newest + from_.start + np.arange(from_.size)
         for c, component in enumerate(self.components):
             start = self.u_start[c]

@@ -17,9 +17,9 @@ from typing import Any, NamedTuple
 
 from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder
+from twin.drive import COMPILED
 from twin.errors import InputRefused, disk_refusals
 
-HOME = "compiled"
 FACTS = "compiler.json"
 PATIENCE = 300.0
 """s. Honest sources of thousands of lines take some ten."""
@@ -52,7 +52,7 @@ def compiled(digest: str, binary: str) -> Compiled | None:
         digest: of the archive.
         binary: its place in the archive, as it would be.
     """
-    folder = cache_folder(HOME) / digest
+    folder = cache_folder(COMPILED) / digest
     library = folder / binary
     try:
         facts = json.loads((folder / FACTS).read_bytes())
@@ -78,7 +78,7 @@ def supply(digest: str, content: Path) -> None:
     Raises:
         OSError: it cannot be written there.
     """
-    folder = cache_folder(HOME) / digest
+    folder = cache_folder(COMPILED) / digest
     for library in folder.glob("binaries/*/*"):
         target = content / library.relative_to(folder)
         if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:
@@ -106,7 +106,7 @@ def compile_sources(file: Path, digest: str, model: Any, binary: str) -> Compile
     sets = source_sets(model, PurePosixPath(binary).stem)
     if not sets:
         raise InputRefused(f"{file}: holds no sources that it tells how to compile; export it for this platform")
-    home = cache_folder(HOME)
+    home = cache_folder(COMPILED)
     with (
         disk_refusals(file, f"cannot be compiled in {home}", InputRefused, REMEDY),
         tempfile.TemporaryDirectory(dir=home, prefix=f".{digest[:12]}-") as scratch,

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 
+from twin.cosim.ssp.parameters import ParameterValue
+from twin.cosim.ssp.unit import UnitDefinition
 from twin.drive.description import FmuDescription
 from twin.drive.setting import FILE, Value
 from twin.drive.units import Conversion, conversion, meant
 from twin.drive.variable import Variable
 from twin.errors import InputRefused
-from twin.ssp.parameters import ParameterValue
-from twin.ssp.unit import UnitDefinition
 
 
 def taken(

@@ -2,10 +2,27 @@
 
 from ctypes import c_char_p, c_int
 from typing import Any, ClassVar
+from weakref import proxy
 
 from fmpy.fmi1 import FMU1Slave
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
+
+_complete: set[str] = set()
+"""Binaries, by their places, of which it is known that they have every function."""
+
+
+class _Asked(dict[str, Any]):
+    """Functions of `slave` by their names, found when they are asked for: a run calls a third of them."""
+
+    def __init__(self, slave: "_Remembering"):
+        super().__init__()
+        # the slave holds this
+        self._slave = proxy(slave)
+
+    def __missing__(self, name: str) -> Any:
+        self[name] = found = self._slave._function(name)
+        return found
 
 
 class _Remembering:
@@ -21,13 +38,21 @@ class _Remembering:
 
     def _loadFunctions(self) -> None:
         known = type(self)._signatures
-        for name, (names, kinds, result) in known.items():
-            function = getattr(self.dll, self._exported(name))
-            function.argnames, function.argtypes, function.restype = names, kinds, result
-            self._functions[name] = function
         if not known:
             super()._loadFunctions()  # type: ignore[misc]
             known.update({name: self._signature(name, f) for name, f in self._functions.items()})
+        elif self.dll._name not in _complete:
+            for name in known:
+                self._functions[name] = self._function(name)
+        else:
+            self._functions = _Asked(self)
+        _complete.add(self.dll._name)
+
+    def _function(self, name: str) -> Any:
+        """The function `name` of FMPy's, with its signature."""
+        function = getattr(self.dll, self._exported(name))
+        function.argnames, function.argtypes, function.restype = type(self)._signatures[name]
+        return function
 
     def _exported(self, name: str) -> str:
         """What the binary calls the function `name` of FMPy's."""

@@ -8,35 +8,21 @@ import contextlib
 import json
 import os
 import shutil
-import stat
 import sys
 import tempfile
 import zipfile
 from functools import lru_cache
 from pathlib import Path
-from typing import NamedTuple
 
 from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
 from twin.drive.compiling import supply
+from twin.drive.shelf import CONTENT, HOME, SEAL, sealed_stamps, stamp_of
 from twin.errors import InputRefused, disk_refusals
 
-HOME = "unpacked"
-CONTENT, SEAL = "fmu", "seal.json"
 KEPT = 50
 """Folders that are kept in any case; those in use are kept besides."""
 _CHUNK = 1 << 20
-
-Stamp = list[int]
-
-
-class Shelf(NamedTuple):
-    """What is kept in `folder`: FMUs, bytes of their files, and the files that are not as they were last found."""
-
-    folder: Path
-    drives: int
-    size: int
-    changed: tuple[Path, ...]
 
 
 def unpacked(file: Path, digest: str) -> Path:
@@ -72,24 +58,6 @@ def unpacked(file: Path, digest: str) -> Path:
     return folder / CONTENT
 
 
-def shelf() -> Shelf:
-    """What there is of unpacked FMUs; nothing is read or mended.
-
-    Raises:
-        InputRefused: see `cache_folder`.
-    """
-    home = cache_folder(HOME)
-    folders = [path for path in home.iterdir() if not path.name.startswith(".")]
-    files = [file for folder in folders for file in folder.rglob("*") if file.is_file()]
-    changed = [
-        folder / CONTENT / name
-        for folder in folders
-        for name, stamp in _sealed(folder).items()
-        if _stamp(f"{folder / CONTENT}/{name}") != stamp
-    ]
-    return Shelf(home, len(folders), sum(file.stat().st_size for file in files), tuple(changed))
-
-
 def _make(file: Path, digest: str, folder: Path) -> None:
     """Unpack `file` to `folder`, unless another process does so first."""
     if folder.exists() and not folder.is_dir():
@@ -108,7 +76,7 @@ def _make(file: Path, digest: str, folder: Path) -> None:
 
 def _mend(file: Path, digest: str, folder: Path) -> list[str]:
     """Make the files in `folder` those of the archive `file`; returns which were not."""
-    content, sealed = folder / CONTENT, _sealed(folder)
+    content, sealed = folder / CONTENT, sealed_stamps(folder)
     wrong = []
     entries = _entries(file, digest)
     content.mkdir(exist_ok=True)
@@ -116,7 +84,7 @@ def _mend(file: Path, digest: str, folder: Path) -> list[str]:
         if name.endswith("/"):
             (content / name).mkdir(parents=True, exist_ok=True)
     files = [name for name in entries if not name.endswith("/")]
-    found = {name: _stamp(f"{content}/{name}") for name in files}
+    found = {name: stamp_of(f"{content}/{name}") for name in files}
     moved = [name for name in files if found[name] is None or found[name] != sealed.get(name)]
     if not moved:
         return []
@@ -124,7 +92,7 @@ def _mend(file: Path, digest: str, folder: Path) -> list[str]:
         for name in moved:
             if found[name] is None or not _is_same(archive, entries[name], content / name):
                 _put(archive, entries[name], content)
-                found[name] = _stamp(f"{content}/{name}")
+                found[name] = stamp_of(f"{content}/{name}")
                 wrong.append(name)
     with tempfile.NamedTemporaryFile("w", dir=folder, delete=False) as beside:
         json.dump(found, beside)
@@ -138,27 +106,6 @@ def _entries(file: Path, digest: str) -> dict[str, zipfile.ZipInfo]:
     with zipfile.ZipFile(file) as archive:
         # the last of two entries with one name is the one that counts
         return {place(info): info for info in archive.infolist()}
-
-
-def _sealed(folder: Path) -> dict[str, Stamp]:
-    """How the files in `folder` were last found; nothing if that was damaged, too."""
-    try:
-        known = json.loads((folder / SEAL).read_bytes())
-    except (OSError, ValueError, RecursionError):
-        return {}
-    return known if isinstance(known, dict) else {}
-
-
-def _stamp(path: str) -> Stamp | None:
-    """What changes when the file at `path` is written to, even by who sets its time back; None: no such file."""
-    try:
-        found = os.lstat(path)
-    # a seal that was damaged may name anything
-    except (OSError, ValueError):
-        return None
-    if not stat.S_ISREG(found.st_mode):
-        return None
-    return [found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino]
 
 
 def _is_same(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, path: Path) -> bool:

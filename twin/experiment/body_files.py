@@ -5,7 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused, nearest
-from twin.experiment.source import COMMAND_LINE, Source, forget, laid_over, located, read_source
+from twin.experiment.source import COMMAND_LINE, Source, forget, laid_over, read_source
+from twin.places import located
 
 FOLDERS = ("bodies", "experiments/bodies")
 

@@ -11,8 +11,9 @@ from twin.errors import InputRefused, nearest
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
 from twin.experiment.replaced import names_drive
-from twin.experiment.source import laid_over, located, read_source
+from twin.experiment.source import laid_over, read_source
 from twin.files import meant
+from twin.places import located
 
 MAPPING = "mapping.toml"
 JOINTS = ("joint_1", "joint_2", "joint_3")

@@ -4,8 +4,7 @@ import os
 from pathlib import Path
 
 from twin.errors import InputRefused, nearest
-from twin.experiment.source import located
-from twin.places import HOME
+from twin.places import HOME, located
 
 
 def known_experiments() -> dict[str, Path]:

@@ -6,9 +6,7 @@ from typing import Any
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationInfo, field_validator
 
-from twin.units import known_unit
-
-_unit = cache(known_unit)
+from twin.units import Unit, known_unit
 
 
 def quantity(key: str, meaning: str, default: Any = ..., **constraints: Any) -> Any:
@@ -27,15 +25,21 @@ class Section(BaseModel):
     @field_validator("*", mode="after")
     @classmethod
     def _to_si(cls, value: Any, info: ValidationInfo) -> Any:
-        key = cls.model_fields[info.field_name or ""].alias
-        if key is None or value is None:
+        is_quantity, unit = _unit_of(cls, info.field_name or "")
+        if not is_quantity or value is None:
             return value
-        unit = _unit(key.removeprefix(f"{info.field_name}_"))
         # a `share` and a `factor` have none
         si = value if unit is None else unit.in_si(value)
         if not _finite(si):
             raise ValueError("expected a number that is finite in SI units, too")
         return si
+
+
+@cache
+def _unit_of(table: type[Section], name: str) -> tuple[bool, Unit | None]:
+    """Whether the field `name` is a `quantity`, and the unit in its key."""
+    key = table.model_fields[name].alias
+    return key is not None, None if key is None else known_unit(key.removeprefix(f"{name}_"))
 
 
 def _finite(value: Any) -> bool:

@@ -14,7 +14,7 @@ from typing import Any
 from twin.errors import InputRefused
 from twin.experiment.replaced import KEPT, REPLACED
 from twin.files import DEEPEST, TOML_LIMIT, read_text, toml_of
-from twin.places import HOME
+from twin.places import located
 
 LONGEST_CHAIN = 32
 """Files that extend each other, the first included."""
@@ -181,24 +181,6 @@ def at(tables: Mapping[str, Any], key: str) -> Any:
     for name in key.split("."):
         node = node.get(name) if isinstance(node, Mapping) else None
     return node
-
-
-def located(name: str, start: Path) -> Path:
-    """The file `name` as seen from folder `start`: absolute, in `start` or its parents, here, or in `HOME`.
-
-    What is found nowhere is returned as a path in `start`, for the sentence that refuses it.
-    """
-    wanted = Path(name)
-    # of a user whom nobody knows
-    with contextlib.suppress(RuntimeError):
-        wanted = wanted.expanduser()
-    if wanted.is_absolute():
-        return wanted
-    for folder in (start, *start.parents, Path.cwd(), HOME, HOME / "experiments"):
-        # not Path.exists, which raises for a name that is too long
-        if os.path.exists(folder / wanted):
-            return folder / wanted
-    return start / wanted
 
 
 def _chain(path: Path) -> list[tuple[Path, dict[str, Any]]]:

@@ -12,7 +12,7 @@ from twin.experiment.mistakes import checked, keys
 from twin.experiment.quantity import Section
 from twin.experiment.replaced import KEPT, NAMING, names_stand_in
 from twin.experiment.schema import TOLERANCE, Controller, Parameter, Scale
-from twin.experiment.source import located
+from twin.places import located
 
 Names = dict[str, str | tuple[str, ...]]
 

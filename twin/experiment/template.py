@@ -24,9 +24,10 @@ from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
 from twin.experiment.replaced import KEPT
 from twin.experiment.robot import Model, Plant, Robot
-from twin.experiment.source import Source, at, located, read_source, toml_value
+from twin.experiment.source import Source, at, read_source, toml_value
 from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
+from twin.places import located
 
 ROBOT = "robots/massage_robot.toml"
 OTHERS = ("fig4_force_position.toml", "massage.toml")

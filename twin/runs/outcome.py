@@ -7,12 +7,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from twin.cosim.system import System
+from twin.plant.deviation import Deviation
 from twin.runs.observer import Observer, TickEvent
 
 END = 1.0
 """The end of a run is its last second (s)."""
 BLOCK = 1000
 """Rows that are summed up at once."""
+LOOKED_AT = slice(2, None)
+"""Of the columns, where x and y of the force are for the end of the run only."""
 
 
 @dataclass(frozen=True)
@@ -49,9 +52,16 @@ class Tally(Observer):
         self._tick = system.tick
         told = "controller.p_ref_B" if system.has("controller.p_ref_B") else "reference.p_ref_B"
         signals = {"plant.F_ee_B": 3, "plant.p_B": 3, told: 3, "controller.triggered": 1, "controller.F_z_ref": 1}
-        found = [(system.columns(name).start if system.has(name) else -size, size) for name, size in signals.items()]
-        self._columns = np.concatenate([np.arange(first, first + size) for first, size in found])
-        self._waiting = np.empty((0, 11))
+        # below 0 where a system has no such signal
+        found = [
+            system.columns(name).start + np.arange(size) if system.has(name) else np.full(size, -1)
+            for name, size in signals.items()
+        ]
+        self._columns = np.concatenate(found)
+        # of rows that wait for the others of their block
+        self._waiting_columns = np.where(self._columns < 0, -1, np.arange(len(self._columns)))
+        self._waiting, self._filled = np.empty((BLOCK, len(self._columns))), 0
+        self._deviation = Deviation(BLOCK)
         self._count = self._controlled = 0
         self._squares = np.zeros(3)
         self._force_squares = 0.0
@@ -59,33 +69,38 @@ class Tally(Observer):
         self._last = np.empty((0, 3))
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
-        waiting = rows.take(self._columns, axis=1)
-        waiting[:, self._columns < 0] = math.nan
-        if len(self._waiting):
-            waiting = np.vstack([self._waiting, waiting])
         # sums of floating-point numbers depend on their order: these are always of the same rows
-        whole = len(waiting) // BLOCK * BLOCK
-        for first in range(0, whole, BLOCK):
-            self._add(waiting[first : first + BLOCK])
-        self._waiting = waiting[whole:]
+        while len(rows):
+            if not self._filled and len(rows) >= BLOCK:
+                self._add(rows[:BLOCK], self._columns)
+                rows = rows[BLOCK:]
+                continue
+            some = rows[: BLOCK - self._filled]
+            self._waiting[self._filled : self._filled + len(some)] = some[:, self._columns]
+            self._filled, rows = self._filled + len(some), rows[len(some) :]
+            if self._filled == BLOCK:
+                self._add(self._waiting, self._waiting_columns)
+                self._filled = 0
 
-    def _add(self, rows: np.ndarray) -> None:
-        F_z, p_B, p_ref_B, on, F_z_ref = -rows[:, 2], rows[:, 3:6], rows[:, 6:9], rows[:, 9] > 0.0, rows[:, 10]
-        highest = int(np.argmax(F_z))
-        if F_z[highest] > self._peak:
-            self._peak, self._peak_tick = float(F_z[highest]), self._count + highest
-        self._controlled += int(np.count_nonzero(on))
-        self._force_squares += float(np.sum(np.square(F_z_ref[on] - F_z[on])))
-        self._squares = self._squares + np.sum(np.square(p_B - p_ref_B), axis=0)
+    def _add(self, rows: np.ndarray, columns: np.ndarray) -> None:
+        block = self._deviation
+        block.look(rows, columns[LOOKED_AT])
+        if block.peak > self._peak:
+            self._peak, self._peak_tick = block.peak, self._count + block.place
+        self._controlled += len(block.off)
+        self._force_squares += float(np.sum(block.off))
+        self._squares = self._squares + block.squares
         self._count += len(rows)
-        self._last = np.concatenate([self._last, rows[:, :3]])[-round(END / self._tick) :]
+        wanted = round(END / self._tick)
+        recent = rows[-wanted:, columns[:3]]
+        self._last = recent if len(recent) == wanted else np.concatenate([self._last, recent])[-wanted:]
 
     @property
     def outcome(self) -> RunOutcome:
         """Of at least one row."""
         total = copy(self)
-        if len(self._waiting):
-            total._add(self._waiting)
+        if self._filled:
+            total._add(self._waiting[: self._filled], self._waiting_columns)
         x, y, z = total._squares / total._count
         controlled = total._controlled
         return RunOutcome(

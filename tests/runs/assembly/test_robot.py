@@ -1,6 +1,7 @@
 """The robot's table: what an experiment makes of it."""
 
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from tests.laws.runs import FORCE, shipped
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
+from twin.drive import unpacked as drives
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
@@ -34,6 +36,20 @@ def rows_of(experiment: Experiment) -> dict[str, Component]:
 def test_a_plain_experiment_has_no_more_than_it_needs():
     with assemble(shipped()) as assembly:
         assert [component.name for component in assembly.system.components] == ALONE
+
+
+def test_the_files_of_three_equal_drives_are_looked_at_once_for_each_robot(monkeypatch: pytest.MonkeyPatch):
+    looked_at: list[str] = []
+
+    def unpacked(file: Path, digest: str) -> Path:
+        looked_at.append(digest)
+        return drives.unpacked(file, digest)
+
+    monkeypatch.setattr("twin.runs.assembly.drives.unpacked", unpacked)
+    for robots in (1, 2):
+        with assemble(shipped()) as assembly:
+            assert len(assembly.drives) == 3
+        assert len(looked_at) == robots
 
 
 def test_a_tick_goes_through_the_table_from_top_to_bottom():

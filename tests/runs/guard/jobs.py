@@ -1,6 +1,9 @@
 """Jobs for the tests of the guard; each is run in a process of its own."""
 
 import os
+import signal
+import sys
+import threading
 import time
 from pathlib import Path
 from typing import Any
@@ -52,6 +55,20 @@ def linger(reporter: Reporter, farewell: str, stubborn: bool = False) -> None:
 def variable(reporter: Reporter, name: str) -> str | None:
     """What its environment says."""
     return os.environ.get(name)
+
+
+def surroundings(reporter: Reporter) -> dict[str, Any]:
+    """What its process finds."""
+    return {
+        "arguments": len(sys.argv),
+        "descriptors": len(os.listdir("/proc/self/fd")),
+        "folder": os.getcwd(),
+        "leads_its_session": os.getsid(0) == os.getpid(),
+        "parent": os.getppid(),
+        "stopped_by": str(signal.getsignal(signal.SIGINT)).partition(" at ")[0],
+        "threads": threading.active_count(),
+        "variables": {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
+    }
 
 
 def crawl(reporter: Reporter, ticks: int) -> None:

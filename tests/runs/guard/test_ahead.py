@@ -43,10 +43,17 @@ def test_who_asks_for_another_job_gets_a_new_one_and_none_waits_any_more():
         (["report", "--help"], False),
         (["report", "fig4", "--budget"], False),
         (["report", *"abcdefg"], False),
+        (["sweep", "gains.toml"], True),
+        (["sweep", "run", "gains.toml", "-j", "2"], True),
+        (["sweep", "show", "gains"], False),
+        (["sweep", "gains.toml", "--engine", "dask"], False),
+        (["sweep"], False),
         ([], False),
     ],
 )
-def test_what_looks_like_a_run_or_a_picture_begins_one(monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool):
+def test_what_looks_like_a_run_a_picture_or_a_sweep_begins_one(
+    monkeypatch: pytest.MonkeyPatch, words: list[str], begins: bool
+):
     monkeypatch.setattr("sys.argv", ["twin", *words])
     monkeypatch.setattr("twin.cli.ahead.cores", lambda: 2)
     with job_expected():
@@ -71,6 +78,8 @@ def test_where_a_stream_is_closed_nothing_begins(monkeypatch: pytest.MonkeyPatch
 
 def test_what_hinders_it_is_told_when_it_is_needed(monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("sys.argv", ["twin", "run", "fig4"])
-    monkeypatch.setattr("twin.cli.ahead.start_ahead", lambda job: (_ for _ in ()).throw(OSError("too many processes")))
+    monkeypatch.setattr(
+        "twin.runs.guard.ahead.start_ahead", lambda job: (_ for _ in ()).throw(OSError("too many processes"))
+    )
     with job_expected():
         pass

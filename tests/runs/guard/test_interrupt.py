@@ -42,7 +42,7 @@ def test_other_errors_of_a_finaliser_are_printed_as_ever():
 
 
 @pytest.mark.skipif(os.name != "posix", reason="Ctrl-C is sent as a signal")
-@pytest.mark.parametrize("moment", ["twin.cli.ahead", "twin.cli.accuracy", "twin.cli.tune"])
+@pytest.mark.parametrize("moment", ["twin.cli.ahead", "twin.cli.app", "twin.cli.run"])
 def test_ctrl_c_while_the_commands_are_imported_is_one_word(moment, tmp_path):
     # at a moment that no clock could hit
     interrupting = f"""

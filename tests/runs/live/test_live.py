@@ -169,7 +169,8 @@ def test_the_scene_comes_at_the_beginning_and_to_those_who_come_later(watched: W
     scenes = watched.watcher.messages("/scene")
     assert {entity.frame_id for entity in scenes[0].message.entities} >= {"base", "platform", "surface"}
     assert scenes[0].time == watched.watcher.messages("/tf")[0].time
-    assert len(watched.second.messages("/scene")) == 1
+    # with its own subscription, and with that of the loud one unless both came between two messages
+    assert 1 <= len(watched.second.messages("/scene")) <= 2
 
 
 def test_time_runs_forward_from_the_beginning_to_the_end(watched: Watched):

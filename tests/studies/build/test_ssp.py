@@ -11,9 +11,12 @@ from typing import Any
 import numpy as np
 import pytest
 
+from tests.cosim.ssp.test_writing import complaints
 from tests.drive.archives import redescribed
-from tests.ssp.test_writing import complaints
 from tests.studies.build.conftest import FIG4, ROOT, silent
+from twin.cosim.ssp.package import read_package
+from twin.cosim.ssp.structure import End, SspComponent
+from twin.cosim.ssp.unit import Transformation
 from twin.drive.setting import FilePath
 from twin.errors import InputRefused
 from twin.recording.reader import read
@@ -21,9 +24,6 @@ from twin.runs.assembly.build import planned_drives
 from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.reporter import DirectReporter
 from twin.runs.trace import run_in_memory
-from twin.ssp.package import read_package
-from twin.ssp.structure import End, SspComponent
-from twin.ssp.unit import Transformation
 from twin.studies.build import drives, linking
 from twin.studies.build.drives import travelling_drives
 from twin.studies.build.system import build_ssp

@@ -11,10 +11,10 @@ import pytest
 from tests.command_line import twin
 from tests.conftest import ROOT
 from tests.drive.amplifier import parts_of_a_drive
+from twin.cosim.ssp.structure import STRUCTURE
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import DrivePlan, planned
-from twin.ssp.structure import STRUCTURE
 from twin.studies.qualify.beginning import begun
 from twin.studies.qualify.bench import response
 from twin.studies.qualify.parts_proposal import part_names

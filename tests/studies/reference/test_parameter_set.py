@@ -2,9 +2,9 @@ from pathlib import Path
 
 import pytest
 
+from twin.cosim.ssp.ssv import parameter_set
 from twin.drive.description import FmuDescription, described
 from twin.errors import InputRefused
-from twin.ssp.ssv import parameter_set
 from twin.studies.reference.parameter_set import settings
 
 SSC = "http://ssp-standard.org/SSP1/SystemStructureCommon"

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
-from tempfile import mkdtemp
+from tempfile import TemporaryDirectory, mkdtemp
 
 import numpy as np
 
@@ -21,12 +21,15 @@ NOISE = ("plant.motor_noise_deg=0.05", "plant.joint_noise_deg=0.02")
 SCALE = ("scale.resolution_g=5", "scale.period_ms=10")
 """A scale under the body of a task, too."""
 
+_RUNS = TemporaryDirectory()
+"""Gone with this process."""
+
 
 @cache
 def ran(name: str, *settings: str) -> Recording:
     """A run of experiments/NAME.toml on a scale."""
     experiment = load_experiment(EXPERIMENTS / f"{name}.toml", [*SCALE, *settings])
-    return read(execute(experiment, Path(mkdtemp(prefix="twin-replay-"))).recording)
+    return read(execute(experiment, Path(mkdtemp(dir=_RUNS.name))).recording)
 
 
 def healthy(name: str = FIG4) -> RobotModel:

@@ -2,6 +2,7 @@
 
 import os
 import signal
+import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import closing, suppress
@@ -115,6 +116,18 @@ def test_a_run_whose_warm_worker_is_killed_is_made_again_elsewhere(root: Path, t
         again = worker.facts(task, stopping)
     assert facts and again
     assert facts["status"] == "done" and facts["metrics"] == again["metrics"]
+
+
+def test_once_a_worker_listens_it_leaves_nothing_behind_however_the_sweep_ends(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    plan = stiffnesses(root, tmp_path, "[500]")
+    scratch = tmp_path / "scratch"
+    scratch.mkdir()
+    monkeypatch.setattr(tempfile, "tempdir", str(scratch))
+    with closing(WorkerProcess(job(plan, tmp_path))) as worker:
+        assert worker.facts(plan.tasks[0], threading.Event())
+        assert list(scratch.iterdir()) == []
 
 
 def test_letting_results_go_ends_every_process_at_once(hostile, tmp_path: Path):

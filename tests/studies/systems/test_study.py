@@ -12,10 +12,10 @@ from tests.drive.first import first_description, first_drive, first_library
 from tests.drive.three_axes import three_axes_drive
 from tests.studies.systems.archives import archive, component, connection, connector, line, structure, system, values
 from tests.studies.systems.conftest import Ran
+from twin.cosim.ssp.package import read_package
 from twin.drive.component import FmuComponent
 from twin.errors import InputRefused
 from twin.report.page.page import write_report
-from twin.ssp.package import read_package
 from twin.studies.systems.study import opened
 from twin.studies.systems.text import text
 

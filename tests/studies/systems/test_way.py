@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from twin.cosim.ssp.flat import Hop
+from twin.cosim.ssp.unit import Transformation, UnitDefinition
 from twin.errors import InputRefused
-from twin.ssp.flat import Hop
-from twin.ssp.unit import Transformation, UnitDefinition
 from twin.studies.systems.way import Way, spelt, way
 from twin.units import Dimension
 

@@ -4,11 +4,12 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from twin.cache_folder import files_below
 from twin.cli.installation.finding import Finding
 from twin.cli.installation.native import compiled_folder, compiled_pieces
 from twin.compiled.cache import is_own, refusal
 from twin.compiled.seal import damaged_files
-from twin.drive.unpacked import shelf
+from twin.drive.shelf import shelf
 from twin.errors import InputRefused
 
 SAFE = "which only you can write to"
@@ -25,7 +26,7 @@ def compiled_finding() -> Finding:
     place = f"{folder}, {SAFE if own else 'as NUMBA_CACHE_DIR says'}"
     if not compiled_pieces():
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
-    size = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+    size = sum(file.stat().st_size for file in files_below(folder) if file.is_file())
     damaged = damaged_files(folder) if own else []
     return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {place}{_told(damaged, 'compiled again')}")
 

@@ -3,6 +3,7 @@
 import os
 from pathlib import Path
 
+from twin.cache_folder import files_below
 from twin.compiled.cache import use_cache
 
 
@@ -13,4 +14,4 @@ def compiled_folder() -> Path:
 
 def compiled_pieces() -> int:
     """How many pieces of machine code are kept; what a run needs beyond them is compiled when it is needed."""
-    return sum(file.suffix in (".o", ".nbc") for file in compiled_folder().rglob("*.*"))
+    return sum(file.name.endswith((".o", ".nbc")) for file in files_below(compiled_folder()))

@@ -1,18 +1,13 @@
 """What a run finds around it: drives, processes, room on the disk."""
 
-import json
 import os
 import shutil
-import subprocess
-import tempfile
-import time
 from pathlib import Path
 
 from twin import __version__
 from twin.cli.installation.finding import Finding
 from twin.errors import InputRefused
 from twin.places import HOME, PACKAGE, is_clone
-from twin.runs.guard.interpreter import environment, module_command
 from twin.studies.qualify.shelf import shelved_drives
 
 DEFAULT_DRIVE = "velocity_servo"
@@ -75,6 +70,13 @@ def browser_finding() -> Finding:
 
 def smoke_finding(home: Path) -> Finding:
     """One second of Fig. 4, really run, as `twin run` does."""
+    import json
+    import subprocess
+    import tempfile
+    import time
+
+    from twin.runs.guard.interpreter import environment, module_command
+
     with tempfile.TemporaryDirectory() as folder:
         command = module_command("twin", "run", str(home / "experiments" / SMOKE), "--json", "--set", "duration_s=1")
         began = time.monotonic()

@@ -4,8 +4,9 @@ These are one for each joint, or one FMU that turns all.
 """
 
 from collections.abc import Callable, Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
@@ -83,7 +84,8 @@ def planned_drives(experiment: Experiment) -> tuple[DrivePlan, ...]:
         raise InputRefused(f"{label}: drives all three joints; [drive.joint_1] .. cannot differ then, remove them")
     if experiment.cosim.inputs == "linear":
         plans = [plan.with_lines() for plan in plans]
-    return tuple(plan.until(experiment.duration_ticks) for plan in plans)
+    folders: dict[str, Path] = {}
+    return tuple(replace(plan.until(experiment.duration_ticks), folders=folders) for plan in plans)
 
 
 def turns_all(plan: DrivePlan) -> bool:

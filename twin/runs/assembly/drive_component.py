@@ -21,7 +21,6 @@ from twin.drive.rotor import DriveRotor
 from twin.drive.setup import Setup
 from twin.drive.steps import refuse_step
 from twin.drive.units import Conversion
-from twin.drive.unpacked import unpacked
 from twin.drive.unwrapped import Unwrapped
 from twin.experiment.schema import PositionCommand
 from twin.runs.assembly.drives import ENABLE, DrivePlan, Start, belongs
@@ -86,7 +85,7 @@ def _part(
     return (FmuComponent if solver is None else partial(ExchangeComponent, solver=solver))(
         name,
         description,
-        unpacked(description.path, description.sha256),
+        plan.folder(part),
         inputs,
         outputs,
         plan.settings[part],

@@ -1,7 +1,7 @@
 """From a joint's [drive] table to a plan that has passed every check which needs no binary."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -12,6 +12,7 @@ from twin.drive.description import FmuDescription, Variable, described
 from twin.drive.exchange.solver import USUAL_TOLERANCE, Solver
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.setting import Setting
+from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 
@@ -37,6 +38,8 @@ class DrivePlan:
         ticks: how many it will be stepped; None: nobody knows.
         ramped: whether it is offered its inputs as lines over a step.
         watched: whether its outputs are read within its steps where that can be.
+        folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
+            looked at whenever a component is made.
     """
 
     label: str
@@ -49,6 +52,19 @@ class DrivePlan:
     ticks: int | None = None
     ramped: bool = False
     watched: bool = False
+    folders: dict[str, Path] | None = field(default=None, compare=False, repr=False)
+
+    def folder(self, part: str) -> Path:
+        """Of the unpacked FMU of a part.
+
+        Raises:
+            InputRefused: it cannot be written there.
+        """
+        fmu = self.parts[part]
+        known = {} if self.folders is None else self.folders
+        if fmu.sha256 not in known:
+            known[fmu.sha256] = unpacked(fmu.path, fmu.sha256)
+        return known[fmu.sha256]
 
     def switchable(self) -> "DrivePlan":
         """The same drive with `enable` as an input, if it has that role and the experiment does not fix it."""

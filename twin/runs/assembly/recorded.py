@@ -10,8 +10,9 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.recorded import Metadata, recorded_fmus, recorded_name, recorded_values
 from twin.experiment.replaced import KEPT
 from twin.experiment.schema import Drive
-from twin.experiment.source import Source, located
+from twin.experiment.source import Source
 from twin.files import json_of
+from twin.places import located
 from twin.runs.assembly.load import checked_experiment
 
 

@@ -6,9 +6,8 @@ import os
 import pickle
 import selectors
 import signal
-import subprocess
 import time
-from pathlib import Path
+from subprocess import PIPE, Popen
 from typing import Any
 
 from twin.runs.guard.black_box import BlackBox
@@ -39,11 +38,11 @@ class GuardedProcess:
     def __init__(self, job: str, helper: bool = False):
         self.box = BlackBox()
         self.gone = False
-        self._process = subprocess.Popen(
+        self._process = Popen(
             module_command("twin.runs.guard.child", str(self.box.fd), str(os.getpid())),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            stderr=None if helper else subprocess.PIPE,
+            stdin=PIPE,
+            stdout=PIPE,
+            stderr=None if helper else PIPE,
             pass_fds=[self.box.fd],
             env={**THREADS, **environment()},
             start_new_session=not helper,
@@ -148,7 +147,9 @@ class GuardedProcess:
 def resident_memory(pid: int) -> int:
     """Of the process `pid` (bytes); 0 if it has ended or the system does not tell."""
     try:
-        return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
+        # asked several times a run; pathlib takes longer than the rest
+        with open(f"/proc/{pid}/statm", "rb", buffering=0) as file:
+            return int(file.read().split()[1]) * os.sysconf("SC_PAGE_SIZE")
     except OSError:
         return 0
 

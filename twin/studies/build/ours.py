@@ -3,11 +3,11 @@
 import re
 from collections.abc import Sequence
 
+from twin.cosim.ssp.metadata import Metadata
+from twin.cosim.ssp.parameters import ParameterSet, ParameterValue
+from twin.cosim.ssp.structure import Connector, ConnectorKind
+from twin.cosim.ssp.unit import UnitDefinition
 from twin.experiment.experiment import Experiment
-from twin.ssp.metadata import Metadata
-from twin.ssp.parameters import ParameterSet, ParameterValue
-from twin.ssp.structure import Connector, ConnectorKind
-from twin.ssp.unit import UnitDefinition
 from twin.studies.build.layout import Kind, Variable
 from twin.studies.build.values import Told, defined, origin
 

@@ -5,11 +5,9 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from importlib.metadata import version
 
-from twin.experiment.experiment import Experiment
-from twin.runs.assembly.robot import COMMAND, POWER
-from twin.ssp.metadata import Annotation, Metadata
-from twin.ssp.parameters import ParameterBinding, ParameterSet
-from twin.ssp.structure import (
+from twin.cosim.ssp.metadata import Annotation, Metadata
+from twin.cosim.ssp.parameters import ParameterBinding, ParameterSet
+from twin.cosim.ssp.structure import (
     Connection,
     DefaultExperiment,
     End,
@@ -17,7 +15,9 @@ from twin.ssp.structure import (
     SspSystem,
     Structure,
 )
-from twin.ssp.unit import Transformation, UnitDefinition
+from twin.cosim.ssp.unit import Transformation, UnitDefinition
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.robot import COMMAND, POWER
 from twin.studies.build.drives import JointDrive, Socket
 from twin.studies.build.values import Told, defined
 

@@ -9,14 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
+from twin.cosim.ssp.metadata import Metadata
+from twin.cosim.ssp.structure import STRUCTURE
+from twin.cosim.ssp.writing import parameter_set_xml, structure_xml
 from twin.drive.description import FmuDescription
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.load import load_experiment
 from twin.runs.provenance import named_files
-from twin.ssp.metadata import Metadata
-from twin.ssp.structure import STRUCTURE
-from twin.ssp.writing import parameter_set_xml, structure_xml
 from twin.studies.answer import Answer
 from twin.studies.build.drives import Element, JointDrive, travelling_drives
 from twin.studies.build.fixed import fixed

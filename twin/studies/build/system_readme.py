@@ -2,9 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
+from twin.cosim.ssp.structure import Connection
+from twin.cosim.ssp.unit import NONE
 from twin.experiment.experiment import Experiment
-from twin.ssp.structure import Connection
-from twin.ssp.unit import NONE
 from twin.studies.build.platforms import Platform
 from twin.studies.build.structure import Member
 

@@ -4,14 +4,14 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from twin.cosim.ssp.metadata import Metadata
+from twin.cosim.ssp.parameters import ParameterSet, ParameterValue
+from twin.cosim.ssp.structure import Connector, ConnectorKind
+from twin.cosim.ssp.unit import UnitDefinition
 from twin.drive.description import FmuDescription
 from twin.drive.setting import Setting
 from twin.drive.variable import Variable
 from twin.experiment.experiment import Experiment
-from twin.ssp.metadata import Metadata
-from twin.ssp.parameters import ParameterSet, ParameterValue
-from twin.ssp.structure import Connector, ConnectorKind
-from twin.ssp.unit import UnitDefinition
 from twin.studies.build.values import Told, defined, origin
 from twin.units import Dimension, known_unit
 

@@ -2,9 +2,9 @@
 
 from collections.abc import Iterable
 
+from twin.cosim.ssp.structure import Connector
+from twin.cosim.ssp.unit import UnitDefinition
 from twin.experiment.experiment import Experiment
-from twin.ssp.structure import Connector
-from twin.ssp.unit import UnitDefinition
 
 Told = tuple[Connector, UnitDefinition | None]
 """A connector, and the unit that it names."""

@@ -10,7 +10,7 @@ from pydantic import TypeAdapter
 from twin.errors import InputRefused, TwinError
 from twin.experiment.drive_files import shelved
 from twin.experiment.named import experiment_file
-from twin.experiment.source import located
+from twin.places import located
 from twin.studies.check.baseline import (
     FOLDER,
     OWN,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
-from twin.cosim.port import by_port, width
+from twin.cosim.port import places, width
 from twin.errors import ComponentFailed
 
 _STEP = ctypes.CFUNCTYPE(
@@ -25,6 +25,7 @@ class Sampled:
         self.component = component
         self._step = _STEP(component.step_address)
         self._y = component.initial_outputs.copy()
+        self._places = places(component.outputs)
 
     def __call__(self, u: NDArray[np.float64], t: float = 0.0, h: float = 2e-3) -> NDArray[np.float64]:
         u = np.ascontiguousarray(u, dtype=float)
@@ -42,4 +43,5 @@ class Sampled:
         """The outputs by port; `u` may hold the inputs by port likewise, among others."""
         if isinstance(u, Mapping):
             u = np.concatenate([np.atleast_1d(u[port.name]) for port in self.component.inputs])
-        return by_port(self.component.outputs, self(u, t, h))
+        y = self(u, t, h)
+        return {name: y[place] for name, place in self._places.items()}

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.integrate import solve_ivp
+from scipy.integrate import DOP853
 
 from twin.controller.estimator import Estimator
 from twin.experiment.experiment import Experiment
@@ -123,7 +123,10 @@ def monolithic_rows(
         def rate(_t: float, x: NDArray[np.float64], omega_ref: NDArray[np.float64] = omega_ref) -> NDArray[np.float64]:
             return coupled_derivative(parameters, drives.T_m, drives.droop, omega_ref, x)
 
-        x = solve_ivp(rate, (0.0, T_s), x, method="DOP853", first_step=T_s, rtol=rtol, atol=atol).y[:, -1]
+        solver = DOP853(rate, 0.0, x, T_s, first_step=T_s, rtol=rtol, atol=atol)
+        while solver.status == "running":
+            solver.step()
+        x = solver.y
         settle(parameters, apex_frame(parameters), x[6:], STILL, STILL)
     rows = {f"plant.{port.name}": np.reshape(y[port.name], (len(y), -1)) for port in OUTPUTS}
     return rows | {"theta_m": shaft[:, :3], "omega_m": shaft[:, 3:6], "omega_ref": shaft[:, 6:]}

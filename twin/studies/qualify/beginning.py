@@ -5,13 +5,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+from twin.cosim.ssp.package import Package, read_package
+from twin.cosim.ssp.structure import Connection, SspComponent
+from twin.cosim.ssp.unit import NONE
 from twin.drive.description import described
 from twin.errors import InputRefused
 from twin.experiment.drive_files import MAPPING, lone_drive
 from twin.files import open_regular
-from twin.ssp.package import Package, read_package
-from twin.ssp.structure import Connection, SspComponent
-from twin.ssp.unit import NONE
 from twin.studies.qualify.parts_proposal import KnownWire, part_names, parts_proposal
 from twin.studies.qualify.proposal import proposal
 from twin.writing import made_folder, write_bytes, write_text

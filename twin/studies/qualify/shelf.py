@@ -1,20 +1,21 @@
 """The drives of fmus/: what each is, and whether it fits this robot's drive contract."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+import json
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any, NamedTuple
 
+from twin.cache_folder import cache_folder
+from twin.drive import COMPILED
 from twin.errors import InputRefused
-from twin.experiment.drive_files import drives_in, lone_drive
-from twin.experiment.source import located
-from twin.runs.assembly.drives import planned
+from twin.kept import contents, kept
+from twin.places import located
 from twin.studies.lines import wrapped
 
 SHELF = "fmus"
 
 
-@dataclass(frozen=True)
-class ShelvedDrive:
+class ShelvedDrive(NamedTuple):
     """A drive's folder.
 
     Attributes:
@@ -36,7 +37,7 @@ class ShelvedDrive:
 
 
 def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
-    """The drives of fmus/, as seen from folder `start` upwards, by name.
+    """The drives of fmus/, as seen from folder `start` upwards, by name; looked at anew if anything there has changed.
 
     Raises:
         InputRefused: there is no fmus/.
@@ -44,7 +45,8 @@ def shelved_drives(start: Path) -> tuple[ShelvedDrive, ...]:
     shelf = located(SHELF, start)
     if not shelf.is_dir():
         raise InputRefused(f"{shelf}: no such folder; run this in the project's folder, or name a drive by its path")
-    return tuple(_looked_at(shelf / name) for name in drives_in(shelf))
+    answer = kept("drives", lambda: json.dumps(_looked_at(shelf)), lambda: _made_of(shelf), lambda: _is_complete(shelf))
+    return tuple(ShelvedDrive(*facts) for facts in json.loads(answer))
 
 
 def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
@@ -58,7 +60,54 @@ def shelf_text(drives: Sequence[ShelvedDrive]) -> str:
     return "\n".join(line.rstrip() for line in lines)
 
 
-def _looked_at(folder: Path) -> ShelvedDrive:
+def _made_of(shelf: Path) -> str | None:
+    """What lies in `shelf`, and what was compiled of such; None if that cannot be told."""
+    try:
+        lies, compiled = contents(shelf), contents(cache_folder(COMPILED))
+    except InputRefused:
+        return None
+    return f"{lies} {compiled}" if lies and compiled else None
+
+
+def _is_complete(shelf: Path) -> bool:
+    """Whether the drives in `shelf` name no file but those beside them: others may change, or be there one day."""
+    from twin.experiment.drive_files import MAPPING
+    from twin.files import read_toml
+
+    try:
+        return all(
+            (mapping.parent / name).is_file() and name == Path(name).name and not name.endswith(".toml")
+            for mapping in shelf.glob(f"*/{MAPPING}")
+            for name in _named(read_toml(mapping))
+        )
+    except InputRefused:
+        return False
+
+
+def _named(said: Any, key: str = "") -> Iterator[str]:
+    """The files that a mapping, or the value of a `key` in it, names."""
+    if isinstance(said, dict):
+        for inner, value in said.items():
+            # { value = .., source = .. }
+            yield from _named(value, key if inner == "value" else inner)
+    elif isinstance(said, list):
+        for value in said:
+            yield from _named(value, key)
+    elif isinstance(said, str) and (key in ("fmu", "extends") or said.startswith("file:")):
+        yield said.removeprefix("file:")
+
+
+def _looked_at(shelf: Path) -> tuple[ShelvedDrive, ...]:
+    """The drives in `shelf`; to look at one takes numpy, FMPy and pydantic."""
+    from twin.experiment.drive_files import drives_in
+
+    return tuple(_drive(shelf / name) for name in drives_in(shelf))
+
+
+def _drive(folder: Path) -> ShelvedDrive:
+    from twin.experiment.drive_files import lone_drive
+    from twin.runs.assembly.drives import planned
+
     try:
         plan = planned(lone_drive(str(folder), folder))
     except InputRefused as refusal:

@@ -8,9 +8,9 @@ import re
 from dataclasses import dataclass
 from typing import Any
 
+from twin.cosim.ssp.elements import finite
 from twin.errors import InputRefused
 from twin.files import xml_of
-from twin.ssp.elements import finite
 
 MIMES = ("application/x-ma-hs-experiments", "application/x-ma-ls-experiments")
 MOST_EXPERIMENTS = 100

@@ -1,10 +1,10 @@
 """Parameter files (SSV) as an FMU takes them."""
 
+from twin.cosim.ssp.parameters import ParameterSet
 from twin.drive.description import FmuDescription
 from twin.drive.parameter_values import taken
 from twin.drive.setting import Value
 from twin.errors import InputRefused, nearest
-from twin.ssp.parameters import ParameterSet
 
 
 def settings(values: ParameterSet, description: FmuDescription, where: str) -> dict[str, Value]:

@@ -5,8 +5,8 @@ from pathlib import Path
 from typing import Any
 
 from twin.cache_folder import cache_folder
+from twin.drive.shelf import CONTENT, HOME
 from twin.drive.stated import stated
-from twin.drive.unpacked import CONTENT, HOME
 from twin.errors import InputRefused, TwinError, visible
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned

@@ -8,8 +8,8 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
-from twin.experiment.source import located
 from twin.files import read_toml
+from twin.places import located
 from twin.studies.sweep.vary import Vary, contradictions
 
 DESIGNS = Literal["grid", "latin_hypercube", "sobol", "random", "saltelli"]

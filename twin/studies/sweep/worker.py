@@ -1,5 +1,7 @@
 """The job of a worker process: runs one after the other for as long as orders come."""
 
+import contextlib
+import gc
 import json
 import shutil
 from pathlib import Path
@@ -21,9 +23,9 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
         claims: see `twin.studies.sweep.trial.trial`.
         trial: see `Job`.
         reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
-        orders: a named pipe that brings {"run", "drive", "settings", "record"} as JSON lines; ends the job when it is
-            closed. What is to be recorded is run twice: so measuring never depends on the recorder, and a good run in a
-            sweep that records failures never meets it.
+        orders: a named pipe, alone in its folder, that brings {"run", "drive", "settings", "record"} as JSON lines;
+            ends the job when it is closed. What is to be recorded is run twice: so measuring never depends on the
+            recorder, and a good run in a sweep that records failures never meets it.
 
     Raises:
         RecordingFailed: the disk is full.
@@ -31,7 +33,11 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
     keep_instances(reuse == "reset")
     judged = function_called(trial)
     with open(orders, encoding="utf-8") as lines:
-        for line in lines:
+        # it is open at both ends now; who made it may be killed
+        with contextlib.suppress(OSError):
+            Path(orders).unlink()
+            Path(orders).parent.rmdir()
+        for number, line in enumerate(lines):
             order = json.loads(line)
             what = Path(experiment), order["drive"], order["settings"]
             own = Path(folder) / f"{order['run']:06d}"
@@ -47,3 +53,7 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
                 reporter.loading()
                 record(*what, own)
             reporter.note(finding=finding.facts)
+            if number == 0:
+                # what one run has loaded stays for all others: it need not be looked through for garbage again
+                gc.collect()
+                gc.freeze()

@@ -8,13 +8,13 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
+from twin.runs.guard.ahead import process_for
 from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watch, raise_failure
 from twin.runs.guard.process import GuardedProcess
+from twin.studies.sweep import SERVED
 from twin.studies.sweep.engine import Job
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
-
-JOB = "twin.studies.sweep.worker:served"
 
 
 class WorkerProcess:
@@ -72,7 +72,7 @@ class WorkerProcess:
         # both ends, so that opening does not wait for the process, and a process that dies leaves no broken pipe
         self._orders = os.open(orders, os.O_RDWR)
         self._ends.callback(os.close, self._orders)
-        self._process = self._ends.enter_context(GuardedProcess(JOB))
+        self._process = self._ends.enter_context(process_for(SERVED))
         self._watch = Watch(self._process, self._job.limits)
         self._process.start({**self._job.arguments, "orders": str(orders)})
         return self._process

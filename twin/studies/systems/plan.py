@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.cosim.interpolation import Scheme
+from twin.cosim.ssp.flat import Assigned, FlatSystem, Hop, Lead
+from twin.cosim.ssp.package import Package
+from twin.cosim.ssp.structure import FMU, Connector
 from twin.drive.description import FmuDescription, described
 from twin.drive.parameter_values import given_values
 from twin.drive.ports import FmuPort
@@ -13,9 +16,6 @@ from twin.drive.units import conversion
 from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest
 from twin.recording.writer import EVENTS
-from twin.ssp.flat import Assigned, FlatSystem, Hop, Lead
-from twin.ssp.package import Package
-from twin.ssp.structure import FMU, Connector
 from twin.studies.systems.naming import distinct, topic
 from twin.studies.systems.ports import distinct_ports, port_of, rank
 from twin.studies.systems.timing import Timing, timing

@@ -15,6 +15,8 @@ from typing import Any
 import numpy as np
 
 from twin.cosim.interpolation import Scheme
+from twin.cosim.ssp.flat import flattened
+from twin.cosim.ssp.package import Package, read_package
 from twin.drive.description import build
 from twin.drive.setting import told
 from twin.drive.unpacked import unpacked
@@ -27,8 +29,6 @@ from twin.runs.observer import Observer, TickEvent
 from twin.runs.provenance import PACKAGES
 from twin.runs.recorder import BLOCK_TICKS, Recorder
 from twin.runs.watch import Messages
-from twin.ssp.flat import flattened
-from twin.ssp.package import Package, read_package
 from twin.studies.systems.coupled import Coupled, coupled
 from twin.studies.systems.plan import Plan, fmu_sources, planned
 from twin.studies.systems.streams import streams, topics

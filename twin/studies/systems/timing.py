@@ -4,12 +4,12 @@ import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
+from twin.cosim.ssp.package import Package
 from twin.drive.description import FmuDescription
 from twin.drive.steps import stated_step
 from twin.drive.variable import number
 from twin.errors import InputRefused
 from twin.files import xml_of
-from twin.ssp.package import Package
 
 MOST_TICKS = 1e12
 STEPS = ("stepSize", "baseStepSize")

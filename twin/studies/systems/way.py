@@ -4,13 +4,13 @@ import math
 from collections.abc import Iterable, Sequence
 from typing import NamedTuple
 
+from twin.cosim.ssp.flat import Hop
+from twin.cosim.ssp.structure import Connector
+from twin.cosim.ssp.unit import UnitDefinition
 from twin.drive.description import FmuDescription
 from twin.drive.parameter_values import stated_unit
 from twin.drive.units import Conversion, conversion, meant
 from twin.errors import InputRefused
-from twin.ssp.flat import Hop
-from twin.ssp.structure import Connector
-from twin.ssp.unit import UnitDefinition
 
 
 class Measure(NamedTuple):

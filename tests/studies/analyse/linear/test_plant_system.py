@@ -23,20 +23,29 @@ def jacobian_by_differences(f, z):
     return (4.0 * central(1e-5) - central(2e-5)) / 3.0
 
 
-def operating_points():
-    """Inside one piece of backlash, contact and friction: no kink within the steps of any difference."""
-    air = resting(PARAMETERS, (0.0, 0.02, -0.085))
-    home = resting(PARAMETERS, (0.0, 0.0, -0.105))
-    sticking, theta_m = resting(PARAMETERS, (0.005, -0.02, -0.105))
-    sticking[3:] = [0.01, -0.02, 0.03, 5e-5, -8e-5]
-    moving_in_air, theta_air = resting(PARAMETERS, (-0.01, 0.01, -0.09))
-    moving_in_air[3:6] = [0.2, -0.1, 0.15]
-    return [
-        pytest.param(*air, id="at rest in air"),
-        pytest.param(*home, id="pressing at home"),
-        pytest.param(sticking, theta_m, id="moving in sticking contact"),
-        pytest.param(moving_in_air, theta_air + 0.05, id="moving in air, off balance"),
-    ]
+def still(x, y, z):
+    return resting(PARAMETERS, (x, y, z))
+
+
+def sticking():
+    x, theta_m = still(0.005, -0.02, -0.105)
+    x[3:] = [0.01, -0.02, 0.03, 5e-5, -8e-5]
+    return x, theta_m
+
+
+def moving_in_air():
+    x, theta_m = still(-0.01, 0.01, -0.09)
+    x[3:6] = [0.2, -0.1, 0.15]
+    return x, theta_m + 0.05
+
+
+OPERATING_POINTS = {
+    "at rest in air": lambda: still(0.0, 0.02, -0.085),
+    "pressing at home": lambda: still(0.0, 0.0, -0.105),
+    "moving in sticking contact": sticking,
+    "moving in air, off balance": moving_in_air,
+}
+"""Inside one piece of backlash, contact and friction: no kink within the steps of any difference."""
 
 
 @given(moving())
@@ -50,8 +59,10 @@ def test_outputs_are_those_of_the_component_under_the_same_names(state):
     assert SYSTEM.state_labels == STATE_LABELS
 
 
-@pytest.mark.parametrize(("x", "theta_m"), operating_points())
-def test_linearisation_is_the_jacobian_of_the_equations(x, theta_m):
+@pytest.mark.parametrize("point", OPERATING_POINTS)
+def test_linearisation_is_the_jacobian_of_the_equations(point):
+    x, theta_m = OPERATING_POINTS[point]()
+
     def rate_and_outputs(z):
         return np.concatenate([SYSTEM.dynamics(0.0, z[:8], z[8:]), SYSTEM.output(0.0, z[:8], z[8:])])
 

@@ -16,11 +16,11 @@ from tests.studies.systems.archives import (
     system,
     values,
 )
+from twin.cosim.ssp import package as package_module
+from twin.cosim.ssp.package import read_package
+from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem
+from twin.cosim.ssp.unit import Transformation, UnitDefinition
 from twin.errors import InputRefused
-from twin.ssp import package as package_module
-from twin.ssp.package import read_package
-from twin.ssp.structure import Connection, Connector, End, SspComponent, SspSystem
-from twin.ssp.unit import Transformation, UnitDefinition
 from twin.units import Dimension
 
 SSV = (

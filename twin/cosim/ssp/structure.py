@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from typing import Literal, NamedTuple
 
-from twin.ssp.metadata import Annotation, Metadata
-from twin.ssp.parameters import ParameterBinding
-from twin.ssp.unit import NONE, Transformation, UnitDefinition
+from twin.cosim.ssp.metadata import Annotation, Metadata
+from twin.cosim.ssp.parameters import ParameterBinding
+from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
 
 STRUCTURE = "SystemStructure.ssd"
 """Entry of an SSP archive."""

@@ -3,10 +3,10 @@
 import pytest
 
 from tests.studies.reference.test_parameter_set import real, ssv
+from twin.cosim.ssp.parameters import MappingEntry
+from twin.cosim.ssp.ssv import mapping, parameter_set
+from twin.cosim.ssp.unit import Transformation
 from twin.errors import InputRefused
-from twin.ssp.parameters import MappingEntry
-from twin.ssp.ssv import mapping, parameter_set
-from twin.ssp.unit import Transformation
 
 
 def test_whole_numbers_and_truth_values_are_numbers():
@@ -36,7 +36,7 @@ def test_whole_numbers_and_truth_values_are_numbers():
     ],
 )
 def test_what_is_no_number_or_text_is_refused(content: bytes, told: str, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.ssp.ssv.MOST_PARAMETERS", 2)
+    monkeypatch.setattr("twin.cosim.ssp.ssv.MOST_PARAMETERS", 2)
     with pytest.raises(InputRefused, match="x: ") as refused:
         parameter_set(content, "x")
     assert told in str(refused.value)

@@ -6,11 +6,11 @@ import fmpy.ssp
 import pytest
 from lxml import etree
 
-from twin.ssp.metadata import Annotation, Metadata
-from twin.ssp.parameters import MappingEntry, ParameterBinding, ParameterMapping, ParameterSet, ParameterValue
-from twin.ssp.ssd import Resource, structure_of
-from twin.ssp.ssv import parameter_set
-from twin.ssp.structure import (
+from twin.cosim.ssp.metadata import Annotation, Metadata
+from twin.cosim.ssp.parameters import MappingEntry, ParameterBinding, ParameterMapping, ParameterSet, ParameterValue
+from twin.cosim.ssp.ssd import Resource, structure_of
+from twin.cosim.ssp.ssv import parameter_set
+from twin.cosim.ssp.structure import (
     Connection,
     Connector,
     DefaultExperiment,
@@ -19,8 +19,8 @@ from twin.ssp.structure import (
     SspSystem,
     Structure,
 )
-from twin.ssp.unit import Transformation, UnitDefinition
-from twin.ssp.writing import parameter_set_xml, structure_xml
+from twin.cosim.ssp.unit import Transformation, UnitDefinition
+from twin.cosim.ssp.writing import parameter_set_xml, structure_xml
 from twin.units import Dimension
 
 SCHEMAS = Path(fmpy.ssp.__file__).parent / "schema"

@@ -5,9 +5,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable
 from typing import NamedTuple, TypeVar, cast, get_args
 
-from twin.errors import InputRefused
-from twin.files import xml_of
-from twin.ssp.elements import (
+from twin.cosim.ssp.elements import (
     annotations_of,
     inside,
     listed,
@@ -20,9 +18,9 @@ from twin.ssp.elements import (
     unique,
     units_of,
 )
-from twin.ssp.parameters import PARAMETER_MAPPING, PARAMETER_SET, ParameterBinding
-from twin.ssp.ssv import mapping, mapping_of, parameter_set, parameter_set_of
-from twin.ssp.structure import (
+from twin.cosim.ssp.parameters import PARAMETER_MAPPING, PARAMETER_SET, ParameterBinding
+from twin.cosim.ssp.ssv import mapping, mapping_of, parameter_set, parameter_set_of
+from twin.cosim.ssp.structure import (
     FMU,
     Connection,
     Connector,
@@ -34,6 +32,8 @@ from twin.ssp.structure import (
     SspSystem,
     Structure,
 )
+from twin.errors import InputRefused
+from twin.files import xml_of
 
 NAMESPACE = "{http://ssp-standard.org/SSP1/SystemStructureDescription}"
 MOST_PARTS = 500

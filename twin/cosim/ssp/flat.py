@@ -4,10 +4,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from twin.cosim.ssp.parameters import ParameterBinding, ParameterValue
+from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
+from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
 from twin.errors import InputRefused
-from twin.ssp.parameters import ParameterBinding, ParameterValue
-from twin.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
-from twin.ssp.unit import NONE, Transformation, UnitDefinition
 
 SOURCES, SINKS = ("output", "calculatedParameter", "constant", "local"), ("input", "parameter", "structuralParameter")
 """Kinds of connectors that values leave, and get to; seen from inside a system its own are the other way round."""

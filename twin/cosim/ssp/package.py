@@ -5,10 +5,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from twin.archive import content_of, entries, entry_of, sha256
+from twin.cosim.ssp.ssd import Resource, structure_of
+from twin.cosim.ssp.structure import STRUCTURE, Structure
 from twin.errors import InputRefused
 from twin.files import LIMIT
-from twin.ssp.ssd import Resource, structure_of
-from twin.ssp.structure import STRUCTURE, Structure
 
 MOST_STRUCTURE = 16 << 20
 MOST_FMU = 512 << 20

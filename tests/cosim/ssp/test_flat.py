@@ -15,11 +15,11 @@ from tests.studies.systems.archives import (
     system,
     values,
 )
+from twin.cosim.ssp.flat import FlatSystem, Hop, flattened
+from twin.cosim.ssp.package import read_package
+from twin.cosim.ssp.structure import End
+from twin.cosim.ssp.unit import Transformation
 from twin.errors import InputRefused
-from twin.ssp.flat import FlatSystem, Hop, flattened
-from twin.ssp.package import read_package
-from twin.ssp.structure import End
-from twin.ssp.unit import Transformation
 
 
 def flat(tmp_path: Path, whole: str) -> FlatSystem:

@@ -4,9 +4,9 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Mapping, Sequence
 from typing import TypeVar
 
-from twin.ssp.elements import TRUTH
-from twin.ssp.metadata import Annotation, Metadata
-from twin.ssp.parameters import (
+from twin.cosim.ssp.elements import TRUTH
+from twin.cosim.ssp.metadata import Annotation, Metadata
+from twin.cosim.ssp.parameters import (
     PARAMETER_MAPPING,
     PARAMETER_SET,
     WHOLES,
@@ -15,8 +15,8 @@ from twin.ssp.parameters import (
     ParameterSet,
     ParameterValue,
 )
-from twin.ssp.structure import FMU, Connection, Connector, SspComponent, SspSystem, Structure
-from twin.ssp.unit import NONE, Transformation, UnitDefinition
+from twin.cosim.ssp.structure import FMU, Connection, Connector, SspComponent, SspSystem, Structure
+from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
 
 VERSION = "1.0"
 Item = TypeVar("Item")

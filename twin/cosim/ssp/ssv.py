@@ -7,9 +7,7 @@ import math
 import re
 import xml.etree.ElementTree as ET
 
-from twin.errors import InputRefused
-from twin.files import xml_of
-from twin.ssp.elements import (
+from twin.cosim.ssp.elements import (
     TRUTH,
     annotations_of,
     inside,
@@ -21,7 +19,9 @@ from twin.ssp.elements import (
     truth,
     units_of,
 )
-from twin.ssp.parameters import REALS, WHOLES, MappingEntry, ParameterMapping, ParameterSet, ParameterValue
+from twin.cosim.ssp.parameters import REALS, WHOLES, MappingEntry, ParameterMapping, ParameterSet, ParameterValue
+from twin.errors import InputRefused
+from twin.files import xml_of
 
 MOST_PARAMETERS = 100_000
 """Of one set, and entries of one mapping."""

@@ -4,9 +4,9 @@ import math
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
+from twin.cosim.ssp.metadata import Annotation, Metadata
+from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
 from twin.errors import InputRefused
-from twin.ssp.metadata import Annotation, Metadata
-from twin.ssp.unit import NONE, Transformation, UnitDefinition
 from twin.units import Dimension
 
 TRUTH = {"true": True, "1": True, "false": False, "0": False}

@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from twin.ssp.metadata import Annotation, Metadata
-from twin.ssp.unit import NONE, Transformation, UnitDefinition
+from twin.cosim.ssp.metadata import Annotation, Metadata
+from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
 
 PARAMETER_SET = "application/x-ssp-parameter-set"
 PARAMETER_MAPPING = "application/x-ssp-parameter-mapping"

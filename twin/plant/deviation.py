@@ -1,0 +1,63 @@
+"""How far force and position are from what they should be over a block of rows, added up by compiled code."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
+
+COLUMNS = 9
+"""Of a row that are looked at: F_z by the platform on what it touches, negative while it presses; p_B; p_ref_B;
+whether force is controlled; its reference."""
+
+
+@njit(cache=True, inline="always")
+def _value(row, column):
+    return row[column] if column >= 0 else np.nan
+
+
+@entry("int", "doubles", "int", "int", "integers", "doubles", "doubles")
+def _add_up(rows, count, width, columns, found, off):
+    table, column = carray(rows, (count, width)), carray(columns, COLUMNS)
+    sums, squares = carray(found, 5), carray(off, count)
+    sums[:] = 0.0
+    sums[3] = -np.inf
+    controlled = 0
+    for i in range(count):
+        row = table[i]
+        F_z = -_value(row, column[0])
+        if F_z > sums[3]:
+            sums[3], sums[4] = F_z, i
+        for axis in range(3):
+            astray = _value(row, column[1 + axis]) - _value(row, column[4 + axis])
+            sums[axis] += astray * astray
+        if _value(row, column[7]) > 0.0:
+            error = _value(row, column[8]) - F_z
+            squares[controlled] = error * error
+            controlled += 1
+    return controlled
+
+
+class Deviation:
+    """What blocks of at most `size` rows come to, one at a time.
+
+    Attributes:
+        squares: sums of the squares of p_B - p_ref_B, added in the order of the rows, (3,) m^2.
+        off: squares of the pressing force less its reference where it is controlled, (n,) N^2.
+        peak, place: largest pressing force (N), and in which row.
+    """
+
+    def __init__(self, size: int) -> None:
+        self._found, self._off = np.zeros(5), np.empty(size)
+
+    def look(self, rows: NDArray[np.float64], columns: NDArray[np.int64]) -> None:
+        """Take a block.
+
+        Args:
+            rows: (n, width), n at most `size`.
+            columns: where `COLUMNS` are in a row, (9,); below 0: nowhere, taken as nan.
+        """
+        rows = np.ascontiguousarray(rows)
+        controlled = _add_up(rows, *rows.shape, columns, self._found, self._off)
+        self.squares, self.off = self._found[:3], self._off[:controlled]
+        self.peak, self.place = float(self._found[3]), int(self._found[4])
