@@ -6,9 +6,11 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pytest
@@ -17,6 +19,7 @@ from websockets.exceptions import InvalidStatus
 from tests.runs.live.viewer import Viewer
 from twin.recording.reader import read
 from twin.recording.recording import Recording
+from twin.runs.live.server import SPACING
 
 FIG4 = "experiments/fig4_force_position.toml"
 REFERENCE = "controller.force.reference_N"
@@ -38,15 +41,56 @@ HOSTILE = (
 """What no viewer says; each is answered by a sentence."""
 
 
-def served(root: Path, folder: Path, *arguments: str) -> tuple["subprocess.Popen[str]", str]:
-    """`twin run --live` on a free port, and its address."""
-    command = [sys.executable, "-m", "twin", "run", str(root / FIG4), "--live", "--port", "0", "--out", "x", *arguments]
-    process = subprocess.Popen(command, cwd=folder, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    assert process.stderr is not None
-    said = process.stderr.readline()
-    address = re.match(r"serving (ws://127\.0\.0\.1:\d+/\?token=[\w-]{22}); the run begins when a viewer", said)
-    assert address, said + process.stderr.read()
-    return process, address[1]
+HELD = """
+import sys
+from twin.cli import main
+from twin.runs.live.server import LiveServer
+
+show = LiveServer.show
+
+def held(self, first, rows, events):
+    show(self, first, rows, events)
+    if first == 0 or any("triggered" in event.text for event in events):
+        sys.stdin.readline()
+
+LiveServer.show = held
+main()
+"""
+"""`twin`, whose run waits for a line of standard input behind its first slice and behind the one that triggers: what
+happens then does not depend on how fast anybody is."""
+
+
+class Served(NamedTuple):
+    """A command that serves a run, and the address."""
+
+    process: "subprocess.Popen[str]"
+    address: str
+
+    def go_on(self) -> None:
+        """Let a run that is `HELD` go on."""
+        assert self.process.stdin is not None
+        self.process.stdin.write("\n")
+        self.process.stdin.flush()
+
+    def end(self) -> tuple[str, str]:
+        """What it has printed, and on standard error, once it has ended by itself."""
+        return self.process.communicate(timeout=60)
+
+
+@contextmanager
+def served(root: Path, folder: Path, *arguments: str, twin: Sequence[str] = ("-m", "twin")) -> Iterator[Served]:
+    """`twin run --live` on a free port; it is gone in the end, whatever happens."""
+    command = [sys.executable, *twin, "run", str(root / FIG4), "--live", "--port", "0", "--out", "x", *arguments]
+    pipe = subprocess.PIPE
+    with subprocess.Popen(command, cwd=folder, stdin=pipe, stdout=pipe, stderr=pipe, text=True) as process:
+        try:
+            assert process.stderr is not None
+            said = process.stderr.readline()
+            address = re.match(r"serving (ws://127\.0\.0\.1:\d+/\?token=[\w-]{22}); the run begins when a viewer", said)
+            assert address, said
+            yield Served(process, address[1])
+        finally:
+            process.kill()
 
 
 def refused(address: str, origin: str) -> int:
@@ -78,7 +122,12 @@ class Watched:
 def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Watched]:
     """Fig. 4 at ten times real time: a watcher turns knobs, a second one looks on, a third vanishes; others attack."""
     folder = tmp_path_factory.mktemp("live")
-    process, address = served(root, folder, "--realtime=10", "--json")
+    with served(root, folder, "--realtime=10", "--json", "--isolate=none", twin=("-c", HELD)) as run:
+        yield watched_run(run, folder)
+
+
+def watched_run(run: Served, folder: Path) -> Watched:
+    address = run.address
     open_to_all = address.partition("?")[0]
     elsewhere = open_to_all.replace("127.0.0.1", "evil.example")
     kept_out = [
@@ -102,33 +151,41 @@ def watched(root: Path, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Wa
         second.send(op="subscribeParameterUpdates", parameterNames=[REFERENCE])
         third.subscribe("/plant", "/estimator")
         stranger.subscribe("/controller")
+        loud.subscribe("/plant")
         watcher.subscribe(*watcher.channels)
+        for viewer in (second, third, stranger, loud, watcher):
+            # answered after the subscription, so that is in force
+            viewer.parameters()
+        run.go_on()
+        watcher.until(lambda: any("triggered" in event.message.message for event in watcher.messages("/events")))
         third.until(lambda: bool(third.messages("/plant")))
         # no goodbye: what a laptop does that is closed
         third.socket.socket.shutdown(socket.SHUT_RDWR)
-        watcher.until(lambda: any("triggered" in event.message.message for event in watcher.messages("/events")))
         second.subscribe("/scene")
-        watcher.set(REFERENCE, 6)
-        stranger.set(REFERENCE, 19)
+        second.parameters()
+        loud.until(lambda: bool(loud.messages("/plant")))
         for said in HOSTILE:
             loud.socket.send(said)
-        loud.subscribe("/plant")
-        loud.until(lambda: bool(loud.messages("/plant")))
+        loud.until(lambda: len(loud.of("status")) > len(HOSTILE))
         loud.socket.send("x" * 100_000)
         loud.to_the_end()
+        watcher.set(REFERENCE, 6)
         for value in OUT_OF_BOUNDS:
             watcher.set(REFERENCE, value)
         watcher.set(REFERENCE, -1)
         watcher.set("controller.force.reference", 4)
         watcher.set("controller.position.kp_per_s", "fast")
-        watcher.to_the_end()
-        second.to_the_end()
-        stranger.to_the_end()
-        stdout, stderr = process.communicate(timeout=60)
-        assert process.returncode == 0, stderr
+        watcher.parameters()
+        stranger.set(REFERENCE, 19)
+        stranger.parameters()
+        run.go_on()
+        for viewer in (watcher, second, stranger):
+            viewer.to_the_end()
+        stdout, stderr = run.end()
+        assert run.process.returncode == 0, stderr
         recording = read(folder / "x" / "run.mcap")
         facts = json.loads(stdout, parse_constant=pytest.fail)
-        yield Watched(facts, stderr, watcher, second, stranger, loud, kept_out, before, recording)
+        return Watched(facts, stderr, watcher, second, stranger, loud, kept_out, before, recording)
 
 
 def test_every_recorded_topic_is_announced_with_its_schema_and_units(watched: Watched):
@@ -165,22 +222,26 @@ def test_the_robot_is_drawn_where_the_plant_is(watched: Watched):
         assert platform.timestamp.ToNanoseconds() == each.time
 
 
-def test_the_scene_comes_at_the_beginning_and_to_those_who_come_later(watched: Watched):
-    scenes = watched.watcher.messages("/scene")
-    assert {entity.frame_id for entity in scenes[0].message.entities} >= {"base", "platform", "surface"}
-    assert scenes[0].time == watched.watcher.messages("/tf")[0].time
-    # with its own subscription, and with that of the loud one unless both came between two messages
-    assert 1 <= len(watched.second.messages("/scene")) <= 2
+def test_the_scene_comes_once_with_the_first_picture_and_to_those_who_come_later(watched: Watched):
+    (scene,) = watched.watcher.messages("/scene")
+    assert {entity.frame_id for entity in scene.message.entities} >= {"base", "platform", "surface"}
+    assert scene.time == watched.watcher.messages("/tf")[0].time
+    # also where others have it already
+    assert len(watched.second.messages("/scene")) == 1
 
 
 def test_time_runs_forward_from_the_beginning_to_the_end(watched: Watched):
+    # the run waited for its first subscription
+    assert watched.second.messages("/controller")[0].time == 0
     times = [each.time for each in watched.watcher.messages("/plant")]
     assert times == sorted(set(times))
     assert times[-1] == watched.watcher.times[-1] == 20_000_000_000
-    # it waited for its viewer: 0.5 s of simulated time are 50 ms, more than the first slices take
-    assert times[0] < 500_000_000
-    # at 50 Hz 100 in the 2 s that it takes; fewer if the machine is busy
-    assert 10 < len(times) <= 120
+
+
+def test_a_topic_has_at_most_50_messages_per_second_of_the_clock(watched: Watched):
+    taken = 20.0 / watched.facts["punctuality"]["achieved"]
+    # besides the first row and the last one
+    assert len(watched.second.messages("/controller")) <= 2 + taken / SPACING
 
 
 def test_parameters_are_told_in_the_units_of_their_keys(watched: Watched):
@@ -212,8 +273,8 @@ def test_the_summary_says_that_the_run_was_changed_and_how_it_was_paced(watched:
     told = watched.facts["punctuality"]
     assert told["factor"] == 10.0
     assert told["deadlines"] == 201
-    # never ahead of the clock by more than the rounding of times, and not hopelessly behind
-    assert 5.0 < told["achieved"] <= 10.0 + 1e-6
+    # never ahead of the clock by more than the rounding of times
+    assert told["achieved"] <= 10.0 + 1e-6
 
 
 def test_a_bad_value_is_refused_with_a_sentence_and_the_run_goes_on(watched: Watched):
@@ -230,10 +291,10 @@ def test_a_bad_value_is_refused_with_a_sentence_and_the_run_goes_on(watched: Wat
 def test_a_second_viewer_sees_the_same_and_hears_of_the_change(watched: Watched):
     told = [(p["name"], p["value"]) for m in watched.second.of("parameterValues") for p in m["parameters"]]
     assert (REFERENCE, 6.0) in told
-    seen = {each.time: each.message.SerializeToString() for each in watched.second.messages("/controller")}
-    both = [each for each in watched.watcher.messages("/controller") if each.time in seen]
-    assert all(seen[each.time] == each.message.SerializeToString() for each in both)
-    assert len(both) > 5
+    seen = [(each.time, each.message.SerializeToString()) for each in watched.second.messages("/controller")]
+    watched_too = [(each.time, each.message.SerializeToString()) for each in watched.watcher.messages("/controller")]
+    # who has subscribed first has seen more of the beginning
+    assert seen[-len(watched_too) :] == watched_too
     assert {each.topic for each in watched.second.received} == {"/controller", "/scene"}
 
 
@@ -288,11 +349,10 @@ def test_a_message_too_large_ends_that_connection_only(watched: Watched):
 
 
 def test_ctrl_c_while_it_waits_for_a_viewer_ends_it(root: Path, tmp_path: Path):
-    process, address = served(root, tmp_path)
-    with Viewer(address) as viewer:
+    with served(root, tmp_path) as run, Viewer(run.address) as viewer:
         viewer.until(lambda: "/plant" in viewer.channels)
-        process.send_signal(signal.SIGINT)
-        _, stderr = process.communicate(timeout=60)
-    assert process.returncode == 130
+        run.process.send_signal(signal.SIGINT)
+        _, stderr = run.end()
+    assert run.process.returncode == 130
     assert "interrupted" in stderr
     assert "Traceback" not in stderr

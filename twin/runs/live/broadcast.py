@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from http import HTTPStatus
 from queue import SimpleQueue
 
@@ -25,7 +26,9 @@ VIEWERS = 64
 COMPLAINTS = 5
 """Connections whose refusal is told in the terminal; a page that tries again and again shall not fill it."""
 FAREWELL = 2.0
-"""Longest time (s) to send what has been published when the run is over."""
+"""Longest time (s) to send what has been published when the run is over; after that connections are cut."""
+END = 3 * FAREWELL
+"""Longest time (s) that the end of a run waits for the server's thread, whatever holds it up."""
 
 # what a viewer does wrong is told to the viewer; here it would only look like a failure of the run
 _SILENT = logging.getLogger("twin.runs.live")
@@ -44,8 +47,8 @@ class Broadcast:
     Attributes:
         port: at which it listens.
         news: sentences about connections that were refused; None as soon as somebody has subscribed to something.
-        newcomer: set when somebody has subscribed to something, for whoever clears it.
         wanted: channels that somebody has subscribed to.
+        lacking: those of them that never change and of which somebody has nothing yet.
 
     Raises:
         OSError: the port is taken.
@@ -53,10 +56,10 @@ class Broadcast:
 
     def __init__(self, port: int, gate: Gate, channels: Sequence[Channel], tuning: Tuning):
         self.news: SimpleQueue[str | None] = SimpleQueue()
-        self.newcomer = threading.Event()
         self.wanted: frozenset[int] = frozenset()
+        self.lacking: frozenset[int] = frozenset()
         self.port, self._gate, self._tuning = port, gate, tuning
-        self._numbers = {channel.number for channel in channels}
+        self._channels = {channel.number: channel for channel in channels}
         self._greeting = (server_info(str(time.time_ns())), advertisement(channels))
         self._clients: set[Client] = set()
         self._refused: set[str] = set()
@@ -72,12 +75,15 @@ class Broadcast:
         self._loop.call_soon_threadsafe(self._hand_out, time, messages)
 
     def close(self) -> None:
-        """Send what has been published, say goodbye to every viewer and let go of the port."""
-        self._loop.call_soon_threadsafe(self._over.set)
-        self._thread.join()
+        """Send what has been published, say goodbye to every viewer and let go of the port; at most `END` s."""
+        # it may have ended before
+        with suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(self._over.set)
+        self._thread.join(END)
 
     async def _live(self) -> None:
         try:
+            # no context manager: its end waits for viewers that do not read
             server = await serve(
                 self._attend,
                 HOST,
@@ -93,11 +99,17 @@ class Broadcast:
         except OSError as problem:
             self._started.set_exception(problem)
             return
-        async with server:
-            self.port = next(iter(server.sockets)).getsockname()[1]
-            self._started.set_result(asyncio.get_running_loop())
-            await self._over.wait()
-            await asyncio.gather(*(client.farewell(FAREWELL) for client in self._clients))
+        self.port = next(iter(server.sockets)).getsockname()[1]
+        self._started.set_result(asyncio.get_running_loop())
+        await self._over.wait()
+        # who comes from now on is not let in
+        server.close(close_connections=False)
+        await asyncio.gather(*(client.farewell(FAREWELL) for client in self._clients))
+        for client in self._clients:
+            client.cut_off()
+        # for connections that have not said yet what they want; whatever still waits then is cancelled with the loop
+        with suppress(TimeoutError):
+            await asyncio.wait_for(server.wait_closed(), FAREWELL)
 
     def _admit(self, connection: ServerConnection, request: Request) -> Response | None:
         """None if the connection may be made."""
@@ -113,7 +125,7 @@ class Broadcast:
     async def _attend(self, connection: ServerConnection) -> None:
         assert connection.request is not None
         knows = self._gate.knows(connection.request.path)
-        client = Client(connection, knows is True, self._numbers, self._tuning, self._subscribed, self._changed)
+        client = Client(connection, knows is True, self._channels, self._tuning, self._subscribed, self._changed)
         greeting = list(self._greeting)
         if knows is False:
             greeting.append(status(Level.WARNING, "the token is not that of this run: watching only"))
@@ -122,15 +134,14 @@ class Broadcast:
             await client.attend(greeting)
         finally:
             self._clients.remove(client)
-            self.wanted = self._all_wanted()
+            self._look_around()
 
-    def _all_wanted(self) -> frozenset[int]:
-        return frozenset(channel for client in self._clients for channel in client.subscriptions)
+    def _look_around(self) -> None:
+        self.wanted = frozenset(channel for client in self._clients for channel in client.subscriptions)
+        self.lacking = frozenset(channel for client in self._clients for channel in client.lacking)
 
     def _subscribed(self, more: bool) -> None:
-        self.wanted = self._all_wanted()
-        if more:
-            self.newcomer.set()
+        self._look_around()
         if more and not self._begun:
             self._begun = True
             self.news.put(None)
@@ -142,3 +153,5 @@ class Broadcast:
     def _hand_out(self, time: int, messages: Sequence[Message]) -> None:
         for client in self._clients:
             client.hand(time, messages)
+        if self.lacking:
+            self._look_around()

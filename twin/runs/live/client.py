@@ -2,14 +2,14 @@
 
 import asyncio
 from collections import deque
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
 from websockets.asyncio.server import ServerConnection
 from websockets.exceptions import ConnectionClosed
 
 from twin.errors import InputRefused
 from twin.runs.live import protocol
-from twin.runs.live.protocol import Level, Message, message_data, status, time_now
+from twin.runs.live.protocol import Channel, Level, Message, message_data, status, time_now
 from twin.runs.tuning import Tuning
 
 BACKLOG = 1024
@@ -23,28 +23,32 @@ class Client:
     Args:
         connection: to the viewer.
         may_tune: whether it may change parameters.
-        channels: their numbers.
+        channels: by their numbers.
         tuning: of the run.
         subscribed: called when its subscriptions have changed, with whether there are more of them.
         changed: called with the parameters that it has asked to change.
 
     Attributes:
         subscriptions: by channel, the number that the viewer has given it.
+        lacking: those of them that never change and of which it has been handed nothing yet.
     """
 
     def __init__(
         self,
         connection: ServerConnection,
         may_tune: bool,
-        channels: Collection[int],
+        channels: Mapping[int, Channel],
         tuning: Tuning,
         subscribed: Callable[[bool], None],
         changed: Callable[[Sequence[str]], None],
     ):
         self.subscriptions: dict[int, int] = {}
+        self.lacking: set[int] = set()
         self._connection, self._may_tune, self._channels = connection, may_tune, channels
         self._tuning, self._subscribed, self._changed = tuning, subscribed, changed
         self._follows: set[str] = set()
+        # what comes only once must not be among what gets lost
+        self._once: dict[int, bytes] = {}
         self._waiting: deque[str | bytes | None] = deque(maxlen=BACKLOG)
         self._ready = asyncio.Event()
         self._sending = asyncio.create_task(self._send())
@@ -53,11 +57,11 @@ class Client:
         """Say the `greeting`, then answer until it leaves."""
         try:
             for told in greeting:
-                await self._connection.send(told)
+                await self._say(told)
             # answers are waited for, so whoever does not read them is not heard any more
             async for said in self._connection:
                 for answer in self._answers(said):
-                    await self._connection.send(answer)
+                    await self._say(answer)
         except ConnectionClosed:
             pass
         finally:
@@ -65,8 +69,14 @@ class Client:
 
     def hand(self, time: int, messages: Sequence[Message]) -> None:
         """Send it the simulated `time` (ns), and what it has subscribed to of `messages`."""
-        found = self.subscriptions
-        self._put(time_now(time), *(message_data(found[m.channel], m) for m in messages if m.channel in found))
+        found, sent = self.subscriptions, [time_now(time)]
+        for message in messages:
+            if message.channel in self.lacking:
+                self.lacking.remove(message.channel)
+                self._once[message.channel] = message_data(found[message.channel], message)
+            elif message.channel in found and not self._channels[message.channel].constant:
+                sent.append(message_data(found[message.channel], message))
+        self._put(*sent)
 
     def tell(self, names: Sequence[str]) -> None:
         """Send it what has become of those of the parameters `names` that it follows."""
@@ -78,6 +88,10 @@ class Client:
         self._put(None)
         await asyncio.wait([self._sending], timeout=patience)
 
+    def cut_off(self) -> None:
+        """End the connection; what was not sent is lost. Everything that waits for the viewer ends with it."""
+        self._connection.transport.abort()
+
     def _put(self, *messages: str | bytes | None) -> None:
         self._waiting.extend(messages)
         self._ready.set()
@@ -87,14 +101,20 @@ class Client:
             while True:
                 await self._ready.wait()
                 self._ready.clear()
-                while self._waiting:
-                    message = self._waiting.popleft()
+                while self._once or self._waiting:
+                    message = self._once.popitem()[1] if self._once else self._waiting.popleft()
                     if message is None:
                         await self._connection.close(1001)
                         return
-                    await self._connection.send(message)
+                    await self._say(message)
         except ConnectionClosed:
             pass
+
+    async def _say(self, message: str | bytes) -> None:
+        # of a viewer that vanished the loop hears between two messages; written to until then, asyncio would complain
+        if self._connection.transport.is_closing():
+            await self._connection.wait_closed()
+        await self._connection.send(message)
 
     def _answers(self, said: str | bytes) -> list[str]:
         if isinstance(said, bytes):
@@ -111,6 +131,7 @@ class Client:
             case protocol.Unsubscribe():
                 left = {c: number for c, number in self.subscriptions.items() if number not in asked.ids}
                 self.subscriptions = left
+                self.lacking &= left.keys()
                 self._subscribed(False)
             case protocol.AskParameters():
                 return [protocol.parameter_values(self._values(asked.names), asked.id)]
@@ -131,6 +152,8 @@ class Client:
                 answers.append(status(Level.WARNING, f"already subscribed to channel {wanted.channel}"))
             else:
                 self.subscriptions[wanted.channel] = wanted.id
+                if self._channels[wanted.channel].constant:
+                    self.lacking.add(wanted.channel)
         if len(self.subscriptions) > before:
             self._subscribed(True)
         return answers

@@ -29,13 +29,17 @@ class Level(IntEnum):
 
 
 class Channel(NamedTuple):
-    """A topic: its number here, its name, its type, the description of that (FileDescriptorSet), what fields mean."""
+    """A topic: its number here, its name, its type, the description of that (FileDescriptorSet), what fields mean.
+
+    What is published in a `constant` one never changes: each viewer gets it once.
+    """
 
     number: int
     topic: str
     type_name: str
     descriptors: bytes
     metadata: dict[str, str]
+    constant: bool = False
 
 
 class Message(NamedTuple):

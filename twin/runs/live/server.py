@@ -81,9 +81,9 @@ class LiveServer:
         self._on_air = broadcast, Publisher(topics, broadcast)
 
     def show(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """Hand the newest row and every event to the publisher."""
+        """Hand the first row of the run, the newest one and every event to the publisher."""
         if self._on_air and self._on_air[1] and len(rows):
-            self._on_air[1].put(first + len(rows) - 1, rows[-1], events)
+            self._on_air[1].put(first, rows, events)
 
     def _sign_off(self) -> None:
         if self._on_air:
@@ -103,7 +103,7 @@ class Publisher:
 
     The thread that steps only leaves its newest row here; a thread of this class takes it away from time to time,
     whatever the pace of the run. Making the messages in the thread that steps would cost that one much more, and more
-    often.
+    often. The first row of all is published however fast the run goes on: viewers for whom it waited see its beginning.
 
     Args:
         topics: of the run.
@@ -113,18 +113,21 @@ class Publisher:
     def __init__(self, topics: Topics, broadcast: Broadcast):
         self._topics, self._broadcast = topics, broadcast
         self._happened: deque[TickEvent] = deque()
+        self._first: tuple[int, np.ndarray] | None = None
         self._newest: tuple[int, np.ndarray] | None = None
         self._published = -1
         self._finished = threading.Event()
         self._thread = threading.Thread(target=self._work, daemon=True)
         self._thread.start()
 
-    def put(self, tick: int, row: np.ndarray, events: Sequence[TickEvent]) -> None:
-        """What has happened, and the row of `tick`, which is copied. The next row takes its place if that is sooner."""
+    def put(self, first: int, rows: np.ndarray, events: Sequence[TickEvent]) -> None:
+        """What has happened, and `rows` from tick `first` on. Of them the last one counts, until the next call."""
         if events:
             self._happened.extend(events)
+        if self._first is None:
+            self._first = (first, rows[0].copy())
         # one assignment, so the other thread sees either the old pair or the new one
-        self._newest = (tick, row.copy())
+        self._newest = (first + len(rows) - 1, rows[-1].copy())
 
     def finish(self) -> None:
         """Publish the last row and stop."""
@@ -138,12 +141,14 @@ class Publisher:
 
     def _publish(self) -> None:
         newest = self._newest
-        if newest is None or newest[0] == self._published:
+        if newest is None:
             return
-        tick, row = newest
-        events = [self._happened.popleft() for _ in range(len(self._happened))]
-        still = self._broadcast.newcomer.is_set()
-        self._broadcast.newcomer.clear()
-        messages = self._topics.messages(tick, row, events, still, self._broadcast.wanted)
+        if self._first is not None and self._published < 0:
+            self._send(*self._first, [])
+        if newest[0] > self._published:
+            self._send(*newest, [self._happened.popleft() for _ in range(len(self._happened))])
+
+    def _send(self, tick: int, row: np.ndarray, events: Sequence[TickEvent]) -> None:
+        messages = self._topics.messages(tick, row, events, self._broadcast.wanted, self._broadcast.lacking)
         self._broadcast.publish(self._topics.time(tick), list(messages))
         self._published = tick

@@ -29,7 +29,7 @@ class Topics:
     def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
         self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
-        told = [*_streams(streams), *_forms(scene), (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {})]
+        told = [*_streams(streams), *_forms(scene), *_events()]
         self.channels = tuple(Channel(number, f"/{name}", *rest) for number, (name, *rest) in enumerate(told, start=1))
         self._numbers = {channel.topic[1:]: channel.number for channel in self.channels}
         self._drawn = {self._numbers[name] for name in self._layouts}
@@ -39,13 +39,13 @@ class Topics:
         return round(tick * (self._tick * NANOSECONDS))
 
     def messages(
-        self, tick: int, row: np.ndarray, events: Sequence[TickEvent], still: bool, wanted: frozenset[int]
+        self, tick: int, row: np.ndarray, events: Sequence[TickEvent], wanted: frozenset[int], lacking: frozenset[int]
     ) -> Iterator[Message]:
         """Of what has happened, and of the `row` of `tick`.
 
         Args:
-            still: also what never changes.
             wanted: channels that anybody has subscribed to; nothing is drawn in vain.
+            lacking: constant channels that are to be sent.
         """
         for event in events:
             time = self.time(event.tick)
@@ -58,25 +58,29 @@ class Topics:
             return
         # tick 0 is one at which everything is drawn
         for name, _, rows in self._scene.drawings(0, row[None, :]):
-            if still or rows.shape[1] > 0:
+            if rows.shape[1] > 0 or self._numbers[name] in lacking:
                 record = form_records(self._layouts[name], np.array([time]), 0, rows)
                 yield Message(self._numbers[name], time, record[0, HEAD_SIZE:].tobytes())
 
 
-_Told = tuple[str, str, bytes, dict[str, str]]
+_Told = tuple[str, str, bytes, dict[str, str], bool]
 
 
 def _streams(streams: Sequence[RowStream]) -> Iterator[_Told]:
     topics = [stream.topic for stream in streams]
     for topic, name in zip(topics, message_names(topics), strict=True):
         units = {field.name: f"{field.unit}; {field.meaning}" for field in topic.fields}
-        yield topic.name, name, descriptor_set(name, topic.fields), units
+        yield topic.name, name, descriptor_set(name, topic.fields), units, False
 
 
 def _forms(scene: Scene) -> Iterator[_Told]:
     for form in scene.forms:
         descriptor = form.example.DESCRIPTOR
-        yield form.name, descriptor.full_name, descriptors_of(descriptor), {}
+        yield form.name, descriptor.full_name, descriptors_of(descriptor), {}, form.width == 0
+
+
+def _events() -> Iterator[_Told]:
+    yield EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False
 
 
 def _log(event: TickEvent, time: int) -> bytes:
