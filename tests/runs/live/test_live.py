@@ -356,3 +356,16 @@ def test_ctrl_c_while_it_waits_for_a_viewer_ends_it(root: Path, tmp_path: Path):
     assert run.process.returncode == 130
     assert "interrupted" in stderr
     assert "Traceback" not in stderr
+
+
+def test_a_run_in_a_process_of_its_own_is_seen_from_its_first_state_to_its_last(root: Path, tmp_path: Path):
+    with served(root, tmp_path, "--realtime=0", "--set", "duration_s=0.1") as run:
+        assert refused(run.address, origin="http://evil.example") == 403
+        with Viewer(run.address) as viewer:
+            viewer.subscribe("/plant")
+            viewer.to_the_end()
+        _, stderr = run.end()
+    assert run.process.returncode == 0
+    times = [each.time for each in viewer.messages("/plant")]
+    assert (times[0], times[-1]) == (0, 100_000_000)
+    assert "refused: a page of http://evil.example" in stderr

@@ -33,6 +33,8 @@ END = 3 * FAREWELL
 # what a viewer does wrong is told to the viewer; here it would only look like a failure of the run
 _SILENT = logging.getLogger("twin.runs.live")
 _SILENT.setLevel(logging.CRITICAL + 1)
+# asyncio's own warning that a viewer has vanished while several of its pings were answered at once
+logging.getLogger("asyncio").addFilter(lambda record: record.msg != "socket.send() raised exception.")
 
 
 class Broadcast:

@@ -57,11 +57,11 @@ class Client:
         """Say the `greeting`, then answer until it leaves."""
         try:
             for told in greeting:
-                await self._say(told)
+                await self._connection.send(told)
             # answers are waited for, so whoever does not read them is not heard any more
             async for said in self._connection:
                 for answer in self._answers(said):
-                    await self._say(answer)
+                    await self._connection.send(answer)
         except ConnectionClosed:
             pass
         finally:
@@ -106,15 +106,9 @@ class Client:
                     if message is None:
                         await self._connection.close(1001)
                         return
-                    await self._say(message)
+                    await self._connection.send(message)
         except ConnectionClosed:
             pass
-
-    async def _say(self, message: str | bytes) -> None:
-        # of a viewer that vanished the loop hears between two messages; written to until then, asyncio would complain
-        if self._connection.transport.is_closing():
-            await self._connection.wait_closed()
-        await self._connection.send(message)
 
     def _answers(self, said: str | bytes) -> list[str]:
         if isinstance(said, bytes):
