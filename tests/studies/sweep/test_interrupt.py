@@ -1,7 +1,9 @@
-"""Ctrl-C in a finalizer, where Python prints and forgets it."""
+"""Ctrl-C wherever it falls: in a finalizer, where Python prints and forgets it, or between any two instructions."""
 
 import os
 import signal
+import subprocess
+import sys
 import threading
 from pathlib import Path
 
@@ -9,7 +11,7 @@ import pytest
 
 from tests.studies.sweep.definitions import stiffnesses
 from twin.studies.sweep.folder import kept
-from twin.studies.sweep.interrupt import remembered
+from twin.studies.sweep.interrupt import PATIENCE, raise_if_pressed, remembered
 from twin.studies.sweep.pool import Pool
 from twin.studies.sweep.sweep import State, run_sweep
 
@@ -37,19 +39,89 @@ def test_a_sweep_ends_though_ctrl_c_was_swallowed(root: Path, tmp_path: Path):
 
 
 def test_ctrl_c_is_what_it_was_before_afterwards():
-    with remembered() as raise_if_pressed:
+    with remembered():
         raise_if_pressed()
-        with pytest.raises(KeyboardInterrupt):
-            os.kill(os.getpid(), signal.SIGINT)
+        # nothing happens where it falls
+        os.kill(os.getpid(), signal.SIGINT)
         with pytest.raises(KeyboardInterrupt):
             raise_if_pressed()
+        # the end of the sweep is not disturbed
+        os.kill(os.getpid(), signal.SIGINT)
+        raise_if_pressed()
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_what_was_pressed_last_of_all_is_not_lost():
+    with pytest.raises(KeyboardInterrupt), remembered():
+        os.kill(os.getpid(), signal.SIGINT)
+    raise_if_pressed()
+
+
+PRESSED_TWICE = """
+import os, signal, sys
+from twin.studies.sweep.interrupt import remembered
+
+def press():
+    os.kill(os.getpid(), signal.SIGINT)
+
+# press, and once more at the line of that number of what is called for it; how many lines there were
+def pressed(moment):
+    passed = 0
+    def trace(frame, event, argument):
+        nonlocal passed
+        if event == "line":
+            passed += 1
+            if passed == moment:
+                press()
+        return trace
+    sys.settrace(trace)
+    press()
+    sys.settrace(None)
+    return passed
+
+moment, lines = 0, 1
+while moment < lines:
+    moment += 1
+    try:
+        with remembered():
+            lines = pressed(moment)
+    except KeyboardInterrupt:
+        print(moment)
+"""
+PRESSED_AGAIN = """
+import os, signal
+from twin.studies.sweep.interrupt import remembered
+
+with remembered():
+    for number in range({times}):
+        os.kill(os.getpid(), signal.SIGINT)
+    print("goes on", flush=True)
+"""
+
+
+def _said(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, timeout=60)
+
+
+def test_two_at_any_two_moments_do_not_wait_for_each_other():
+    said = _said(PRESSED_TWICE)
+    assert said.returncode == 0, said.stderr
+    moments = [int(line) for line in said.stdout.split()]
+    assert len(moments) > 1 and moments == [*range(1, len(moments) + 1)]
+
+
+def test_the_third_ends_the_process_whatever_it_is_doing():
+    patient, over = (_said(PRESSED_AGAIN.format(times=times)) for times in (PATIENCE - 1, PATIENCE))
+    # before the end nobody has asked whether it was pressed
+    assert patient.stdout == "goes on\n" and "KeyboardInterrupt" in patient.stderr
+    assert (over.returncode, over.stdout) == (130, "")
+    assert over.stderr == "\ninterrupted; finished runs are kept\n"
 
 
 def test_an_answer_of_somebody_else_is_left_alone():
     before = signal.signal(signal.SIGINT, signal.SIG_IGN)
     try:
-        with remembered() as raise_if_pressed:
+        with remembered():
             os.kill(os.getpid(), signal.SIGINT)
             raise_if_pressed()
             assert signal.getsignal(signal.SIGINT) is signal.SIG_IGN
@@ -59,7 +131,7 @@ def test_an_answer_of_somebody_else_is_left_alone():
 
 def test_another_thread_has_no_ctrl_c_to_remember():
     def work() -> None:
-        with remembered() as raise_if_pressed:
+        with remembered():
             raise_if_pressed()
 
     thread = threading.Thread(target=work)

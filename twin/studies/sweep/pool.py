@@ -6,6 +6,7 @@ from collections.abc import Generator, Sequence
 from contextlib import closing, suppress
 
 from twin.studies.sweep.engine import Job, Result
+from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.worker_process import WorkerProcess
 
@@ -53,7 +54,11 @@ def _batch(done: "queue.SimpleQueue[Result | Exception]") -> list[Result]:
     """All that has come since the last call, at least one; what is finished comes before a failure is raised."""
     batch: list[Result] = []
     while not batch or not done.empty():
-        result = done.get()
+        try:
+            result = done.get(timeout=HEAR)
+        except queue.Empty:
+            raise_if_pressed()
+            continue
         if not isinstance(result, Exception):
             batch.append(result)
         elif not batch:

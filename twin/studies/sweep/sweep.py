@@ -12,7 +12,7 @@ from twin.runs.guard.limits import Limits
 from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.folder import claim
-from twin.studies.sweep.interrupt import remembered
+from twin.studies.sweep.interrupt import raise_if_pressed, remembered
 from twin.studies.sweep.measures import within
 from twin.studies.sweep.plan import Plan, Task
 from twin.studies.sweep.pool import Pool
@@ -87,7 +87,7 @@ def run_sweep(
         if tasks:
             job = _job(plan, folder, record, limits)
             # closed at once when anything happens here: what an interrupted iterator holds would else live on
-            with remembered() as raise_if_pressed, closing(engine.results(job, tasks)) as batches:
+            with remembered(), closing(engine.results(job, tasks)) as batches:
                 for batch in batches:
                     fresh = [_row(plan, task, facts) for task, facts in batch]
                     rows.add(fresh)

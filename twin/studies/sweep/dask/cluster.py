@@ -1,30 +1,94 @@
-"""Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do; and
-of workers that are like this machine and have the files."""
+"""Getting hold of a Dask cluster: a running one by its address, or one of this machine that lives as long as we do; of
+workers that are like this machine and have the files; and of its answers, for which nobody waits without end."""
 
 import asyncio
 import logging
 import signal
 import tempfile
+import threading
+import time
 import warnings
-from collections.abc import Iterator, Mapping
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterator, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
-from twin.errors import InputRefused
+from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.interpreter import others_safe
 from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.runner import Reply, SweepJob, lack
 from twin.studies.sweep.dask.versions import difference, versions
+from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
 
 if TYPE_CHECKING:
-    from distributed import Client
+    from distributed import Client, LocalCluster
 
 PATIENCE = 5.0
 """Seconds for a scheduler to answer, and for its first worker to be there."""
+ANSWER = 60.0
+"""Seconds for an answer of a cluster that is at work."""
+TRANSFER = 600.0
+"""The same if files travel with it."""
+START = 120.0
+"""Seconds for a cluster of this machine to be there, its workers with it."""
+END = 20.0
+"""Seconds for it to be gone, and for anything else that is waited for when a sweep is over."""
 SILENT = logging.CRITICAL + 1
 _LOGGERS = ("distributed", "tornado", "asyncio")
+
+
+P = ParamSpec("P")
+T = TypeVar("T")
+
+
+class ClusterLost(ComponentFailed):
+    """The scheduler or all of its workers are gone, or do not answer; rows until then are kept."""
+
+
+def within(limit: float, call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> T:
+    """What `call` returns, if that is within `limit` s.
+
+    It is called by a thread of its own: Dask's calls know no limit, or not for all that they do, and no Ctrl-C falls
+    between two of their instructions. One that does not return is left behind with its thread.
+
+    Raises:
+        TimeoutError: it has not returned.
+        KeyboardInterrupt: Ctrl-C, meanwhile; `call` goes on.
+    """
+    return _result(_begun(call, *arguments, **named), limit, raise_if_pressed)
+
+
+def ended_within(limit: float, call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> None:
+    """`call` something at the end of a sweep, whose failure makes no difference any more; after `limit` s leave it."""
+    with suppress(Exception):
+        _result(_begun(call, *arguments, **named), limit)
+
+
+def _begun(call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> "Future[T]":
+    answer: Future[T] = Future()
+
+    def work() -> None:
+        try:
+            answer.set_result(call(*arguments, **named))
+        except BaseException as problem:
+            answer.set_exception(problem)
+
+    threading.Thread(target=work, daemon=True).start()
+    return answer
+
+
+def _result(answer: "Future[T]", limit: float, hear: Callable[[], None] = lambda: None) -> T:
+    deadline = time.monotonic() + limit
+    while True:
+        try:
+            return answer.result(HEAR)
+        except TimeoutError:
+            if answer.done():
+                raise
+            hear()
+            if time.monotonic() > deadline:
+                raise TimeoutError(f"no answer within {limit:g} s") from None
 
 
 @contextmanager
@@ -33,6 +97,7 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
 
     Raises:
         InputRefused: dask.distributed is not installed, nobody answers at that address, or there are no workers.
+        ClusterLost: the new one does not start.
     """
     try:
         import distributed
@@ -43,10 +108,15 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
         if scheduler:
             _refuse_no_scheduler(scheduler)
         address = scheduler or ends.enter_context(_local_cluster(processes))
-        client = distributed.Client(address, timeout=PATIENCE, set_as_default=False, name="twin-sweep")
-        ends.callback(client.close, timeout=PATIENCE)
         try:
-            client.wait_for_workers(1, timeout=PATIENCE)
+            client = within(
+                ANSWER, distributed.Client, address, timeout=PATIENCE, set_as_default=False, name="twin-sweep"
+            )
+        except TimeoutError:
+            raise ClusterLost(f"{scheduler or 'the cluster of this machine'}: no answer within {ANSWER:g} s") from None
+        ends.callback(ended_within, END, client.close, timeout=PATIENCE)
+        try:
+            within(ANSWER, client.wait_for_workers, 1, timeout=PATIENCE)
         except TimeoutError:
             raise InputRefused(
                 f"--scheduler {scheduler}: has no workers; start some with: dask worker {scheduler} --nthreads 1"
@@ -61,8 +131,8 @@ def checked_workers(client: "Client", sweep: SweepJob) -> dict[str, Reply]:
         InputRefused: the scheduler or a worker has other versions than this process, or no twin that it could ask.
     """
     try:
-        scheduler = client.run_on_scheduler(versions)
-        found = client.run(lack, sweep, on_error="return")
+        scheduler = within(ANSWER, client.run_on_scheduler, versions)
+        found = within(ANSWER, client.run, lack, sweep, on_error="return")
     # whatever pickle makes of a module that is not there, or not there yet
     except Exception as problem:
         raise InputRefused(_without_twin("the scheduler", problem)) from None
@@ -83,13 +153,18 @@ def send_missing(client: "Client", contents: Mapping[str, bytes], found: Mapping
 
     Raises:
         InputRefused: a store cannot take it.
+        ClusterLost: it does not.
     """
     first = {reply.store: (address, reply.missing) for address, reply in found.items() if reply.missing}
     by_need: dict[tuple[str, ...], list[str]] = {}
     for address, missing in first.values():
         by_need.setdefault(missing, []).append(address)
     for missing, addresses in by_need.items():
-        client.run(file_store.keep, {digest: contents[digest] for digest in missing}, workers=addresses)
+        files = {digest: contents[digest] for digest in missing}
+        try:
+            within(TRANSFER, client.run, file_store.keep, files, workers=addresses)
+        except TimeoutError:
+            raise ClusterLost(f"{', '.join(addresses)}: took no files within {TRANSFER:g} s") from None
 
 
 def refusal(difference: str) -> str:
@@ -140,32 +215,51 @@ def _refuse_no_scheduler(address: str) -> None:
 @contextmanager
 def _local_cluster(processes: int) -> Iterator[object]:
     """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
+    # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
+    resource_tracker.ensure_running()
+    with others_safe(), tempfile.TemporaryDirectory(prefix="twin_dask_", ignore_cleanup_errors=True) as folder:
+        starting = _begun(_started, processes, folder)
+        try:
+            # Ctrl-C is answered when it is there, because half a cluster cannot be ended
+            cluster = _result(starting, START)
+        except BaseException as problem:
+            starting.add_done_callback(_close)
+            if isinstance(problem, TimeoutError):
+                raise ClusterLost(f"the Dask cluster of this machine did not start within {START:g} s") from None
+            raise
+        try:
+            yield cluster
+        finally:
+            ended_within(END, cluster.close)
+
+
+def _close(started: "Future[LocalCluster]") -> None:
+    if not started.exception():
+        started.result().close()
+
+
+def _started(processes: int, folder: str) -> "LocalCluster":
+    """In a thread of its own."""
     import dask.config
     from distributed import LocalCluster
 
-    with others_safe(), tempfile.TemporaryDirectory(prefix="twin_dask_") as folder:
-        # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers, which
-        # inherit what is blocked while they are started, do not hear it. It is heard here as soon as they are there.
-        # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before.
-        resource_tracker.ensure_running()
-        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-        try:
-            with dask.config.set({"temporary-directory": folder}):
-                cluster = LocalCluster(
-                    n_workers=processes,
-                    threads_per_worker=1,
-                    host="127.0.0.1",
-                    dashboard_address=None,
-                    # runs live in processes of their own, with a limit of their own
-                    memory_limit=0,
-                    silence_logs=SILENT,
-                    # what is tried again is for us to say
-                    scheduler_kwargs={"allowed_failures": 0},
-                )
-        finally:
-            signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        with cluster:
-            yield cluster
+    # Ctrl-C at a terminal reaches every process there; how a sweep stops is for us to say, so the workers do not hear
+    # it: they inherit what is blocked in the thread that starts them
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    # every web page may ask what Dask serves: it serves nothing, at ports that nobody knows beforehand
+    routes: dict[str, list[str]] = {f"distributed.{role}.http.routes": [] for role in ("scheduler", "worker")}
+    with dask.config.set({"temporary-directory": folder, **routes}):
+        return LocalCluster(
+            n_workers=processes,
+            threads_per_worker=1,
+            host="127.0.0.1",
+            # runs live in processes of their own, with a limit of their own
+            memory_limit=0,
+            silence_logs=SILENT,
+            # what is tried again is for us to say
+            scheduler_kwargs={"allowed_failures": 0, "dashboard": False, "dashboard_address": "127.0.0.1:0"},
+            worker_dashboard_address=None,
+        )
 
 
 @contextmanager

@@ -7,17 +7,28 @@ import uuid
 from collections import deque
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import CancelledError
-from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from twin.errors import ComponentFailed, InputRefused, NotWritten, TwinError
 from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.bundle import Bundle
-from twin.studies.sweep.dask.cluster import checked_workers, connected, refusal, send_missing
+from twin.studies.sweep.dask.cluster import (
+    ANSWER,
+    END,
+    TRANSFER,
+    ClusterLost,
+    checked_workers,
+    connected,
+    ended_within,
+    refusal,
+    send_missing,
+    within,
+)
 from twin.studies.sweep.dask.runner import Reply, SweepJob, close_runner, run_tasks
 from twin.studies.sweep.dask.versions import difference, versions
 from twin.studies.sweep.engine import Job, Result
+from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 from twin.studies.sweep.rows import DiskFailed
@@ -39,10 +50,6 @@ LOOK = 1.0
 NO_WORKERS = 30.0
 """Seconds without any worker after which nobody waits for one any more."""
 DIED = failure("the Dask worker died whenever it was tried")
-
-
-class ClusterLost(ComponentFailed):
-    """The scheduler or all of its workers are gone; rows until then are kept."""
 
 
 class Dask:
@@ -80,7 +87,7 @@ class _Batches:
 
     def __init__(self, client: "Client", sweep: SweepJob, contents: Mapping[str, bytes], tasks: Sequence[Task]):
         self._client, self._sweep, self._contents = client, sweep, contents
-        self._address: str = client.scheduler_info()["address"]
+        self._address: str = within(ANSWER, client.scheduler_info)["address"]
         self._tasks = {task.run: task for task in tasks}
         self._under_way: dict[Future, list[Task]] = {}
         self._ended: queue.SimpleQueue[Future] = queue.SimpleQueue()
@@ -93,6 +100,7 @@ class _Batches:
         # a batch whose worker died is tried again run by run: only that shows which of them is to blame
         suspects: deque[Task] = deque()
         while left:
+            raise_if_pressed()
             self._look()
             while (suspects or waiting) and len(self._under_way) < AHEAD * self._threads:
                 self._send([suspects.popleft()] if suspects else self._batch(waiting))
@@ -113,10 +121,9 @@ class _Batches:
     def stop(self) -> None:
         """End what is under way, in every worker."""
         # of a cluster that is gone there is nothing to end, and that it is gone has been said
-        with suppress(Exception):
-            if self._client.status == "running":
-                self._client.cancel(list(self._under_way), force=True)
-                self._client.run(close_runner, self._sweep.sweep, on_error="ignore")
+        if self._client.status == "running":
+            ended_within(END, self._client.cancel, list(self._under_way), force=True)
+            ended_within(END, self._client.run, close_runner, self._sweep.sweep, on_error="ignore")
 
     def _look(self) -> None:
         """Look after the cluster, now and then.
@@ -129,7 +136,7 @@ class _Batches:
         if time.monotonic() - self._looked < LOOK:
             return
         try:
-            threads = sum(self._client.nthreads().values())
+            threads = sum(within(ANSWER, self._client.nthreads).values())
         except (TimeoutError, OSError):
             raise self._lost() from None
         self._looked = time.monotonic()
@@ -155,7 +162,10 @@ class _Batches:
         return [waiting.popleft() for _ in range(size)]
 
     def _send(self, batch: list[Task]) -> None:
-        future = self._client.submit(run_tasks, self._sweep, batch, pure=False, retries=0)
+        try:
+            future = within(ANSWER, self._client.submit, run_tasks, self._sweep, batch, pure=False, retries=0)
+        except TimeoutError:
+            raise self._lost() from None
         self._under_way[future] = batch
         future.add_done_callback(self._ended.put)
 
@@ -167,7 +177,7 @@ class _Batches:
             TwinError: no run can go on.
         """
         try:
-            ended = [self._ended.get(timeout=LOOK)]
+            ended = [self._ended.get(timeout=HEAR)]
         except queue.Empty:
             return []
         while not self._ended.empty():
@@ -176,7 +186,8 @@ class _Batches:
         died = [future.status == "error" and _worker_died(future, self._address) for future in ended]
         try:
             # all at once: each of them alone would be a question to the scheduler
-            fine = iter(self._client.gather([future for future, dead in zip(ended, died, strict=True) if not dead]))
+            alive = [future for future, dead in zip(ended, died, strict=True) if not dead]
+            fine = iter(within(TRANSFER, self._client.gather, alive))
         except (TimeoutError, OSError, CancelledError):
             raise self._lost() from None
         return [(batch, None if dead else next(fine)) for batch, dead in zip(batches, died, strict=True)]
@@ -187,7 +198,12 @@ class _Batches:
             raise InputRefused(refusal(difference(f"worker {reply.address}", reply.versions, self._sweep.versions)))
         if reply.missing:
             contents = {digest: self._contents[digest] for digest in reply.missing}
-            self._client.run(file_store.keep, contents, workers=[reply.address], on_error="ignore")
+            try:
+                within(
+                    TRANSFER, self._client.run, file_store.keep, contents, workers=[reply.address], on_error="ignore"
+                )
+            except TimeoutError:
+                raise self._lost() from None
         for each in reply.results:
             _keep_recording(self._sweep.job.recordings / f"{each.run:06d}", each.files)
         costs = [each.facts["seconds"] for each in reply.results if each.facts["seconds"]]
@@ -223,7 +239,10 @@ def _worker_died(future: "Future", address: str) -> bool:
     """
     from distributed import KilledWorker
 
-    problem = future.exception()
+    try:
+        problem = within(ANSWER, future.exception)
+    except TimeoutError as silent:
+        problem = silent
     if isinstance(problem, KilledWorker):
         return True
     if isinstance(problem, TwinError):
