@@ -143,7 +143,8 @@ def test_ctrl_c_keeps_what_is_finished_ends_all_processes_and_says_how_to_go_on(
     rows = tmp_path / "out" / "rows.jsonl"
     while process.poll() is None and not (rows.exists() and rows.stat().st_size):
         time.sleep(0.05)
-    # a terminal sends it to all of them
+    # a terminal sends it to all of them; and some press twice
+    os.killpg(process.pid, signal.SIGINT)
     os.killpg(process.pid, signal.SIGINT)
     said = process.communicate(timeout=60)[1]
     finished = len(rows.read_text().splitlines())

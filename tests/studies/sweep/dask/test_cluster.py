@@ -1,0 +1,97 @@
+"""Waiting for a cluster, which has an end, and what a cluster of our own shows to others: nothing."""
+
+import os
+import signal
+import threading
+import time
+from http.client import HTTPConnection
+from pathlib import Path
+from types import SimpleNamespace
+from unittest import mock
+
+import pytest
+
+from tests.studies.sweep.definitions import job, stiffnesses
+from twin.studies.sweep.dask import engine as engine_module
+from twin.studies.sweep.dask.bundle import Manifest
+from twin.studies.sweep.dask.cluster import connected, ended_within, within
+from twin.studies.sweep.dask.engine import _Batches
+from twin.studies.sweep.dask.runner import SweepJob
+from twin.studies.sweep.interrupt import remembered
+
+FOREVER = 600.0
+"""s; longer than any test may take."""
+
+
+def test_what_is_asked_of_a_cluster_is_answered_or_fails_as_it_does_there():
+    assert within(FOREVER, divmod, 7, 2) == (3, 1)
+    with pytest.raises(ZeroDivisionError):
+        within(FOREVER, divmod, 7, 0)
+
+
+def test_nobody_waits_longer_than_the_limit():
+    never = threading.Event()
+    try:
+        with pytest.raises(TimeoutError, match=r"no answer within 0\.1 s"):
+            within(0.1, never.wait, FOREVER)
+        ended_within(0.1, never.wait, FOREVER)
+    finally:
+        never.set()
+
+
+def test_a_cluster_that_does_not_answer_holds_up_no_end(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    asked, never = [], threading.Event()
+
+    def silent(name: str) -> None:
+        asked.append(name)
+        never.wait(FOREVER)
+
+    client = SimpleNamespace(
+        status="running",
+        scheduler_info=lambda: {"address": "tcp://nowhere"},
+        cancel=lambda *told, **how: silent("cancel"),
+        run=lambda *told, **how: silent("run"),
+    )
+    plan = stiffnesses(root, tmp_path, "[500]")
+    sweep = SweepJob("mine", {}, Manifest(""), job(plan, tmp_path))
+    monkeypatch.setattr(engine_module, "END", 0.1)
+    try:
+        _Batches(client, sweep, {}, plan.tasks).stop()  # type: ignore[arg-type]
+    finally:
+        never.set()
+    assert asked == ["cancel", "run"]
+
+
+def test_ctrl_c_leaves_no_lock_taken_by_what_was_asked():
+    lock, asked = threading.Lock(), threading.Event()
+
+    def answer() -> None:
+        with lock:
+            asked.set()
+            time.sleep(0.3)
+
+    def press() -> None:
+        asked.wait()
+        os.kill(os.getpid(), signal.SIGINT)
+
+    presser = threading.Thread(target=press)
+    presser.start()
+    with pytest.raises(KeyboardInterrupt), remembered():
+        within(FOREVER, answer)
+    presser.join()
+    assert lock.acquire(timeout=FOREVER)
+
+
+# distributed sets variables for the workers that it starts, and leaves them to whatever this process starts later
+@mock.patch.dict(os.environ)
+def test_a_cluster_of_our_own_serves_no_pages():
+    with connected(None, 1) as client:
+        found = client.scheduler_info()
+        ports = [node["services"]["dashboard"] for node in (found, *found["workers"].values())]
+        for port in ports:
+            for page in ("/", "/status", "/health", "/metrics", "/info/main/workers.html", "/json/counts.json"):
+                connection = HTTPConnection("127.0.0.1", port)
+                connection.request("GET", page)
+                assert connection.getresponse().status == 404
+                connection.close()
+    assert len(ports) == 2 and 8787 not in ports
