@@ -8,9 +8,10 @@ import os
 import re
 import sqlite3
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
+from typing import Any
 
 import zstandard
 from mcap.records import Channel, Schema
@@ -37,8 +38,13 @@ LARGEST_FILE = 2**36
 LARGEST_MESSAGE = 2**28
 """Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
 MOST_DEFINITIONS = 200
-_TABLE = re.compile(r"CREATE TABLE\b", re.IGNORECASE)
-_WORKED_OUT = re.compile(r"\bAS\s*\(", re.IGNORECASE)
+TABLES = ("topics", "messages", "message_definitions")
+"""That are read; the last one came with ROS 2 Iron."""
+STEPS = 4
+"""Steps of SQLite's machine for each byte of a file, at most, in one query; a message takes 30 and has 9 bytes."""
+LEAST_ROW = 8
+"""Bytes that a message takes in a file at least, whatever is in it."""
+_STORED = re.compile(r"CREATE (TABLE|INDEX|UNIQUE INDEX|TRIGGER)\b")
 _FILES = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
 
 
@@ -154,9 +160,9 @@ def _rows_of(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tu
     size += unsaved.stat().st_size if pending else 0
     try:
         with closing(sqlite3.connect(where, uri=True)) as bag:
-            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, LARGEST_MESSAGE)
+            bag.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, min(size, LARGEST_MESSAGE))
             bag.execute("PRAGMA trusted_schema = OFF")
-            topics = _read(bag, file, size, columns)
+            topics = _read(Rows(bag, file, size), file, size, columns)
     except (sqlite3.Error, sqlite3.Warning, OverflowError, MemoryError, UnicodeError) as problem:
         raise LogRefused(
             f"{file}: damaged, or no bag: {problem}; recover what is readable first (sqlite3 {file.name} .recover)"
@@ -164,19 +170,80 @@ def _rows_of(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tu
     return topics, f"what was left in {unsaved.name} is read too" if pending else ""
 
 
-def _read(bag: sqlite3.Connection, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
-    tables = {name: text for name, text in bag.execute("SELECT name, sql FROM sqlite_master WHERE type = 'table'")}
-    for name in ("topics", "messages"):
-        # a column or a table that is worked out may be of any size
-        if not _TABLE.match(str(tables.get(name))) or _WORKED_OUT.search(str(tables[name])):
-            raise LogRefused(f"{file}: has no table {name} as bags of ROS 2 have; it has {', '.join(tables) or 'none'}")
+class Rows:
+    """What is stored in the SQLite file `bag` of `size` bytes, and nothing that is computed from it.
+
+    An SQLite file is a program, too: views, virtual tables and generated columns are worked out by whoever reads them,
+    to any size and for any time. And pages may refer to each other so that few of them hold any number of rows.
+
+    Args:
+        file: what refusals are to name.
+
+    Raises:
+        LogRefused: it has something else than tables that are stored, their indexes and triggers, or not those of bags.
+    """
+
+    def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
+        self._bag, self._file, self._size = bag, file, size
+        tables = []
+        for name, text in self.of("SELECT name, sql FROM sqlite_master"):
+            # of what SQLite has made by itself there is no text. It makes of a text what the text says first
+            if text is not None and not _STORED.match(str(text)):
+                raise LogRefused(f"{file}: has {str(text)[:40]!r}; bags of ROS 2 have stored tables only")
+            tables.append(str(name))
+        for table in TABLES:
+            columns = list(self.of(f"PRAGMA table_xinfo({table})"))
+            if not columns and table in TABLES[:2]:
+                raise LogRefused(
+                    f"{file}: has no table {table} as bags of ROS 2 have; it has {', '.join(tables) or 'none'}"
+                )
+            for _, name, *_, hidden in columns:
+                if hidden:
+                    raise LogRefused(f"{file}: column {name} of table {table} is computed; expected a recorded one")
+        self.has_definitions = bool(columns)
+
+    def of(self, query: str) -> Iterator[tuple[Any, ...]]:
+        """Rows of `query`.
+
+        Raises:
+            LogRefused: together they are larger than the file, or to find them takes more steps than that has room for.
+        """
+        every = 1000
+        left = 100 + STEPS * self._size // every
+
+        def step() -> bool:
+            nonlocal left
+            left -= 1
+            return left < 0
+
+        self._bag.set_progress_handler(step, every)
+        total = 0
+        try:
+            for row in self._bag.execute(query):
+                for value in row:
+                    if isinstance(value, (str, bytes)):
+                        total += len(value)
+                if total > self._size:
+                    raise LogRefused(f"{self._file}: damaged: rows of more bytes than it has; expected a bag")
+                yield row
+        except sqlite3.OperationalError:
+            if left < 0:
+                raise LogRefused(f"{self._file}: damaged: more rows than it has room for; expected a bag") from None
+            raise
+
+    def choose(self, topics: Collection[int]) -> None:
+        """From now on `chosen(topic_id)` in a query says whether it is one of `topics`."""
+        self._bag.create_function("chosen", 1, topics.__contains__, deterministic=True)
+
+
+def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
     definitions: dict[str, tuple[str, str]] = {}
-    if "message_definitions" in tables:
+    if rows.has_definitions:
         query = "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions"
-        definitions = {kind: (encoding, text) for kind, encoding, text in bag.execute(query)}
+        definitions = {kind: (encoding, text) for kind, encoding, text in rows.of(query)}
     topics: dict[int, LoggedTopic] = {}
     kept: set[int] = set()
-    for number, name, kind, form in bag.execute("SELECT id, name, type, serialization_format FROM topics"):
+    for number, name, kind, form in rows.of("SELECT id, name, type, serialization_format FROM topics"):
         if not all(isinstance(text, str) for text in (name, kind, form)):
             raise LogRefused(f"{file}: topic {number} has a name, type or format that is no text; expected a bag")
         encoding, text = definitions.get(kind, ("", ""))
@@ -184,23 +251,19 @@ def _read(bag: sqlite3.Connection, file: Path, size: int, columns: Mapping[str, 
         topics[number] = LoggedTopic(Channel(0, name, form, {}, 0), schema)
         if wanted(name, columns):
             kept.add(number)
-    for row, (number, time) in enumerate(bag.execute("SELECT topic_id, timestamp FROM messages ORDER BY id")):
-        if row > size:
-            raise LogRefused(f"{file}: damaged: more messages than it has bytes; expected a bag")
+    rows.choose(kept)
+    query = "SELECT topic_id, timestamp, CASE WHEN chosen(topic_id) THEN data END FROM messages ORDER BY id"
+    for row, (number, time, data) in enumerate(rows.of(query)):
+        if row * LEAST_ROW > size:
+            raise LogRefused(f"{file}: damaged: more rows than it has room for; expected a bag")
         if number not in topics or not isinstance(time, int) or time < 0:
             raise LogRefused(f"{file}: a message of topic {number} at time {time!r}; expected a topic that is there")
         topics[number].times.append(time)
-    total = 0
-    for number in kept:
-        rows = bag.execute("SELECT data FROM messages WHERE topic_id = ? ORDER BY id", (number,))
-        for (data,) in rows:
+        if number in kept:
             if not isinstance(data, bytes):
                 raise LogRefused(
                     f"{file}: a message of {topics[number].channel.topic} holds {data!r:.40}; expected bytes"
                 )
-            total += len(data)
-            if total > size:
-                raise LogRefused(f"{file}: damaged: messages of more bytes than it has; expected a bag")
             topics[number].data.append(data)
     return list(topics.values())
 
