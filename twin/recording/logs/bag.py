@@ -8,7 +8,7 @@ import os
 import re
 import sqlite3
 import tempfile
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
 from pathlib import Path
 from typing import Any
@@ -44,6 +44,7 @@ STEPS = 4
 """Steps of SQLite's machine for each byte of a file, at most, in one query; a message takes 30 and has 9 bytes."""
 LEAST_ROW = 8
 """Bytes that a message takes in a file at least, whatever is in it."""
+_SIZED = {str, bytes}
 _STORED = re.compile(r"CREATE (TABLE|INDEX|UNIQUE INDEX|TRIGGER)\b")
 _FILES = re.compile(r"^\s*relative_file_paths:\s*\n((?:\s*-\s*\S.*\n)+)", re.MULTILINE)
 
@@ -221,7 +222,7 @@ class Rows:
         try:
             for row in self._bag.execute(query):
                 for value in row:
-                    if isinstance(value, (str, bytes)):
+                    if type(value) in _SIZED:
                         total += len(value)
                 if total > self._size:
                     raise LogRefused(f"{self._file}: damaged: rows of more bytes than it has; expected a bag")
@@ -230,10 +231,6 @@ class Rows:
             if left < 0:
                 raise LogRefused(f"{self._file}: damaged: more rows than it has room for; expected a bag") from None
             raise
-
-    def choose(self, topics: Collection[int]) -> None:
-        """From now on `chosen(topic_id)` in a query says whether it is one of `topics`."""
-        self._bag.create_function("chosen", 1, topics.__contains__, deterministic=True)
 
 
 def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]) -> list[LoggedTopic]:
@@ -244,15 +241,17 @@ def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]
     topics: dict[int, LoggedTopic] = {}
     kept: set[int] = set()
     for number, name, kind, form in rows.of("SELECT id, name, type, serialization_format FROM topics"):
-        if not all(isinstance(text, str) for text in (name, kind, form)):
-            raise LogRefused(f"{file}: topic {number} has a name, type or format that is no text; expected a bag")
+        if not isinstance(number, int) or not all(isinstance(text, str) for text in (name, kind, form)):
+            raise LogRefused(
+                f"{file}: topic {number} has a name, type or format that is no text, or no number; expected a bag"
+            )
         encoding, text = definitions.get(kind, ("", ""))
         schema = Schema(0, str(text or "").encode("utf-8", "replace"), str(encoding), kind)
         topics[number] = LoggedTopic(Channel(0, name, form, {}, 0), schema)
         if wanted(name, columns):
             kept.add(number)
-    rows.choose(kept)
-    query = "SELECT topic_id, timestamp, CASE WHEN chosen(topic_id) THEN data END FROM messages ORDER BY id"
+    chosen = ", ".join(map(str, kept))
+    query = f"SELECT topic_id, timestamp, CASE WHEN topic_id IN ({chosen}) THEN data END FROM messages ORDER BY id"
     for row, (number, time, data) in enumerate(rows.of(query)):
         if row * LEAST_ROW > size:
             raise LogRefused(f"{file}: damaged: more rows than it has room for; expected a bag")
