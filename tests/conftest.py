@@ -3,7 +3,7 @@
 import gc
 import os
 import signal
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 from unittest import mock
@@ -13,12 +13,15 @@ from hypothesis import settings
 
 from tests.drive.eventful import Maker, maker
 from tests.warm import WarmStart
+from twin import cache_folder
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 
 ROOT = Path(__file__).parents[1]
+STRANGER = 1234
+"""Another user."""
 # it colours the message of each form of a function that it tries in vain, a tenth of what compiling takes here
 os.environ.setdefault("NUMBA_DISABLE_ERROR_MESSAGE_HIGHLIGHTING", "1")
 USUAL = 100
@@ -75,6 +78,21 @@ def warm_start() -> Iterator[None]:
 def root() -> Path:
     """The repository."""
     return ROOT
+
+
+@pytest.fixture(params=["faked", "real"] if os.name == "posix" and os.geteuid() == 0 else ["faked"])
+def give_away(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Callable[[Path], None]:
+    """Makes a file, folder or link another user's: in truth, which only root can, or in the eyes of the cache."""
+    given: set[tuple[int, ...]] = set()
+
+    def known(found: os.stat_result) -> tuple[int, ...]:
+        # with the time: a disk uses the numbers of what was deleted again
+        return found.st_dev, found.st_ino, found.st_mtime_ns
+
+    if request.param == "real":
+        return lambda path: os.lchown(path, STRANGER, STRANGER)
+    monkeypatch.setattr(cache_folder, "_owner", lambda found: STRANGER if known(found) in given else found.st_uid)
+    return lambda path: given.add(known(path.lstat()))
 
 
 @pytest.fixture(scope="session")

@@ -1,15 +1,27 @@
 """What is kept and run later lies where nobody else can write, and does not grow for ever."""
 
 import os
+import shutil
 import stat
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
 
 from twin import cache_folder as cache
-from twin.cache_folder import VARIABLE, cache_base, cache_folder, evict, hold, private_folder, remove
+from twin.cache_folder import (
+    VARIABLE,
+    cache_base,
+    cache_folder,
+    discard_foreign,
+    evict,
+    foreign,
+    hold,
+    private_folder,
+    remove,
+)
 from twin.errors import InputRefused
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
@@ -102,6 +114,77 @@ def test_somebody_elses_link_to_a_folder_of_the_users_is_refused(tmp_path: Path)
     assert private_folder(link) == link
     os.lchown(link, 1234, 1234)
     assert "belongs to user 1234" in refused(link)
+
+
+def kept_folder(home: Path) -> Path:
+    """One with folders and files as numba leaves them where files are the group's, too."""
+    folder = home / DIGEST
+    folder.mkdir(0o700)
+    (folder / "module").mkdir()
+    (folder / "module").chmod(0o775)
+    (folder / "module" / "code.nbc").write_bytes(b"code")
+    (folder / "module" / "code.nbc").chmod(0o664)
+    (folder / "link").symlink_to("nowhere")
+    return folder
+
+
+@POSIX
+@pytest.mark.parametrize("inner", ["", "module", "module/code.nbc", "link"])
+def test_what_another_user_has_put_where_it_once_could_is_taken_away_and_said(
+    tmp_path: Path, give_away: Callable[[Path], None], capsys: pytest.CaptureFixture[str], inner: str
+):
+    folder = kept_folder(tmp_path)
+    discard_foreign(folder)
+    assert folder.is_dir() and capsys.readouterr().err == ""
+    give_away(folder / inner)
+    discard_foreign(folder)
+    assert not folder.exists() and not list(tmp_path.iterdir())
+    assert capsys.readouterr().err == (
+        f"twin: {folder / inner}: belongs to user 1234, not to you (user {os.geteuid()}): removed, because what is "
+        "kept there is run\n"
+    )
+
+
+@POSIX
+def test_a_link_to_what_is_another_users_is_taken_away_and_that_stays(
+    tmp_path: Path, give_away: Callable[[Path], None]
+):
+    theirs, link = tmp_path / "theirs", tmp_path / DIGEST
+    theirs.mkdir(0o700)
+    link.symlink_to(theirs)
+    assert foreign(link) == ""
+    give_away(theirs)
+    discard_foreign(link)
+    assert list(tmp_path.iterdir()) == [theirs]
+
+
+@POSIX
+@pytest.mark.parametrize(("mode", "inner", "fit"), [
+    (0o700, 0o775, True), (0o700, 0o777, True), (0o755, 0o755, True),
+    (0o755, 0o775, False), (0o711, 0o757, False), (0o770, 0o700, False), (0o702, 0o700, False),
+])  # fmt: skip
+def test_a_folder_others_may_write_to_is_not_the_users_alone_nor_what_they_may_write_to_within_it(
+    tmp_path: Path, mode: int, inner: int, fit: bool
+):
+    folder = kept_folder(tmp_path)
+    (folder / "module").chmod(inner)
+    (folder / "module" / "code.nbc").chmod(0o644)
+    folder.chmod(mode)
+    assert (foreign(folder) == "") is fit
+    assert fit or "others can write to it" in foreign(folder)
+
+
+@POSIX
+def test_what_cannot_be_deleted_of_another_users_is_out_of_the_way(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    folder = kept_folder(tmp_path)
+
+    def refused(*arguments: object, **options: object) -> None:
+        raise PermissionError
+
+    monkeypatch.setattr(Path, "chmod", refused)
+    monkeypatch.setattr(shutil, "rmtree", lambda path, ignore_errors: None)
+    remove(folder)
+    assert not folder.exists() and len(list(tmp_path.glob(f".{DIGEST[:12]}-*"))) == 1
 
 
 def test_what_is_no_folder_is_refused(tmp_path: Path):

@@ -115,6 +115,27 @@ def test_names_of_files_may_be_of_any_bytes(asked: Asked):
     assert len(answers()) == 1
 
 
+@pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
+def test_an_answer_that_another_user_has_given_or_could_change_is_made_again(
+    asked: Asked, give_away: Callable[[Path], None]
+):
+    asked()
+    give_away(answers()[0])
+    assert [asked(), asked()] == [ANSWER] * 2 and asked.made == 2
+    answers()[0].chmod(0o664)
+    assert [asked(), asked()] == [ANSWER] * 2 and asked.made == 3
+
+
+@pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
+def test_an_answer_is_the_users_alone_whatever_the_umask(asked: Asked):
+    before = os.umask(0)
+    try:
+        asked()
+    finally:
+        os.umask(before)
+    assert answers()[0].stat().st_mode & 0o777 == 0o600
+
+
 def forged(file: Path) -> None:
     seal, _, _ = file.read_bytes().partition(b"\n")
     file.write_bytes(seal + b"\nsomething else\n")

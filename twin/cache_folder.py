@@ -72,24 +72,77 @@ def private_folder(folder: Path) -> Path:
         except FileNotFoundError:
             folder.mkdir(PRIVATE, parents=True, exist_ok=True)
             found = folder.stat()
-        owners = {found.st_uid, folder.lstat().st_uid}
+        link = folder.lstat()
     if not stat.S_ISDIR(found.st_mode):
         raise InputRefused(f"{folder}: not a folder; remove it, or {REMEDY}")
-    if hasattr(os, "geteuid"):
-        others = owners - {os.geteuid()}
-        if others:
-            raise InputRefused(
-                f"{folder}: belongs to user {others.pop()}, not to you (user {os.geteuid()}), and what is kept there "
-                f"is run; {REMEDY}"
-            )
-        if found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
-            raise InputRefused(
-                f"{folder}: others can write to it (mode {stat.S_IMODE(found.st_mode):o}), and what is kept there is "
-                f"run; {REMEDY}, or take that right away if nobody has used it"
-            )
+    kept = "and what is kept there is run"
+    if owner := _other_owner(link, found):
+        raise InputRefused(f"{folder}: {owner}, {kept}; {REMEDY}")
+    if open_ := _open_to_others(found):
+        raise InputRefused(f"{folder}: {open_}, {kept}; {REMEDY}, or take that right away if nobody has used it")
     if not os.access(folder, os.R_OK | os.W_OK | os.X_OK):
         raise InputRefused(f"{folder}: cannot be written; {REMEDY}")
     return folder
+
+
+def discard_foreign(path: Path) -> None:
+    """Take `path`, a folder or file within a `private_folder`, away if it or anything in it is not the user's alone.
+
+    Another user may have put it there when the folder above was open to others. It is said on standard error.
+
+    Raises:
+        OSError: it cannot be renamed.
+    """
+    why = foreign(path)
+    if why:
+        # another process may be first
+        with contextlib.suppress(FileNotFoundError):
+            remove(path)
+        print(f"twin: {why}: removed, because what is kept there is run", file=sys.stderr)
+
+
+def foreign(path: Path) -> str:
+    """What at or below `path` is not the user's alone, and why; "" if all of it is, or nothing is there."""
+    if not hasattr(os, "geteuid"):
+        return ""
+    try:
+        # first the link: what it leads to may be out of reach
+        why = _other_owner(path.lstat())
+        if not why:
+            found = path.stat()
+            why = _other_owner(found) or _open_to_others(found)
+    # nothing, or a link that leads nowhere; another process may take it away meanwhile
+    except FileNotFoundError:
+        return ""
+    if why:
+        return f"{path}: {why}"
+    # what lies in a folder that others cannot enter may have any mode: numba's files have what the umask leaves
+    entered = found.st_mode & (stat.S_IXGRP | stat.S_IXOTH)
+    for entry in _entries_below(path) if stat.S_ISDIR(found.st_mode) else ():
+        with contextlib.suppress(FileNotFoundError):
+            inner = entry.stat(follow_symlinks=False)
+            if why := _other_owner(inner) or (_open_to_others(inner) if entered else ""):
+                return f"{entry.path}: {why}"
+    return ""
+
+
+def _other_owner(*found: os.stat_result) -> str:
+    """Why what was `found` is not the user's own; "" if it is."""
+    if not hasattr(os, "geteuid"):
+        return ""
+    others = {_owner(one) for one in found} - {os.geteuid()}
+    return f"belongs to user {others.pop()}, not to you (user {os.geteuid()})" if others else ""
+
+
+def _owner(found: os.stat_result) -> int:
+    return found.st_uid
+
+
+def _open_to_others(found: os.stat_result) -> str:
+    """Why what was `found` may be written to by somebody else; "" if it may not. The mode of a link says nothing."""
+    if not hasattr(os, "geteuid") or stat.S_ISLNK(found.st_mode) or not found.st_mode & (stat.S_IWGRP | stat.S_IWOTH):
+        return ""
+    return f"others can write to it (mode {stat.S_IMODE(found.st_mode):o})"
 
 
 def hold(folder: Path) -> bool:
@@ -124,15 +177,19 @@ def hold(folder: Path) -> bool:
 
 def files_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
     """What lies in `folder` and in folders within it, and is no folder; pathlib would take ten times as long."""
+    return (entry for entry in _entries_below(folder) if not entry.is_dir(follow_symlinks=False))
+
+
+def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
+    """What lies in `folder` and in folders within it; a folder before what it holds."""
     folders: list[str | os.PathLike[str]] = [folder]
     while folders:
         # another process may take it away meanwhile
         with contextlib.suppress(OSError), os.scandir(folders.pop()) as entries:
             for entry in entries:
+                yield entry
                 if entry.is_dir(follow_symlinks=False):
                     folders.append(entry.path)
-                else:
-                    yield entry
 
 
 def evict(home: Path, kept: int) -> None:
@@ -168,7 +225,9 @@ def _delete(path: Path) -> None:
         # most commands delete nothing, and this imports all kinds of compression
         import shutil
 
-        path.chmod(PRIVATE)
+        # somebody else's may stay: it is out of the way
+        with contextlib.suppress(PermissionError):
+            path.chmod(PRIVATE)
         shutil.rmtree(path, ignore_errors=True)
     else:
         path.unlink()

@@ -14,7 +14,7 @@ import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
-from twin.cache_folder import cache_folder, evict
+from twin.cache_folder import cache_folder, evict, foreign
 from twin.errors import InputRefused
 from twin.places import PACKAGE, sources
 
@@ -144,10 +144,10 @@ def _framed(part: bytes) -> bytes:
 
 
 def _read(file: Path) -> str | None:
-    """The answer in `file`; None if there is none, or not as it was written."""
+    """The answer in `file`; None if there is none, not as it was written, or by another user."""
     try:
         # a pipe would be waited for
-        if not stat.S_ISREG(os.lstat(file).st_mode):
+        if not stat.S_ISREG(os.lstat(file).st_mode) or foreign(file):
             return None
         seal, _, answer = file.read_bytes().partition(b"\n")
         if seal.decode() != _hash(file.name.encode(), answer):
@@ -163,6 +163,8 @@ def _write(file: Path, answer: str) -> None:
     content = _encoded(answer)
     beside = file.with_name(f".{file.name[:12]}-{os.getpid()}-{time.monotonic_ns()}")
     try:
+        # whatever the umask leaves to others
+        beside.touch(0o600, exist_ok=False)
         beside.write_bytes(_hash(file.name.encode(), content).encode() + b"\n" + content)
         os.replace(beside, file)
     finally:

@@ -6,6 +6,7 @@ import re
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,7 @@ import pytest
 from tests.damage import damage
 from twin.compiled import cache
 from twin.compiled.cache import COMPILES, KEPT, is_own, source_digest
-from twin.compiled.seal import damaged_files
+from twin.compiled.seal import damaged_files, sealed
 from twin.places import sources
 
 POSIX = pytest.mark.skipif(os.name != "posix", reason="owners and modes of POSIX")
@@ -145,6 +146,22 @@ def test_without_a_folder_of_the_users_alone_nothing_is_kept(package: Path, tmp_
     folder, why = place.splitlines()
     assert Path(folder).parent == tmp_path / "scratch" and ("TWIN_CACHE" in why)
     assert {path for path in tmp_path.rglob("*") if "__pycache__" not in path.parts} == before
+
+
+@POSIX
+@pytest.mark.parametrize("inner", [".", "objects", "deep_0123/kernel-1.py311.1.nbc"])
+def test_code_that_another_user_has_left_is_not_loaded(
+    tmp_path: Path, give_away: Callable[[Path], None], capsys: pytest.CaptureFixture[str], inner: str
+):
+    folder = cache._made(tmp_path, "0123456789abcdef")
+    assert cache._made(tmp_path, folder.name) == folder and capsys.readouterr().err == ""
+    (folder / "objects").mkdir()
+    (folder / "deep_0123").mkdir()
+    (folder / "deep_0123" / "kernel-1.py311.1.nbc").write_bytes(sealed(b"no good"))
+    give_away(folder / inner)
+    assert cache._made(tmp_path, folder.name) == folder
+    assert list(folder.iterdir()) == [] and folder.stat().st_uid == os.geteuid()
+    assert capsys.readouterr().err.startswith(f"twin: {folder / inner}: belongs to user 1234, not to you")
 
 
 def test_damaged_code_is_compiled_again_in_processes_and_in_those_they_start(package: Path):

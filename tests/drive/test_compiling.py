@@ -1,6 +1,8 @@
 """FMUs that bring sources and no binary: built when asked, once, and stepped as if they had come with one."""
 
+import os
 import re
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -8,7 +10,10 @@ import pytest
 from typer.testing import CliRunner
 
 from tests.drive.archives import DESCRIPTION, altered
+from twin.cache_folder import cache_folder
 from twin.cli.app import app
+from twin.drive import COMPILED
+from twin.drive.compiling import FACTS, compiled, supply
 from twin.drive.description import build, described
 from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
@@ -88,6 +93,22 @@ def test_a_library_is_built_once(root: Path, tmp_path: Path, monkeypatch: pytest
     first = build(fmu)
     monkeypatch.setenv("PATH", "")
     assert build(fmu) == first
+
+
+@pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
+def test_a_library_that_another_user_has_built_is_not_loaded(
+    tmp_path: Path, give_away: Callable[[Path], None], capsys: pytest.CaptureFixture[str]
+):
+    digest, binary = "0" * 64, "binaries/linux64/servo.so"
+    folder = cache_folder(COMPILED) / digest
+    (folder / binary).parent.mkdir(parents=True)
+    (folder / binary).write_bytes(b"no good")
+    (folder / FACTS).write_text('{"compiler": "cc"}')
+    assert compiled(digest, binary)
+    give_away(folder / binary)
+    supply(digest, tmp_path)
+    assert compiled(digest, binary) is None and list(tmp_path.glob("binaries/*/*")) == []
+    assert "belongs to user 1234, not to you" in capsys.readouterr().err
 
 
 def test_an_fmu_with_a_binary_is_not_built(root: Path):

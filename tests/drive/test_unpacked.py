@@ -192,6 +192,24 @@ def test_what_is_loaded_stays_as_it_was_loaded(tmp_path: Path):
         assert library.read_bytes() == content
 
 
+@pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
+@pytest.mark.parametrize("inner", [".", "fmu/binaries", "fmu/binaries/linux64/libm.so.6"])
+def test_what_another_user_has_unpacked_is_not_loaded(
+    tmp_path: Path, give_away: Callable[[Path], None], capsys: pytest.CaptureFixture[str], inner: str
+):
+    fmu = archived(tmp_path / "servo.fmu")
+    folder = unpacked(fmu, sha256(fmu)).parent
+    # as it was found when it was sealed, so that nothing is compared; and one that the archive does not have
+    library = folder / "fmu/binaries/linux64/servo.so"
+    library.write_bytes(b"no good")
+    (library.parent / "libm.so.6").write_bytes(b"no good")
+    (folder / SEAL).write_text(json.dumps({name: module.stamp_of(f"{folder}/fmu/{name}") for name in CONTENTS}))
+    give_away(folder / inner)
+    assert held_by(unpacked(fmu, sha256(fmu))) == CONTENTS
+    assert capsys.readouterr().err.startswith(f"twin: {folder / inner}: belongs to user 1234, not to you")
+    assert held_by(unpacked(fmu, sha256(fmu))) == CONTENTS and capsys.readouterr().err == ""
+
+
 def test_a_truncated_library_is_not_blamed_on_its_maker(servo: Path, capsys: pytest.CaptureFixture[str]):
     fmu = described(servo)
     library = next(unpacked(servo, fmu.sha256).glob("binaries/linux64/*.so"))

@@ -14,7 +14,17 @@ import sys
 from functools import cache
 from pathlib import Path
 
-from twin.cache_folder import PRIVATE, REMEDY, cache_base, cache_folder, evict, hold, private_folder, remove
+from twin.cache_folder import (
+    PRIVATE,
+    REMEDY,
+    cache_base,
+    cache_folder,
+    discard_foreign,
+    evict,
+    hold,
+    private_folder,
+    remove,
+)
 from twin.compiled.seal import use_seals
 from twin.errors import InputRefused, disk_refusals
 from twin.places import sources
@@ -112,6 +122,7 @@ def _made(home: Path, digest: str) -> Path:
     """
     folder = home / digest
     with disk_refusals(folder, kind=InputRefused, remedy=REMEDY):
+        discard_foreign(folder)
         if not folder.is_dir():
             if folder.exists():
                 remove(folder)

@@ -16,7 +16,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
 from twin.archive import place
-from twin.cache_folder import REMEDY, cache_folder
+from twin.cache_folder import PRIVATE, REMEDY, cache_folder, discard_foreign
 from twin.drive import COMPILED
 from twin.errors import InputRefused, disk_refusals
 
@@ -52,13 +52,25 @@ def compiled(digest: str, binary: str) -> Compiled | None:
         digest: of the archive.
         binary: its place in the archive, as it would be.
     """
-    folder = cache_folder(COMPILED) / digest
+    folder = _kept(digest)
     library = folder / binary
     try:
         facts = json.loads((folder / FACTS).read_bytes())
     except (OSError, ValueError, RecursionError):
         return None
     return Compiled(library, str(facts.get("compiler"))) if library.is_file() else None
+
+
+def _kept(digest: str) -> Path:
+    """The folder of what was compiled of the FMU with SHA-256 `digest`; what lies there is the user's own.
+
+    Raises:
+        InputRefused: see `cache_folder`.
+    """
+    folder = cache_folder(COMPILED) / digest
+    with disk_refusals(folder, "cannot be removed", InputRefused, REMEDY):
+        discard_foreign(folder)
+    return folder
 
 
 def source_sets(model: Any, identifier: str) -> list[Any]:
@@ -78,7 +90,7 @@ def supply(digest: str, content: Path) -> None:
     Raises:
         OSError: it cannot be written there.
     """
-    folder = cache_folder(COMPILED) / digest
+    folder = _kept(digest)
     for library in folder.glob("binaries/*/*"):
         target = content / library.relative_to(folder)
         if not target.is_file() or target.stat().st_mtime_ns != library.stat().st_mtime_ns:
@@ -132,6 +144,7 @@ def _linked(file: Path, sets: Sequence[Any], scratch: Path, binary: str) -> Comp
                 target.parent.mkdir(parents=True, exist_ok=True)
                 target.write_bytes(archive.read(entry))
     library = scratch / "kept" / binary
+    (scratch / "kept").mkdir(PRIVATE)
     library.parent.mkdir(parents=True)
     headers = scratch / "headers"
     headers.mkdir()

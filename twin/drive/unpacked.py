@@ -15,7 +15,7 @@ from functools import lru_cache
 from pathlib import Path
 
 from twin.archive import place
-from twin.cache_folder import REMEDY, cache_folder, evict, hold, remove
+from twin.cache_folder import REMEDY, cache_folder, discard_foreign, evict, hold, remove
 from twin.drive.compiling import supply
 from twin.drive.shelf import CONTENT, HOME, SEAL, sealed_stamps, stamp_of
 from twin.errors import InputRefused, disk_refusals
@@ -40,6 +40,7 @@ def unpacked(file: Path, digest: str) -> Path:
     home = cache_folder(HOME)
     folder = home / digest
     with disk_refusals(file, f"cannot be unpacked to {home}", InputRefused, REMEDY):
+        discard_foreign(folder)
         while not hold(folder):
             _make(file, digest, folder)
         try:

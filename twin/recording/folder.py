@@ -2,17 +2,22 @@
 
 import contextlib
 import os
+import re
 from datetime import datetime
 from pathlib import Path
 
 from twin.errors import disk_refusals
 from twin.files import meant
 from twin.recording.errors import RecordingRefused
-from twin.writing import made_folder
+from twin.writing import made_folder, write_text
 
 RESULTS = Path("results")
 RECORDING = "run.mcap"
 LATEST = "latest"
+STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
+"""What `create_run_folder` calls the folder of a run."""
+NAMED = "named.txt"
+"""In a folder that its user has called as `create_run_folder` might have done."""
 
 
 def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
@@ -40,6 +45,8 @@ def create_run_folder(results: Path, experiment: str, now: datetime) -> Path:
 def claim_run_folder(folder: Path) -> Path:
     """`folder` itself, created, as the folder of one run.
 
+    One that is called like those of `create_run_folder` gets a note: it is the user's, and no command removes it.
+
     Raises:
         InputRefused: it exists and is not empty, or cannot be created.
     """
@@ -48,7 +55,10 @@ def claim_run_folder(folder: Path) -> Path:
             raise RecordingRefused(
                 f"{folder}: already there and not empty; name a new folder, a run is never overwritten"
             )
-    return made_folder(folder)
+    made_folder(folder)
+    if STAMP.fullmatch(folder.name):
+        write_text(folder / NAMED, "twin runs --prune leaves this run: its folder was named with --out\n")
+    return folder
 
 
 def recording_in(path: Path) -> Path:

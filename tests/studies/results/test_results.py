@@ -1,5 +1,6 @@
 """What is kept, what it was made with, and what goes."""
 
+import json
 import shutil
 from pathlib import Path
 
@@ -7,10 +8,12 @@ import pytest
 
 from tests.command_line import Done, twin
 from twin.errors import InputRefused
+from twin.experiment.source import COMMAND_LINE
 from twin.recording.folder import recording_in
 from twin.recording.origin import origin
 from twin.recording.reader import last_time, read
-from twin.studies.results.kept import kept_runs
+from twin.studies.results.kept import KeptRun, kept_runs
+from twin.studies.results.now import ExperimentsNow, told_differences
 from twin.studies.results.study import doomed_runs
 
 SHORT = ("--set", "duration_s=0.01")
@@ -104,6 +107,76 @@ def test_pruning_keeps_the_run_that_latest_means_even_if_a_newer_one_is_there(co
     assert oldest not in [run.folder.name for run in doomed_runs(copied / "results", (), 1)]
     assert told("--prune", "--yes", "--keep", "0", cwd=copied).returncode == 0
     assert not (copied / "results/mine").exists()
+
+
+@pytest.mark.parametrize(
+    "out", ["results/2020-01-01_120000", "results/kept/2020-01-01_120000", "results/mine/2020-01-01_120000"]
+)
+def test_a_run_that_was_named_with_out_stays_even_if_its_name_is_a_time(copied: Path, out: str):
+    done = twin("run", "mine", "--out", out, cwd=copied)
+    assert done.returncode == 0, done.stderr
+    assert told("--prune", "--yes", "--keep", "0", cwd=copied).stdout.splitlines()[-1].startswith("removed 3 runs, ")
+    assert (copied / out / "run.mcap").is_file()
+
+
+def test_what_twin_did_not_write_stays_in_the_folder_of_a_run_that_goes_and_is_said(copied: Path, tmp_path: Path):
+    old, other = (run.folder for run in kept_runs(copied / "results")[1:])
+    for form in ("--csv", "--ros2"):
+        assert twin("export", str(old), form, "--rate", "100", cwd=copied).returncode == 0
+    (old / "report.html").write_text("a page")
+    (tmp_path / "elsewhere").mkdir()
+    (tmp_path / "elsewhere/run.mcap").write_bytes(b"another one")
+    notes = {old / "notes.txt", old / "pictures/run.mcap", old / "link"}
+    (old / "notes.txt").write_text("the spring was cold")
+    (old / "pictures").mkdir()
+    (old / "pictures/run.mcap").write_bytes(b"mine")
+    (old / "link").symlink_to(tmp_path / "elsewhere")
+    lines = told("--prune", "--yes", cwd=copied).stdout.splitlines()
+    first = lines.index("stays, because twin did not write it:") + 1
+    assert lines[first:-1] == sorted(f"  {path.relative_to(copied)}" for path in notes)
+    assert lines[-1].startswith("removed 2 runs, ") and lines[-1].endswith("; 3 files that twin did not write stayed")
+    assert {path for path in old.rglob("*") if path.name != "pictures"} == notes and not other.exists()
+    assert (tmp_path / "elsewhere/run.mcap").is_file()
+    assert len(kept_runs(copied / "results")) == 1
+
+
+def forged(recording: Path, found: dict[str, dict[str, str]], monkeypatch: pytest.MonkeyPatch) -> str:
+    """Why a run whose recording says `found` is not compared with its file."""
+    monkeypatch.setattr("twin.studies.results.kept.origin", lambda path: found)
+    return told_differences(KeptRun(recording.parent, recording, True), ExperimentsNow())[1]
+
+
+@pytest.mark.parametrize("name", ["{elsewhere}/secret.toml", "../elsewhere/secret.toml", "secret.toml", "plain"])
+def test_of_what_a_recording_calls_its_experiment_only_a_name_is_looked_up(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+):
+    for folder in ("here", "elsewhere"):
+        (tmp_path / folder).mkdir()
+        for file in ("secret.toml", "plain"):
+            (tmp_path / folder / file).write_text("a secret")
+    monkeypatch.chdir(tmp_path / "here")
+    recording = recording_in(home / "results/mine")
+    found = origin(recording)
+    found["experiment"]["name"] = name.format(elsewhere=tmp_path / "elsewhere")
+    why = forged(recording, found, monkeypatch)
+    assert "no name of one" in why and "TOML" not in why
+
+
+@pytest.mark.parametrize(("table", "key"), [("drive", "fmu"), ("contact", "body"), ("controller", "python")])
+def test_files_that_a_recording_names_by_a_path_are_not_opened(
+    home: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, table: str, key: str
+):
+    secret = tmp_path / f"secret.{'toml' if key == 'body' else 'fmu'}"
+    secret.write_text("a secret")
+    recording = recording_in(home / "results/mine")
+    found = origin(recording)
+    values = json.loads(found["experiment"]["values"])
+    values.setdefault(table, {})[key] = f"{secret}:Law" if key == "python" else str(secret)
+    found["experiment"]["values"] = json.dumps(values)
+    found["origins"][f"{table}.{key}"] = COMMAND_LINE
+    monkeypatch.chdir(home)
+    why = forged(recording, found, monkeypatch)
+    assert why and "not valid TOML" not in why and "zip" not in why
 
 
 def test_a_folder_that_a_link_leads_to_is_neither_listed_nor_removed(copied: Path, tmp_path: Path):

@@ -12,14 +12,20 @@ from twin.errors import InputRefused, nearest
 from twin.experiment.command_line import options
 from twin.experiment.recorded import recorded_values
 from twin.files import read_json
-from twin.recording.folder import LATEST, RECORDING
+from twin.recording.folder import LATEST, NAMED, RECORDING, STAMP
 from twin.recording.origin import origin
 from twin.recording.output import PARTIAL
 from twin.recording.reader import last_time
+from twin.runs.provenance import named_files
 from twin.runs.run import SUMMARY
 
-STAMP = re.compile(r"\d{4}-\d{2}-\d{2}_\d{6}(_\d+)?")
-"""What `create_run_folder` calls the folder of a run."""
+WRITTEN = re.compile(
+    r"run\.(mcap|mcap\.partial|csv|parquet|mat)|summary\.json|report\.html"
+    r"|run_ros2/(run_ros2_0\.mcap|metadata\.yaml|map\.toml)"
+    # begun by `twin.writing.written` and never finished
+    r"|\.(run|summary|report)\.\w{8}\.\w+"
+)
+"""What twin calls the files that it writes into a run's folder: the run, its page, and what it was exported to."""
 
 
 @dataclass(frozen=True)
@@ -30,24 +36,31 @@ class KeptRun:
         folder: of the run.
         recording: in it, finished or not.
         latest: whether results/EXPERIMENT means this one.
+        alone: whether the folder lies in results/ itself, where only its user puts it.
     """
 
     folder: Path
     recording: Path
     latest: bool
+    alone: bool = False
 
-    @property
+    @cached_property
     def named(self) -> bool:
-        """Whether its user has called its folder something."""
-        return STAMP.fullmatch(self.folder.name) is None
+        """Whether its user has called its folder something, be it a time."""
+        if self.alone or not STAMP.fullmatch(self.folder.name) or (self.folder / NAMED).exists():
+            return True
+        return self._recorded_name not in ("", self.folder.parent.name)
 
     @property
     def experiment(self) -> str:
         """By the name of the folder above; where the user has chosen that, as it is recorded."""
         if not self.named:
             return self.folder.parent.name
-        name: str = self.metadata.get("experiment", {}).get("name", self.folder.name)
-        return name
+        return self._recorded_name or self.folder.name
+
+    @property
+    def _recorded_name(self) -> str:
+        return self.metadata.get("experiment", {}).get("name", "")
 
     @property
     def finished(self) -> bool:
@@ -70,7 +83,9 @@ class KeptRun:
     def typed(self) -> list[str]:
         """Options with which the run was started: `--drive`, `pmsm_foc.fmu`."""
         try:
-            return options(recorded_values(self.metadata, self.recording), self.metadata.get("origins", {}))
+            # ours has files by name only; of a path that is there nevertheless nothing is opened but that name
+            values = named_files(recorded_values(self.metadata, self.recording))
+            return options(values, self.metadata.get("origins", {}))
         except InputRefused:
             return []
 
@@ -82,6 +97,42 @@ class KeptRun:
         except InputRefused:
             return {}
         return found if isinstance(found, dict) else {}
+
+    @cached_property
+    def written(self) -> list[Path]:
+        """The files in the folder that twin calls as it does."""
+        return [path for path in self._files if WRITTEN.fullmatch(path.relative_to(self.folder).as_posix())]
+
+    @property
+    def others(self) -> list[Path]:
+        """What else lies there."""
+        return sorted(set(self._files).difference(self.written))
+
+    @cached_property
+    def _files(self) -> list[Path]:
+        """What lies in the folder: files, links and empty folders; no link is followed."""
+        found = []
+        for place, folders, names in os.walk(self.folder):
+            links = [name for name in folders if os.path.islink(os.path.join(place, name))]
+            found += [Path(place, name) for name in (*names, *links)]
+            if not folders and not names and Path(place) != self.folder:
+                found.append(Path(place))
+        return found
+
+    def remove(self) -> int:
+        """Take away what twin has written, and the folder if nothing else is in it; so many bytes went.
+
+        Raises:
+            OSError: the disk refuses.
+        """
+        size = 0
+        for path in self.written:
+            size += path.lstat().st_size
+            path.unlink()
+        for folder in (*{path.parent for path in self.written if path.parent != self.folder}, self.folder):
+            if not any(folder.iterdir()):
+                folder.rmdir()
+        return size
 
     @property
     def reached(self) -> float:
@@ -141,5 +192,5 @@ def _runs(home: Path) -> Iterator[KeptRun]:
     for folder in (*stamped, home):
         for name in (RECORDING, f"{RECORDING}{PARTIAL}"):
             if (folder / name).is_file():
-                yield KeptRun(folder, folder / name, os.path.realpath(folder) == latest)
+                yield KeptRun(folder, folder / name, os.path.realpath(folder) == latest, folder == home)
                 break

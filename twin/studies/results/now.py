@@ -2,9 +2,12 @@
 
 import json
 from collections.abc import Sequence
+from pathlib import Path
 
-from twin.errors import TwinError
+from twin.errors import InputRefused, TwinError
 from twin.experiment.difference import differing, experiment_facts, recorded_facts
+from twin.experiment.named import experiment_file
+from twin.experiment.recorded import recorded_name
 from twin.runs.assembly.drives import fmus
 from twin.runs.assembly.load import load_experiment
 from twin.runs.provenance import named_files
@@ -26,7 +29,7 @@ class ExperimentsNow:
             TwinError: the run says of no experiment, or there is none of that name any more, or a mistake in it.
         """
         then = recorded_facts(run.metadata, run.recording)
-        now = self._of(run.metadata.get("experiment", {}).get("name", run.experiment), run.typed)
+        now = self._of(recorded_name(run.metadata, run.recording), run.typed)
         if "controller" in run.metadata.get("substituted", {}):
             now = {key: value for key, value in now.items() if key in then or not key.startswith("controller.")}
         return {key: (values[0], values[1]) for key, values in differing([then, now]).items()}
@@ -38,7 +41,13 @@ class ExperimentsNow:
             for option, value in zip(typed[::2], typed[1::2], strict=True):
                 said.setdefault(option, []).append(value)
             drive, body = (said.get(option, [None])[0] for option in ("--drive", "--body"))
-            experiment = load_experiment(name, said.get("--set", ()), drive, body)
+            file = experiment_file(name)
+            # a name, as twin records it, and not whatever lies in the current folder
+            if file.name != f"{name}.toml":
+                raise InputRefused(f"{name}: the recording calls its experiment so, which is no name of one")
+            if body and Path(body).name != body:
+                raise InputRefused(f"its body {body} is named by a path, and only a name is looked up")
+            experiment = load_experiment(file, said.get("--set", ()), drive, body)
             hashes = {fmu.path.name: fmu.sha256 for one in experiment.drives for fmu in fmus(one).values()}
             # through JSON, as what is recorded
             self._facts[known] = experiment_facts(json.loads(json.dumps(named_files(experiment.values))), hashes)

@@ -1,6 +1,5 @@
 """Runs that are kept: listed, and those that nobody needs taken away."""
 
-import shutil
 from collections.abc import Sequence
 from itertools import groupby
 from pathlib import Path
@@ -13,6 +12,9 @@ from twin.studies.results.kept import KeptRun, kept_runs, other_folders
 from twin.studies.results.now import ExperimentsNow, told_differences
 from twin.studies.results.text import run_lines, runs_text, size_text, verdict
 from twin.studies.steps import Say, Steps
+
+MANY = 10
+"""So many files that stay are told."""
 
 
 def listed(results: Path, experiments: Sequence[str], say: Say) -> Answer:
@@ -79,7 +81,7 @@ def doomed_text(doomed: Sequence[KeptRun]) -> str:
     lines = [f"{counted(len(doomed), 'run')}, {size_text(sum(run.size for run in doomed))}, would go:"]
     for experiment, runs in groupby(doomed, lambda run: run.experiment):
         lines += [experiment, *(line for run in runs for line in run_lines(run))]
-    return "\n".join(lines)
+    return "\n".join([*lines, *_staying(doomed)])
 
 
 def removed(doomed: Sequence[KeptRun]) -> str:
@@ -88,13 +90,22 @@ def removed(doomed: Sequence[KeptRun]) -> str:
     Raises:
         NotWritten: one cannot be removed.
     """
-    size = sum(run.size for run in doomed)
+    size = 0
+    others = sum(len(run.others) for run in doomed)
     for run in doomed:
         with disk_refusals(run.folder, "cannot be removed"):
-            shutil.rmtree(run.folder)
+            size += run.remove()
             latest = run.folder.parent / LATEST
             if run.latest and latest.is_symlink():
                 latest.unlink()
             if not any(run.folder.parent.iterdir()):
                 run.folder.parent.rmdir()
-    return f"removed {counted(len(doomed), 'run')}, {size_text(size)}"
+    stays = f"; {counted(others, 'file')} that twin did not write stayed" if others else ""
+    return f"removed {counted(len(doomed), 'run')}, {size_text(size)}{stays}"
+
+
+def _staying(doomed: Sequence[KeptRun]) -> list[str]:
+    """What lies in the folders of `doomed` and is not twin's."""
+    kept = [str(path) for run in doomed for path in run.others]
+    more = [f"  and {len(kept) - MANY} more"] if len(kept) > MANY else []
+    return ["stays, because twin did not write it:", *(f"  {path}" for path in kept[:MANY]), *more] if kept else []

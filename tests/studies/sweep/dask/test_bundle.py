@@ -1,3 +1,5 @@
+import os
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -130,3 +132,14 @@ def test_files_among_a_drives_parameters_travel_with_it(root: Path, tmp_path: Pa
     there = [Path(str(name).removeprefix("file:")) for name in (curve, blob)]
     assert text == "none" and all(file.is_relative_to(tmp_path / "there") for file in there)
     assert [file.read_bytes() for file in there] == [b"0,1", b"\x07"]
+
+
+@pytest.mark.skipif(os.name != "posix", reason="owners of POSIX")
+def test_what_another_user_could_change_when_it_has_been_looked_at_is_missing(
+    cache: Path, give_away: Callable[[Path], None]
+):
+    digest = "2c26b46b68ffc68ff99b453c1d30413413422d706483bfa0f98a5e886266e7ae"
+    file_store.keep({digest: b"foo"})
+    give_away(cache / "parcels" / digest)
+    assert file_store.missing([digest]) == [digest]
+    assert list((cache / "parcels").iterdir()) == []

@@ -7,7 +7,7 @@ import tempfile
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 
-from twin.cache_folder import cache_folder
+from twin.cache_folder import cache_folder, discard_foreign
 from twin.errors import InputRefused, disk_refusals
 
 
@@ -21,7 +21,7 @@ def home() -> Path:
 
 
 def missing(digests: Iterable[str]) -> list[str]:
-    """Which of the SHA-256 `digests` are not here; what is here and damaged is thrown away."""
+    """Which of the SHA-256 `digests` are not here; what is here and damaged, or not the user's own, is thrown away."""
     return [digest for digest in dict.fromkeys(digests) if not _is_whole(home() / digest, digest)]
 
 
@@ -55,6 +55,8 @@ def lay_out(files: Mapping[str, str], folder: Path) -> None:
 
 def _is_whole(file: Path, digest: str) -> bool:
     try:
+        # another user could change it after this
+        discard_foreign(file)
         with file.open("rb") as stream:
             whole = hashlib.file_digest(stream, "sha256").hexdigest() == digest
     except FileNotFoundError:
