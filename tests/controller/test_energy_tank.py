@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from twin.controller.energy_tank import COASTING, EnergyTank, Tank, passed_on
+from twin.errors import ComponentFailed
 from twin.studies.converge.by_hand import Sampled
 
 SETTINGS = Tank(size=0.1, horizon=0.1, touch=0.6, release=math.inf, late=3e-3, k_s=1.0, N=2.0, eta=1.0)
@@ -20,7 +21,7 @@ def tank(**settings) -> Sampled:
     return Sampled(EnergyTank(SETTINGS._replace(**settings)))
 
 
-def told(of: Sampled, sample: int, z: float, F_z: float, omega=(0.0, 0.0, 0.0), valid=1.0) -> dict[str, np.ndarray]:
+def told(of: Sampled, sample: float, z: float, F_z: float, omega=(0.0, 0.0, 0.0), valid=1.0) -> dict[str, np.ndarray]:
     """One call with the head at height `z` (m), pressing down with `F_z` (N)."""
     ports = {
         "omega_ref": np.array(omega), "p_B": np.array([0.0, 0.0, z]), "J": J.ravel(),
@@ -138,3 +139,11 @@ def test_without_a_new_message_the_motors_stand_still():
     for sample in (9, 10, 11):
         blind = told(of, sample, 0.0, 1.0, (0.1, 0.1, 0.1), valid=0.0)
     assert blind["share"] == 0.0
+
+
+@pytest.mark.parametrize("sample", [math.nan, math.inf, 1e300])
+def test_a_message_without_a_number_is_refused(sample: float):
+    of = tank()
+    told(of, 1, 0.0, 0.0)
+    with pytest.raises(ComponentFailed, match="tank got an encoder message without a number"):
+        told(of, sample, 0.0, 0.0)

@@ -2,8 +2,12 @@
 
 import os
 import re
+import shutil
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
+from zipfile import ZipFile
 
 import numpy as np
 import pytest
@@ -12,7 +16,7 @@ from typer.testing import CliRunner
 from tests.drive.archives import DESCRIPTION, altered
 from twin.cache_folder import cache_folder
 from twin.cli.app import app
-from twin.drive import COMPILED
+from twin.drive import COMPILED, compiling
 from twin.drive.compiling import FACTS, compiled, supply
 from twin.drive.description import build, described
 from twin.drive.unpacked import unpacked
@@ -24,7 +28,7 @@ from twin.runs.run import execute
 BUILD = """<?xml version="1.0" encoding="UTF-8"?>
 <fmiBuildDescription fmiVersion="3.0">
   <BuildConfiguration modelIdentifier="torque_motor_fmi3">
-    <SourceFileSet language="C99">{files}<PreprocessorDefinition name="UNUSED" value="1"/></SourceFileSet>
+    <SourceFileSet language="C99">{files}</SourceFileSet>
   </BuildConfiguration>
 </fmiBuildDescription>
 """
@@ -35,8 +39,11 @@ def _cache(tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyP
     monkeypatch.setenv("TWIN_CACHE", str(tmp_path_factory.mktemp("cache")))
 
 
-def sources_only(root: Path, folder: Path, name: str, extra: str = "") -> Path:
-    """A drive of ours without binaries, that says which of its sources to compile."""
+MACRO = '<PreprocessorDefinition name="{}" value="{}"/>'
+
+
+def sources_only(root: Path, folder: Path, name: str, extra: str = "", more: str = "") -> Path:
+    """A drive of ours without binaries, that says which of its sources to compile; `more` of them in FMI 3.0."""
     good = root / "fmus" / name / f"{name}.fmu"
     files = ["model.c", "access.c", "fmu_state.c", "lifecycle.c", "not_offered.c", "variables.c"]
     fmi3 = name.endswith("fmi3")
@@ -56,7 +63,7 @@ def sources_only(root: Path, folder: Path, name: str, extra: str = "") -> Path:
             return entry, changed.encode()
         if entry == "documentation/README.md" and fmi3:
             listed = "".join(f'<SourceFile name="{file}"/>' for file in files)
-            return "sources/buildDescription.xml", BUILD.format(files=listed).encode()
+            return "sources/buildDescription.xml", BUILD.format(files=listed + more).encode()
         return entry, (extra + text).encode() if entry == "sources/model.c" else content
 
     return altered(good, folder / f"{name}.fmu", change)
@@ -81,7 +88,8 @@ def test_sources_are_built_when_asked_and_step_as_the_binary_does(root: Path, tm
 
 
 def test_a_build_description_of_fmi_3_is_followed(root: Path, tmp_path: Path):
-    fmu = sources_only(root, tmp_path, "torque_motor_fmi3")
+    macros = MACRO.format("UNUSED", "1") + MACRO.format("sum_of(a, b)", "((a) + (b))")
+    fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=macros)
     assert build(fmu) is not None
     description = described(fmu)
     folder = unpacked(fmu, description.sha256)
@@ -137,3 +145,111 @@ def test_an_fmu_without_binary_and_sources_says_where_to_get_one(root: Path, tmp
         described(bare)
     with pytest.raises(InputRefused, match="holds no sources"):
         build(bare)
+
+
+def with_gcc() -> str:
+    """Skips without it, but not on CI."""
+    if shutil.which("gcc") is None or not sys.platform.startswith("linux"):
+        assert "CI" not in os.environ, "this test attacks gcc and CI has to have one"
+        pytest.skip("attacks gcc on Linux")
+    return "gcc"
+
+
+@pytest.mark.parametrize("name", ["@options", "-include", "1st", "A B", "A(b", "A=1 -include", "", "A\n#define B"])
+def test_a_macro_is_called_by_an_identifier(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str):
+    folder = tmp_path / "here"
+    folder.mkdir()
+    (folder / "victim").write_text("precious")
+    # gcc takes the file as options
+    (folder / "options").write_text("-aux-info victim -imacros /dev/null\n")
+    monkeypatch.chdir(folder)
+    fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=MACRO.format(name.replace("\n", "&#10;"), ""))
+    with pytest.raises(InputRefused, match=r"(?s)ask for the macro '.*'; expected an identifier"):
+        build(fmu)
+    assert (folder / "victim").read_text() == "precious"
+
+
+def test_a_macro_is_one_line(root: Path, tmp_path: Path):
+    fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=MACRO.format("A", "1&#10;#include x"))
+    with pytest.raises(InputRefused, match="a value on one line"):
+        build(fmu)
+
+
+@pytest.mark.parametrize("name", ["other.h", "other.s", "other.o", "@options", "-fplugin=p.so"])
+def test_a_source_is_c_or_is_not_compiled(root: Path, tmp_path: Path, name: str):
+    fmu = sources_only(root, tmp_path, "torque_motor_fmi3", more=f'<SourceFile name="{name}"/>')
+    with ZipFile(fmu, "a") as archive:
+        archive.writestr(f"sources/{name}", "")
+    with pytest.raises(InputRefused, match=re.escape(f"source '{name}' is neither C nor C++")):
+        build(fmu)
+
+
+def test_a_library_stays_where_libraries_are_kept(root: Path, tmp_path: Path):
+    good = sources_only(root, tmp_path, "velocity_servo")
+    fmu = altered(
+        good,
+        tmp_path / "away.fmu",
+        lambda n, c: (n, c.replace(b'modelIdentifier="velocity_servo"', b'modelIdentifier="../../../../../away"')),
+    )
+    with pytest.raises(InputRefused, match=r"modelIdentifier leads to '(\.\./){5}away"):
+        build(fmu)
+    assert not list(tmp_path.rglob("away.*o"))
+
+
+def test_a_header_compiled_by_others_is_not_loaded(root: Path, tmp_path: Path):
+    """It is a picture of the compiler's memory."""
+    gcc = with_gcc()
+    header = tmp_path / "early.h"
+    header.write_text("#define COMPILED_BEFORE\n")
+    options = ["-O2", "-fPIC", "-w", "-DFMI3_OVERRIDE_FUNCTION_PREFIX"]
+    subprocess.run([gcc, *options, "-x", "c-header", header, "-o", tmp_path / "early.h.gch"], check=True)
+    text = '#include "early.h"\n#ifdef COMPILED_BEFORE\n#error it was loaded\n#endif\n'
+    good = sources_only(root, tmp_path, "torque_motor_fmi3", extra=text)
+
+    with ZipFile(good, "a") as archive:
+        archive.writestr("sources/early.h", "")
+        archive.write(tmp_path / "early.h.gch", "sources/early.h.gch")
+    assert build(good) is not None
+
+
+def test_nothing_of_a_compiler_is_left_when_its_time_is_up(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    with_gcc()
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    monkeypatch.setattr(compiling, "PATIENCE", 2.0)
+    # cc1 waits for the other end of the pipe
+    fmu = sources_only(root, tmp_path, "velocity_servo", extra=f'#include "{pipe}"\n')
+    with pytest.raises(InputRefused, match="still compile after 2 s"):
+        build(fmu)
+    with pytest.raises(OSError, match="No such device"):
+        os.open(pipe, os.O_WRONLY | os.O_NONBLOCK)
+
+
+def test_a_compiler_takes_so_much_memory_and_no_more(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    with_gcc()
+    monkeypatch.setattr(compiling, "MOST_MEMORY", 256 << 20)
+    fmu = sources_only(root, tmp_path, "velocity_servo", extra='#include "/dev/zero"\n')
+    with pytest.raises(InputRefused, match="do not compile with"):
+        build(fmu)
+
+
+def test_a_compiler_reads_no_input_and_writes_beside_itself(
+    root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    with_gcc()
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("DEPENDENCIES_OUTPUT", str(tmp_path / "dependencies"))
+    fmu = sources_only(root, tmp_path, "velocity_servo", extra='#include "/dev/stdin"\n')
+    before = set(tmp_path.iterdir())
+    readable, writable = os.pipe()
+    kept = os.dup(0)
+    os.dup2(readable, 0)
+    os.write(writable, b"#error it was read\n")
+    os.close(writable)
+    try:
+        build(fmu)
+    finally:
+        os.dup2(kept, 0)
+        os.close(kept)
+        os.close(readable)
+    assert set(tmp_path.iterdir()) == before

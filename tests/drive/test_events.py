@@ -11,6 +11,8 @@ from tests.drive.commanded import stepped
 from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
 from twin.cli import drive_info
+from twin.drive import announcement
+from twin.drive.events import settle
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
@@ -279,3 +281,22 @@ def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, mo
     assert [value for _, value in found.settings[""]] == [[b"\x07"]]
     digest = hashlib.sha256(b"\x07").hexdigest()
     assert f"blob = 1 bytes, sha256 {digest}" in drive_info.text(found)
+
+
+def test_nothing_is_compiled_while_a_call_is_announced(shaft: Maker, monkeypatch: pytest.MonkeyPatch):
+    """A supervisor would charge the FMU with it."""
+    announced: list[str] = [""]
+    monkeypatch.setattr(announcement, "_listeners", [lambda file, instance, function: announced.append(function)])
+    compiled, during = settle.native, []
+
+    class Later:
+        """`settle`, not compiled yet."""
+
+        @property
+        def called(self) -> Any:
+            during.append(announced[-1])
+            return compiled.called
+
+    monkeypatch.setattr(settle, "native", Later())
+    turned(shaft(ALL), "flips")
+    assert during == [""] and "fmi3UpdateDiscreteStates" in announced

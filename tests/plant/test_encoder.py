@@ -4,6 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from tests.laws.runs import Sampled
+from twin.errors import ComponentFailed
 from twin.plant.encoder import Encoder, Shaft
 
 MOTOR, JOINT = 4096, 16384
@@ -41,6 +42,17 @@ def test_half_a_count_rounds_up(angle, count):
     # as many counts as 2 pi, so that an angle is its own number of counts
     encoder = Sampled(Encoder(Shaft(2.0 * np.pi), Shaft(2.0 * np.pi)))
     np.testing.assert_array_equal(encoder(np.full(6, angle))[:6], count)
+
+
+@pytest.mark.parametrize("angle", [np.nan, np.inf, -np.inf, 1e300, -1e300, 2.0**53 / MOTOR * 2.0 * np.pi])
+@pytest.mark.parametrize("shaft", range(6))
+def test_an_angle_that_no_integer_counts_has_no_count(shaft, angle):
+    """What an integer becomes of it is another one on each kind of processor."""
+    angles = np.zeros(6)
+    angles[shaft] = angle
+    encoder = Sampled(Encoder(Shaft(MOTOR), Shaft(JOINT)))
+    with pytest.raises(ComponentFailed, match="encoder got an angle that it cannot count"):
+        encoder(angles)
 
 
 def test_samples_are_numbered_from_one():

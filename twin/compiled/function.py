@@ -12,6 +12,8 @@ from typing import Any
 
 import numpy as np
 
+from twin.compiled.compiling import hear_numba
+
 
 class _Module:
     """A module that is imported when something of it is asked for."""
@@ -106,6 +108,7 @@ class Function(Name):
     @cached_property
     def called(self) -> Callable:
         """What Python calls."""
+        hear_numba()
         made: Callable = importlib.import_module("numba").njit(**self._options)(self.__wrapped__)
         return made
 

@@ -10,6 +10,7 @@ import numpy as np
 from twin.compiled import store
 from twin.compiled.address import address
 from twin.compiled.builtin import PYTHON, built_in
+from twin.compiled.compiling import compiling
 from twin.compiled.function import Function, types
 
 if TYPE_CHECKING:
@@ -55,7 +56,7 @@ class Native:
             return self._of_numba()
         if not self.is_there:
             store.call_helpers()
-            with store.alone(name):
+            with compiling(), store.alone(name):
                 code = b"" if store.has(name) else self._emitted(name)
                 if code:
                     store.take(name, code)
@@ -121,7 +122,8 @@ class Native:
     def _of_numba(self) -> int:
         from numba import cfunc
 
-        self._kept = cfunc(self.signature, cache=True, error_model="numpy")(self.function)
+        with compiling():
+            self._kept = cfunc(self.signature, cache=True, error_model="numpy")(self.function)
         return int(self._kept.address)
 
 

@@ -71,6 +71,10 @@ class Tank(NamedTuple):
 TANK = record_of(Tank)
 COASTING = 1.0 / 3.0
 """Of the horizon: how long motors go on as they were told before."""
+LARGEST_SAMPLE = 2.0**53
+"""Beyond, a double does not count whole numbers."""
+UNNUMBERED = 2
+"""Status of the step: a message has no number."""
 MEMORY = record(
     tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8"
 )
@@ -120,6 +124,9 @@ def _retreats(omega_ref, F, touch):
 @step_function(MEMORY, INPUTS, OUTPUTS)
 def step(m, t, h, u, y):
     tank = m.tank
+    # not >=: that would let NaN pass
+    if not abs(u.sample) < LARGEST_SAMPLE:
+        return UNNUMBERED
     fresh = u.valid != 0.0 and u.sample != m.sample
     m.age = 0.0 if fresh else m.age + h
     if fresh:
@@ -178,3 +185,6 @@ class EnergyTank(NativeComponent):
         first = np.zeros(width(OUTPUTS))
         by_port(OUTPUTS, first)["share"][:] = 1.0
         super().__init__("tank", INPUTS, OUTPUTS, True, step, memory, first, period=period)
+
+    def explain(self, status: int) -> str:
+        return "got an encoder message without a number (NaN, infinite or beyond 2^53)"

@@ -22,17 +22,24 @@ OUTPUTS = (
 )
 READER = record(counts_per_rad="f8", zero="f8", noise="f8", eccentricity="f8", eccentric_at="f8")
 MEMORY = record(motor=(READER, (3,)), joint=(READER, (3,)), random=("u8", (1,)), sample="i8")
+MOST = 2.0**53
+"""Counts. Beyond, a double does not count whole numbers."""
+UNCOUNTED = 2
+"""Status of the step: an angle has no count."""
 
 
 @njit(cache=True)
 def count(angle, reader, random):
-    """Whole counts that an encoder makes of its shaft's `angle` (rad); `random` is the state of the noise."""
+    """Whole counts that an encoder makes of its shaft's `angle` (rad), NaN where it has none; `random` is the state of
+    the noise."""
     read = angle + reader.zero
     if reader.eccentricity != 0.0:
         read += reader.eccentricity * math.sin(angle - reader.eccentric_at)
     if reader.noise > 0.0:
         read += reader.noise * normal(random)
-    return math.floor(read * reader.counts_per_rad + 0.5)
+    counts = read * reader.counts_per_rad + 0.5
+    # not >=: that would let NaN pass; what no integer can hold becomes another one on each kind of processor
+    return float(math.floor(counts)) if abs(counts) < MOST else math.nan
 
 
 @step_function(MEMORY, INPUTS, OUTPUTS)
@@ -44,6 +51,9 @@ def step(m, t, h, u, y):
         y.count_l[i] = count(u.theta_l[i], m.joint[i], m.random)
     m.sample += 1
     y.sample = m.sample
+    for i in range(3):
+        if math.isnan(y.count_m[i]) or math.isnan(y.count_l[i]):
+            return UNCOUNTED
     return 0
 
 
@@ -86,3 +96,6 @@ class Encoder(NativeComponent):
     def __init__(self, motor: Shaft, joint: Shaft, period: int = 1, seed: int = 0):
         memory = memory_of(MEMORY, motor=motor.readers(), joint=joint.readers(), random=seed)
         super().__init__("encoder", INPUTS, OUTPUTS, True, step, memory, period=period)
+
+    def explain(self, status: int) -> str:
+        return "got an angle that it cannot count (NaN, infinite or beyond 2^53 counts)"

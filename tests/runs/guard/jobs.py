@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import Any
 
+from twin.compiled.compiling import compiling
+from twin.drive.announcement import announced
 from twin.runs.guard.reporter import Reporter
 from twin.studies.identify.identification import NotIdentifiable
 
@@ -69,6 +71,25 @@ def surroundings(reporter: Reporter) -> dict[str, Any]:
         "threads": threading.active_count(),
         "variables": {name: value for name, value in os.environ.items() if name != "PYTEST_CURRENT_TEST"},
     }
+
+
+def compile_within_a_call(reporter: Reporter, seconds: float) -> str:
+    """Compiles for so long while a call into a component is announced."""
+    with announced("a.fmu", "it", "fmi3UpdateDiscreteStates"), compiling():
+        time.sleep(seconds)
+    return "done"
+
+
+def spin(reporter: Reporter) -> None:
+    """Computes for ever."""
+    while True:
+        pass
+
+
+def sleep_within_a_call(reporter: Reporter) -> None:
+    """A call that waits for ever."""
+    with announced("a.fmu", "it", "fmi2DoStep"):
+        time.sleep(1000)
 
 
 def crawl(reporter: Reporter, ticks: int) -> None:

@@ -22,9 +22,16 @@ class Slave:
         file: the FMU.
         parameters: set before initialisation, by name.
         inputs: the same during initialisation.
+        stop: the time at which it is to be told that the run ends (s), if any.
     """
 
-    def __init__(self, file: Path, parameters: Mapping[str, Any] | None = None, inputs: dict[str, Any] | None = None):
+    def __init__(
+        self,
+        file: Path,
+        parameters: Mapping[str, Any] | None = None,
+        inputs: dict[str, Any] | None = None,
+        stop: float | None = None,
+    ):
         self.model = read_model_description(str(file))
         self.folder = extract(str(file))
         self.said: list[str] = []
@@ -46,9 +53,9 @@ class Slave:
             self.fmu.instantiate()
         self.set(parameters or {})
         if self.new:
-            self.fmu.enterInitializationMode(startTime=0.0)
+            self.fmu.enterInitializationMode(startTime=0.0, stopTime=stop)
         else:
-            self.fmu.setupExperiment(startTime=0.0)
+            self.fmu.setupExperiment(startTime=0.0, stopTime=stop)
             self.fmu.enterInitializationMode()
         self.set(inputs or {})
 

@@ -187,6 +187,13 @@ def test_the_example_reads_an_exported_file_and_writes_the_speeds(written: Calla
     assert np.array_equal(values[:, 1:4], run["controller.omega_ref"])
     assert np.array_equal(values[:, 4], np.ones(len(values)))
     assert np.allclose(values[:, 0], run.time("encoder"), rtol=0.0, atol=1e-9)
+    for cell in ("nan", "", "1.5", "9" * 30):
+        lost = rows[20].split(",")
+        lost[1] = cell
+        (folder / "lost.csv").write_text("\n".join([*rows[:20], ",".join(lost), *rows[20:]]) + "\n")
+        done = subprocess.run([example, "lost.csv"], cwd=folder, capture_output=True, text=True, check=False)
+        assert (done.returncode, done.stderr) == (1, "a count in the file is no whole number\n")
+        assert done.stdout.splitlines() == [head, *lines[:19]]
     (folder / "other.csv").write_text(rows[0].replace("count_l[1]", "count_x") + "\n")
     done = subprocess.run([example, "other.csv"], cwd=folder, capture_output=True, text=True, check=False)
     assert (done.returncode, done.stderr) == (2, "there is no column encoder.count_l[1]\n")

@@ -78,6 +78,44 @@ def test_values_that_no_experiment_may_have_are_refused(plant: Slave) -> None:
     refused(plant, lambda: plant.set({"plant.k_s_Nm_per_rad": 1.1}), "before the end of initialization")
 
 
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+def test_no_step_leads_beyond_the_stop_time(built: Callable[..., Path], fmi: str) -> None:
+    # as a master may have added it up
+    slave = Slave(built("plant", fmi), stop=0.1 + 0.2).ready()
+    slave.step(0, 299)
+    for ticks in (2, 10**8):
+        with pytest.raises(Exception, match=r"(?i)status 3|fmi\dError|failed"):
+            slave.step(299, ticks)
+    assert fmi == "2.0" or "leads beyond the stop time, 0.3" in slave.said[-1]
+    # what was refused has done nothing
+    slave.step(299)
+    with pytest.raises(Exception, match=r"(?i)status 3|fmi\dError|failed"):
+        slave.step(300)
+    slave.close()
+
+
+def test_a_stop_time_before_the_start_is_refused(built: Callable[..., Path]) -> None:
+    for stop in (-1.0, float("nan")):
+        with pytest.raises(Exception, match=r"(?i)status 3|fmi\dError|failed"):
+            Slave(built("plant", "3.0"), stop=stop)
+
+
+@pytest.mark.parametrize("fmi", ["2.0", "3.0"])
+@pytest.mark.parametrize("angle", [float("nan"), float("inf"), -float("inf"), 1e300, -1e14])
+def test_an_angle_that_has_no_count_is_an_error(built: Callable[..., Path], fmi: str, angle: float) -> None:
+    slave = Slave(built("computer", fmi)).ready()
+    slave.step(0)
+    sound = slave.get("theta_l")
+    slave.set({"theta_l": [sound[0], sound[1], angle]})
+    with pytest.raises(Exception, match=r"(?i)status 3|fmi\dError|failed"):
+        slave.step(1, 2)
+    assert fmi == "2.0" or "encoder: got an angle that it cannot count" in slave.said[-1]
+    # the robot is not told anything that would follow from it
+    with pytest.raises(Exception, match=r"(?i)status 3|fmi\dError|failed"):
+        slave.step(2)
+    slave.close()
+
+
 def test_an_unreachable_start_is_refused_in_words(plant: Slave) -> None:
     plant.set({"start.p_B": [0.0, 0.0, -0.5]})
     refused(plant, plant.ready, "left the workspace")

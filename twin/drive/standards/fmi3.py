@@ -118,8 +118,10 @@ def _leave_event_mode(instance: "Instance") -> None:
     e["set_clock"], e["get_clock"] = instance.address("SetClock"), instance.address("GetClock")
     e["clocks"], e["clock_table"] = len(instance.clocks), instance.clocks.ctypes.data
     e["next"], e["returned"] = instance.planned.ctypes.data, instance.returned.ctypes.data
+    # compiled before the call is announced: the FMU is not to be charged with it
+    settled = settle.native.called
     with instance.calling("UpdateDiscreteStates"):
-        status = settle(instance.events.ctypes.data, 0, -1, 0.0)
+        status = settled(instance.events.ctypes.data, 0, -1, 0.0)
     if status != 0:
         raise InputRefused(told(status, "fmi3", {}, float(e["value"]), instance.clock_name(int(e["culprit"])), ""))
     with instance.calling("EnterStepMode"):

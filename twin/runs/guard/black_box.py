@@ -4,20 +4,23 @@ A file without a name, open in two processes. The writer maps it and pays a stor
 `twin.runs.guard.reporter.PipeReporter`), so the reader is not woken by what it need not know unless the writer dies;
 it asks the operating system for the bytes when it wants to know.
 
-Layout, native byte order: tick int64, component int64; from byte `_CALL_AT` on a call outside the steps, its number and
-length int64 and its text; from byte `INPUTS_AT` on the inputs of all components, float64.
+Layout, native byte order: tick int64, component int64; from byte `_COMPILED_AT` on how long the writer has compiled and
+since when it does so (ns, int64, of the system's clock; 0: it does not); from byte `_CALL_AT` on a call outside the
+steps, its number and length int64 and its text; from byte `INPUTS_AT` on the inputs of all components, float64.
 """
 
 import mmap
 import os
 import struct
 import tempfile
+import time
 from typing import NamedTuple
 
 INPUTS_AT = 1024
+_COMPILED_AT = 32
 _CALL_AT = 64
 """A cache line of its own for the mark."""
-_MARK = _CALL = struct.Struct("=qq")
+_MARK = _COMPILED = _CALL = struct.Struct("=qq")
 _TEXT_AT = _CALL_AT + _CALL.size
 _LONGEST = 255
 """Bytes of each of the three parts of a call's text that are kept; as long as the name of a file may be."""
@@ -58,6 +61,11 @@ class BlackBox:
         tick, component = _MARK.unpack(os.pread(self.fd, _MARK.size, 0))
         return tick, component
 
+    def compiled(self) -> float:
+        """How long the writer has compiled until now (s)."""
+        done, since = _COMPILED.unpack(os.pread(self.fd, _COMPILED.size, _COMPILED_AT))
+        return 1e-9 * (done + (max(time.monotonic_ns() - since, 0) if since else 0))
+
     def call(self) -> Call | None:
         """The call that has been announced last, if it has not returned."""
         content = os.pread(self.fd, INPUTS_AT - _CALL_AT, _CALL_AT)
@@ -78,7 +86,7 @@ class BlackBox:
 
 
 class Announcer:
-    """The writer's end for calls.
+    """The writer's end for calls, and for the time in which there are none because something is compiled.
 
     Args:
         fd: of the nameless file.
@@ -87,6 +95,15 @@ class Announcer:
     def __init__(self, fd: int):
         self._memory = mmap.mmap(fd, INPUTS_AT)
         self._number = 0
+        self._compiled, self._since = 0, 0
+
+    def compiling(self, begins: bool) -> None:
+        """Something is being compiled from now on, or no more. Fits `twin.compiled.compiling.watch_compiling`."""
+        now = time.monotonic_ns()
+        if not begins:
+            self._compiled += now - self._since
+        self._since = now if begins else 0
+        _COMPILED.pack_into(self._memory, _COMPILED_AT, self._compiled, self._since)
 
     def tell(self, file: str, instance: str, function: str) -> None:
         """A call begins; with function "" it has returned. Fits `twin.drive.announcement.listen`."""

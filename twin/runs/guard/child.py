@@ -43,6 +43,7 @@ def main() -> None:
             if reporter is None:
                 job = function_called(name)
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
+                from twin.compiled.compiling import watch_compiling
                 from twin.cosim.simulation import let_watch
                 from twin.drive.announcement import listen
                 from twin.runs.guard.pipe_reporter import PipeReporter
@@ -50,6 +51,7 @@ def main() -> None:
 
                 reporter = PipeReporter(reports, box)
                 listen(reporter.announcer.tell)
+                watch_compiling(reporter.announcer.compiling)
                 let_watch(reporter.stepping)
                 let_speak(reporter)
                 threading.Thread(target=_obey, args=(lines, begun), daemon=True).start()

@@ -17,15 +17,16 @@ import numpy as np
 from twin.compiled.function import c, carray, intrinsic, ir, njit, pointer_to, types
 from twin.errors import InputRefused
 
-_NUMBERS = {"x86_64": (202, 247), "aarch64": (98, 95)}
-"""By processor: numbers of the system calls futex and waitid (asm/unistd_64.h, asm-generic/unistd.h)."""
+_NUMBERS = {"x86_64": (202, 247, 228), "aarch64": (98, 95, 113)}
+"""By processor: numbers of the system calls futex, waitid and clock_gettime (asm/unistd_64.h, asm-generic/unistd.h)."""
 _WAIT, _WAKE = 0, 1
 _P_PID, _WEXITED_WNOHANG_WNOWAIT = 1, 4 | 1 | 0x01000000
 _integers = pointer_to(np.int64)
 
 
 def kernel() -> np.ndarray:
-    """How compiled code reaches the kernel: address of libc's `syscall`, numbers of futex and waitid, (3,) int64.
+    """How compiled code reaches the kernel: address of libc's `syscall`, numbers of futex, waitid and clock_gettime,
+    (4,) int64.
 
     Raises:
         InputRefused: this system has none.
@@ -82,7 +83,7 @@ def tell(kernel, word, asleep, value):
     store(word, value)
     if load(asleep) != 0:
         store(asleep, 0)
-        call = carray(_integers(kernel), 3)
+        call = carray(_integers(kernel), 4)
         _syscall(call[0], call[1], word, _WAKE, 1, 0, 0)
 
 
@@ -98,7 +99,7 @@ def seen(kernel, word, asleep, value, patience):
         return True
     store(asleep, 1)
     if load(word) == present:
-        call = carray(_integers(kernel), 3)
+        call = carray(_integers(kernel), 4)
         _syscall(call[0], call[1], word, _WAIT, present, patience, 0)
     store(asleep, 0)
     return load(word) == value
@@ -111,10 +112,23 @@ def has_ended(kernel, pid, info):
     Args:
         info: address of 128 bytes for a `siginfo_t`, whose first int is the signal if there was news.
     """
-    call = carray(_integers(kernel), 3)
+    call = carray(_integers(kernel), 4)
     carray(_integers(info), 1)[0] = 0
     _syscall(call[0], call[2], _P_PID, pid, info, _WEXITED_WNOHANG_WNOWAIT, 0)
     return carray(_integers(info), 1)[0] != 0
+
+
+@njit(cache=True, nogil=True)
+def time_of(kernel, clock, info):
+    """Of a clock (s); 0 if there is no such clock.
+
+    Args:
+        info: address of 16 bytes for a `struct timespec`.
+    """
+    call, told = carray(_integers(kernel), 4), carray(_integers(info), 2)
+    told[0] = told[1] = 0
+    _syscall(call[0], call[3], clock, info, 0, 0, 0)
+    return told[0] + 1e-9 * told[1]
 
 
 def timespec(seconds: float) -> np.ndarray:

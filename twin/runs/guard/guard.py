@@ -10,7 +10,7 @@ from twin.runs.guard.account import Account
 from twin.runs.guard.ahead import process_for
 from twin.runs.guard.child import STOP
 from twin.runs.guard.failure import error_of
-from twin.runs.guard.limits import PATIENCE, Limits, duration_text
+from twin.runs.guard.limits import PATIENCE, WAITING, Limits, duration_text
 from twin.runs.guard.process import GuardedProcess, resident_memory
 from twin.runs.guard.sentence import failure_sentence, manner
 
@@ -115,7 +115,7 @@ class Watch:
         self.account = Account()
         self.process, self.limits = process, limits
         self._doing: object = None
-        self._since = time.monotonic()
+        self._begin()
         self._stepped: object = None
 
     def raise_if_over(self) -> None:
@@ -127,14 +127,21 @@ class Watch:
         limits, process = self.limits, self.process
         if process.gone:
             raise self._failure(manner(process.end()))
-        doing = (process.box.mark(), process.box.call())
+        # what is compiled meanwhile gives a call its whole time again
+        compiled = process.box.compiled()
+        doing = (process.box.mark(), process.box.call(), compiled)
         if doing != self._doing or not self.account.busy(process.box):
-            self._doing, self._since = doing, time.monotonic()
-        elif time.monotonic() - self._since > limits.step:
-            raise self._failure(
-                f"did not return within {limits.step:g} s",
-                "If it is slow rather than stuck, raise --limit-step; else choose another one.",
-            )
+            self._doing = doing
+            self._begin()
+        elif (passed := time.monotonic() - self._since) > limits.step:
+            used = process.processor_time - self._used
+            # nothing is known of the processor: the difference is no number
+            if not used <= limits.step or passed > WAITING * limits.step:
+                within = limits.step if not used <= limits.step else WAITING * limits.step
+                raise self._failure(
+                    f"did not return within {within:g} s",
+                    "If it is slow rather than stuck, raise --limit-step; else choose another one.",
+                )
         if (seconds := self._expected()) > limits.expected:
             raise self._failure(
                 f"was at work when the whole run was seen to take about {duration_text(seconds)}",
@@ -152,11 +159,15 @@ class Watch:
                 f"was at work when the process reached the limit of {limits.memory / 1e6:g} MB of memory",
                 "`--isolate drive` shows which drive grows; --limit-memory sets the limit.",
             )
-        if process.age > limits.wall:
+        if process.age - compiled > limits.wall:
             raise self._failure(
                 f"was at work when the time limit of {limits.wall:g} s was over",
                 "Simulate less, or raise --limit-wall.",
             )
+
+    def _begin(self) -> None:
+        """What is going on now has just begun."""
+        self._since, self._used = time.monotonic(), self.process.processor_time
 
     def _expected(self) -> float:
         """How long the simulation takes as a whole (s), from what its ticks have taken; 0 if nothing can be said."""

@@ -25,7 +25,7 @@ from twin.runs.guard.futex import kernel
 from twin.runs.guard.guard import POLL, JobEnded, Watch, raise_failure
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.page import CALLER, DIED, NAP, STUCK, Page, ask
-from twin.runs.guard.process import GuardedProcess
+from twin.runs.guard.process import GuardedProcess, cpu_clock
 from twin.runs.guard.reporter import Reporter, own_reporter
 from twin.runs.guard.sentence import manner
 
@@ -148,6 +148,7 @@ class IsolatedDrive(Elsewhere):
         m["page"], m["inputs"], m["outputs"] = page.address, page.inputs, page.outputs
         m["naps"], m["nap"] = round(watch.limits.step / NAP), page.nap.ctypes.data
         m["kernel"], m["pid"], m["info"] = page.kernel.ctypes.data, process.pid, info.ctypes.data
+        m["clock"] = cpu_clock(process.pid)
         super().__init__(
             name=name,
             inputs=inputs,

@@ -8,14 +8,20 @@ LONG = 3600.0
 PATIENCE = 10.0
 """How long (s) what is stepped is watched before anything is said of how long it will take."""
 
+WAITING = 4.0
+"""How many times longer than on a processor a call may take on the clock. One of eight that share two processors gets a
+quarter of one."""
+
 
 @dataclass(frozen=True)
 class Limits:
     """Limits that the supervisor enforces by ending the job.
 
     Attributes:
-        step: longest time of one call into a component (s). What calls nobody, a compilation say, has no such limit.
-        wall: longest time of the whole job (s).
+        step: longest time of one call into a component (s): on the clock, and of that much on a processor, so that a
+            busy machine accuses nobody; a call that waits for something else may take `WAITING` times as long. What
+            calls nobody, a compilation say, has no such limit.
+        wall: longest time of the whole job (s), less that in which it compiles.
         memory: most resident memory (bytes); watched where the system has /proc, so on Linux.
         expected: longest time that all ticks of one simulation may be expected to take (s), from what they have taken.
     """

@@ -13,7 +13,8 @@ from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import entry
 from twin.cosim.native import call_step, doubles_at, step_function
 from twin.runs.guard.black_box import INPUTS_AT
-from twin.runs.guard.futex import has_ended, kernel, seen, tell, timespec
+from twin.runs.guard.futex import has_ended, kernel, seen, tell, time_of, timespec
+from twin.runs.guard.limits import WAITING
 
 ASKED, HOST_ASLEEP, CLOSED = INPUTS_AT, INPUTS_AT + 4, INPUTS_AT + 8
 ANSWERED, CALLER_ASLEEP, STATUS = INPUTS_AT + 64, INPUTS_AT + 68, INPUTS_AT + 72
@@ -27,11 +28,12 @@ IDLE, STOPPED = 1 << 22, 1 << 23
 """What `serve` returns besides statuses: nobody asked for a while, or nobody will any more."""
 
 CALLER = np.dtype(
-    [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "info")],
+    [(name, "i8") for name in ("page", "inputs", "outputs", "number", "naps", "nap", "kernel", "pid", "clock", "info")],
     align=True,
 )
 """Memory of the caller's step: address of the page; counts of inputs and outputs; number of the last question; naps
-until the host is taken for stuck; address of their length; see `futex.kernel` and `futex.has_ended`; the host."""
+until the host is taken for stuck, if it has been on a processor for as long, else `WAITING` times as many; address of
+their length; see `futex.kernel` and `futex.has_ended`; the host, and the clock of its time on a processor."""
 
 _i32 = pointer_to(np.int32)
 
@@ -84,12 +86,17 @@ def ask(m, t, h, u, y):
         there[j] = u_[j]
     m.number = following(m.number)
     tell(m.kernel, page + ASKED, page + HOST_ASLEEP, m.number)
-    naps = 0
+    naps, used = 0, 0.0
     while not seen(m.kernel, page + ANSWERED, page + CALLER_ASLEEP, m.number, m.nap):
         naps += 1
         if has_ended(m.kernel, m.pid, m.info):
             return DIED
-        if naps > m.naps:
+        if naps == 1:
+            used = time_of(m.kernel, m.clock, m.info)
+        # the first nap is not counted
+        if naps > m.naps and (
+            naps > WAITING * m.naps or time_of(m.kernel, m.clock, m.info) - used > NAP * (m.naps - 1)
+        ):
             return STUCK
     for j in range(m.outputs):
         y_[j] = there[m.inputs + j]

@@ -6,6 +6,7 @@ headers and libraries of all of them.
 
 import hashlib
 import importlib.util
+import os
 import platform as machine
 import shutil
 import struct
@@ -16,13 +17,12 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from twin.drive.compiling import PATIENCE, call_compiler, compiler
+from twin.drive.compiling import PATIENCE, ZIG, call_compiler, compiler, zig
 from twin.errors import InputRefused, disk_refusals
 from twin.studies.build.platforms import HERE, Platform
 
 # no contraction to fused multiply-add: the same numbers as here
 FLAGS = ("-std=c11", "-O2", "-ffp-contract=off", "-fPIC", "-fvisibility=hidden", "-w")
-ZIG = "ziglang"
 NAMESPACE = uuid.UUID("0c2f7c0e-6b0e-5d56-9a57-6a0f6f1f3c55")
 C = Path(__file__).parent / "c"
 # Mach-O by the first word of a triple: cputype, cpusubtype (<mach/machine.h>), log2 of the page size
@@ -119,7 +119,7 @@ def universal(slices: Mapping[str, bytes]) -> bytes:
 
 
 def _compiler(platform: Platform, wanted: Path) -> list[str]:
-    tool = compiler(wanted) if platform is HERE else [sys.executable, "-m", ZIG, "cc"]
+    tool = compiler(wanted) if platform is HERE else [*zig(), "cc"]
     if platform is not HERE and importlib.util.find_spec(ZIG) is None:
         raise InputRefused(f"{wanted}: there is no C compiler for {platform.name}; pip install {ZIG}")
     return [*tool, "-target", platform.target] if ZIG in tool else tool
@@ -127,11 +127,11 @@ def _compiler(platform: Platform, wanted: Path) -> list[str]:
 
 def _archiver(tool: Sequence[str], wanted: Path) -> list[str]:
     if ZIG in tool:
-        return [sys.executable, "-m", ZIG, "ar"]
+        return [*zig(), "ar"]
     found = shutil.which("ar")
     if found is None:
         raise InputRefused(f"{wanted}: there is no 'ar' beside the C compiler; install binutils")
-    return [found]
+    return [os.path.abspath(found)]
 
 
 @contextmanager

@@ -47,11 +47,11 @@ void fmi2FreeInstance(fmi2Component c) { free(c); }
 fmi2Status fmi2SetupExperiment(fmi2Component c, fmi2Boolean tolerance_defined, fmi2Real tolerance, fmi2Real start_time,
                                fmi2Boolean stop_time_defined, fmi2Real stop_time)
 {
-    (void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;
+    (void)tolerance_defined, (void)tolerance;
     Instance *it = c;
     if (it->state.mode != INSTANTIATED)
         return STATUS(refuse_in_mode(it, "fmi2SetupExperiment"));
-    return STATUS(instance_start_time(it, start_time));
+    return STATUS(instance_times(it, start_time, stop_time_defined, stop_time));
 }
 
 fmi2Status fmi2EnterInitializationMode(fmi2Component c)
@@ -65,7 +65,7 @@ fmi2Status fmi2Terminate(fmi2Component c) { return STATUS(instance_enter(c, STEP
 
 fmi2Status fmi2Reset(fmi2Component c)
 {
-    part_reset(&((Instance *)c)->state);
+    instance_reset(c);
     return fmi2OK;
 }
 

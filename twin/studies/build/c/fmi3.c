@@ -43,11 +43,11 @@ void fmi3FreeInstance(fmi3Instance instance) { free(instance); }
 fmi3Status fmi3EnterInitializationMode(fmi3Instance instance, fmi3Boolean tolerance_defined, fmi3Float64 tolerance,
                                        fmi3Float64 start_time, fmi3Boolean stop_time_defined, fmi3Float64 stop_time)
 {
-    (void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;
+    (void)tolerance_defined, (void)tolerance;
     Instance *it = instance;
     if (it->state.mode != INSTANTIATED)
         return STATUS(refuse_in_mode(it, "fmi3EnterInitializationMode"));
-    return STATUS(instance_start_time(it, start_time)
+    return STATUS(instance_times(it, start_time, stop_time_defined, stop_time)
                   && instance_enter(it, INSTANTIATED, INITIALIZATION, "fmi3EnterInitializationMode"));
 }
 
@@ -60,7 +60,7 @@ fmi3Status fmi3Terminate(fmi3Instance instance)
 
 fmi3Status fmi3Reset(fmi3Instance instance)
 {
-    part_reset(&((Instance *)instance)->state);
+    instance_reset(instance);
     return fmi3OK;
 }
 

@@ -8,6 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* Of a tick: by how much a time may be off, which a master adds up. */
+#define ROUNDED 0.01
+
 static const char *const MODE_NAMES[] = {"instantiated", "initialization", "stepping", "terminated", "failed"};
 
 static bool refuse(const Instance *instance, const char *format, ...)
@@ -54,8 +57,14 @@ static Instance *instance_born(const Instance *from, const char *guid)
         return NULL;
     }
     memcpy(instance, from, sizeof *instance);
-    part_reset(&instance->state);
+    instance_reset(instance);
     return instance;
+}
+
+static void instance_reset(Instance *instance)
+{
+    part_reset(&instance->state);
+    instance->last = INT64_MAX;
 }
 
 static bool instance_enter(Instance *instance, Mode from, Mode to, const char *function)
@@ -66,12 +75,16 @@ static bool instance_enter(Instance *instance, Mode from, Mode to, const char *f
     return true;
 }
 
-static bool instance_start_time(Instance *instance, double t)
+static bool instance_times(Instance *instance, double start, bool stops, double stop)
 {
-    const double ticks = t / TICK;
+    const double ticks = start / TICK;
     if (!(fabs(ticks) < 1e15 && fabs(ticks - nearbyint(ticks)) < 1e-6))
-        return refuse(instance, "start time %g s: expected a multiple of %g s", t, TICK);
+        return refuse(instance, "start time %g s: expected a multiple of %g s", start, TICK);
+    if (stops && !(stop >= start))
+        return refuse(instance, "stop time %g s: expected at least the start time, %g s", stop, start);
     instance->state.tick = instance->state.first = (int64_t)nearbyint(ticks);
+    /* what a master adds up is rounded */
+    instance->last = stops && stop / TICK < 1e15 ? (int64_t)floor(stop / TICK + ROUNDED) : INT64_MAX;
     return true;
 }
 
@@ -99,8 +112,11 @@ static bool instance_step(Instance *instance, double t, double h)
     const double ticks = h == TICK ? 1.0 : nearbyint(h / TICK);
     if (h != TICK && !(ticks >= 1.0 && ticks < 1e9 && fabs(h / TICK - ticks) < 1e-6))
         return refuse(instance, "DoStep over %.17g s: expected a multiple of the tick, %g s", h, TICK);
-    if (!(fabs(t - part_time(state)) < 0.01 * TICK))
+    if (!(fabs(t - part_time(state)) < ROUNDED * TICK))
         return refuse(instance, "DoStep from %.17g s: the time reached is %.17g s", t, part_time(state));
+    if (state->tick > instance->last - (int64_t)ticks)
+        return refuse(instance, "DoStep from %.17g s over %.17g s: leads beyond the stop time, %g s", t, h,
+                      (double)instance->last * TICK);
     Failure failure;
     return part_advance(state, (int64_t)ticks, &failure) || refuse_failed(instance, &failure);
 }

@@ -8,6 +8,7 @@ typedef struct Instance Instance;
 
 struct Instance {
     State state;
+    int64_t last; /* tick at which the master has said that it stops; no step goes beyond */
     void *environment, *logger;
     void (*log)(const Instance *instance, const char *text);
     char name[128];
@@ -19,7 +20,8 @@ static bool refuse_in_mode(const Instance *instance, const char *function);
 
 static Instance *instance_born(const Instance *from, const char *guid);
 static bool instance_enter(Instance *instance, Mode from, Mode to, const char *function);
-static bool instance_start_time(Instance *instance, double t);
+static bool instance_times(Instance *instance, double start, bool stops, double stop);
+static void instance_reset(Instance *instance);
 static bool instance_initialised(Instance *instance);
 static bool instance_step(Instance *instance, double t, double h);
 

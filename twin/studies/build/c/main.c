@@ -4,11 +4,12 @@
  * robot the loop is the timer's, `next` reads the encoders, and the speeds go to the drives. */
 #include "computer.h"
 
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
 
-enum { LONGEST = 4096, MOST = 64 };
+enum { LONGEST = 4096 };
 
 static const char *const NAMES[] = {
     "encoder.count_m[0]", "encoder.count_m[1]", "encoder.count_m[2]", "encoder.count_l[0]",
@@ -27,29 +28,42 @@ static bool found(char *heading, int columns[N_NAMES])
             if (strcmp(word, NAMES[k]) == 0)
                 columns[k] = column;
     for (int k = 0; k < N_NAMES; k++)
-        if (columns[k] < 0 || columns[k] >= MOST) {
+        if (columns[k] < 0) {
             fprintf(stderr, "there is no column %s\n", NAMES[k]);
             return false;
         }
     return true;
 }
 
-/* The next counts; false at the end of the file. */
-static bool next(FILE *file, const int columns[N_NAMES], computer_counts *counts)
+/* The next counts: 1. 0: the file has ended. -1: a count is no whole number. */
+static int next(FILE *file, const int columns[N_NAMES], computer_counts *counts)
 {
     char row[LONGEST];
     if (!fgets(row, sizeof row, file))
-        return false;
-    long long cells[MOST] = {0};
-    int n = 0;
-    for (char *word = strtok(row, ",\r\n"); word && n < MOST; word = strtok(NULL, ",\r\n"))
-        cells[n++] = strtoll(word, NULL, 10);
-    for (int i = 0; i < 3; i++) {
-        counts->count_m[i] = cells[columns[i]];
-        counts->count_l[i] = cells[columns[3 + i]];
+        return 0;
+    int64_t read[N_NAMES];
+    int n = 0, column = 0;
+    for (const char *cell = row; cell; column++) {
+        const char *end = cell + strcspn(cell, ",\r\n");
+        for (int k = 0; k < N_NAMES; k++)
+            if (columns[k] == column) {
+                char *after;
+                errno = 0;
+                read[k] = strtoll(cell, &after, 10);
+                if (after == cell || after != end || errno)
+                    return -1;
+                n++;
+            }
+        cell = *end == ',' ? end + 1 : NULL;
     }
-    counts->sample = cells[columns[6]];
-    return true;
+    if (n < N_NAMES)
+        return -1;
+    for (int i = 0; i < 3; i++) {
+        counts->count_m[i] = read[i];
+        counts->count_l[i] = read[3 + i];
+    }
+    counts->sample = read[6];
+    return 1;
 }
 
 int main(int n_words, char *words[])
@@ -71,8 +85,9 @@ int main(int n_words, char *words[])
     computer_counts counts;
     computer_output told;
     printf("t_s,omega_ref[0]_rad_per_s,omega_ref[1]_rad_per_s,omega_ref[2]_rad_per_s,power\n");
-    for (long k = 0; !wrong && next(file, columns, &counts); k++) {
-        wrong = computer_step(&it, &counts, &told);
+    int more;
+    for (long k = 0; !wrong && (more = next(file, columns, &counts)); k++) {
+        wrong = more < 0 ? "a count in the file is no whole number" : computer_step(&it, &counts, &told);
         if (!wrong)
             printf("%.17g,%.17g,%.17g,%.17g,%d\n", (double)k * COMPUTER_STEP_S, told.omega_ref[0], told.omega_ref[1],
                    told.omega_ref[2], told.power);

@@ -1,0 +1,56 @@
+"""When this process compiles, for those who measure its time: no component is to be charged with that."""
+
+import contextlib
+from collections.abc import Callable, Iterator
+from functools import cache
+
+Witness = Callable[[bool], None]
+_witnesses: list[Witness] = []
+_under_way: list[None] = []
+"""One for each of what is being compiled, as a function may compile another one."""
+
+
+def watch_compiling(witness: Witness) -> None:
+    """From now on tell `witness` True when this process begins to compile, and False when it has done so."""
+    _witnesses.append(witness)
+
+
+@contextlib.contextmanager
+def compiling() -> Iterator[None]:
+    """Around what compiles, or waits for another process that compiles the same."""
+    begin()
+    try:
+        yield
+    finally:
+        end()
+
+
+def begin() -> None:
+    """Something is being compiled, until `end`."""
+    _under_way.append(None)
+    if len(_under_way) == 1:
+        for witness in _witnesses:
+            witness(True)
+
+
+def end() -> None:
+    """One of what is being compiled is done."""
+    _under_way.pop()
+    if not _under_way:
+        for witness in _witnesses:
+            witness(False)
+
+
+@cache
+def hear_numba() -> None:
+    """From now on what numba compiles by itself, when a function is called for the first time, is told too."""
+    from numba.core import event
+
+    class Ear(event.Listener):  # type: ignore[misc]
+        def on_start(self, event: object) -> None:
+            begin()
+
+        def on_end(self, event: object) -> None:
+            end()
+
+    event.register("numba:compile", Ear())
