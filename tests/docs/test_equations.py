@@ -55,7 +55,7 @@ def test_every_command_of_every_equation_is_understood(root: Path):
 
 
 def uncomputed(page: list[Block]) -> list[str]:
-    """Equations that the Python after them, before the next section's equations, does not compute; untagged ones too."""
+    """Equations that the Python before the next equations does not compute, and those without a number."""
     missing, waiting = [], []
     for block, after in pairwise([*page, None]):
         assert block is not None
