@@ -75,6 +75,7 @@ def with_force(
     faster: float = 3.0,
     z: float = 0.0001,
     bias: float = 0.1,
+    touch: float = 0.0,
     peak: float = 0.0,
     true: float = -0.1,
     final: float = 4.9,
@@ -89,7 +90,7 @@ def with_force(
         apart: of the reference before the trigger. jump, after, left: of the reference at the trigger, how late it
             does (s), and what is left of it at the end. faster: factor of the platform's speed at the trigger.
         z: error while sweeping. bias: of the estimate.
-        peak, true, final: true force at one instant, while sweeping less 5 N, and at the end.
+        touch: no true force before it (s). peak, true, final: true force at one instant, while sweeping less 5 N, and at the end.
     """
     held = np.interp(T, [12.0, 13.0, 14.8, 15.8], [1.0, 0.7, 0.7, 1.0])
     when, size = fluctuation
@@ -102,6 +103,7 @@ def with_force(
     height = np.where(ON, -0.105 + z, np.interp(T, [0.72, trigger - 0.2], [-0.085, -0.1011]) + height + 0.1011)
     true_F_z = np.where(ON, 5.0 + true, np.where(FINAL[0] <= T, final, F_z - 0.1))
     true_F_z[1000] = 5.0 + peak
+    true_F_z[touch > T] = 0.0
     return written(F_z, height, -shift, F_z - bias, true_F_z, friction, trigger, flaws)
 
 

@@ -67,6 +67,7 @@ NEAR: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
     # the force is half of the fluctuation too low before it; what it does is looked at from 13.2 s on
     ("fluctuation_survived", "high", {"fp": {"noise": -0.23 * (np.abs(T - 13.19) < 0.005)}},
      {"fp": {"noise": -0.23 * (np.abs(T - 13.21) < 0.005)}}),
+    ("early_trigger", "high", {"fp": {"touch": 5.6}}, {"fp": {"touch": 5.61}}),
     ("true_force", "high", {"fp": {"true": -0.24}}, {"fp": {"true": -0.26}}),
     ("true_overshoot", "high", {"fp": {"peak": 0.24}}, {"fp": {"peak": 0.26}}),
     ("true_final", "low", {"fp": {"final": 4.76}}, {"fp": {"final": 4.74}}),
@@ -158,7 +159,7 @@ def test_a_way_or_a_reading_that_ends_below_its_beginning_is_in_proportion_to_no
 
 
 DIGITS = {"%": 1, "mm": 2, "N": 2, "s": 2, "": 2}
-FINER = {"trigger_time", "trigger_force", "fluctuation_small", "true_force", "true_z"}
+FINER = {"early_trigger", "trigger_time", "trigger_force", "fluctuation_small", "true_force", "true_z"}
 
 
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():

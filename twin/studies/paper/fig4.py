@@ -172,6 +172,11 @@ CLAIMS = (
 
 QUALITY = (
     Claim(
+        "early_trigger", "force loop triggered before the first touch by", "truth",
+        "ours: a trigger in the air is a false one, whatever the estimate read",
+        measure.early_trigger, high=0.0, unit="s", digits=3, source="ours: not at all",
+    ),
+    Claim(
         "true_force", "rms of 5 N - F_z while sweeping", "truth", "ours: judged on the true contact force",
         while_sweeping(measure.true_force_error), high=0.25, unit="N", digits=3, source=SHARE,
     ),

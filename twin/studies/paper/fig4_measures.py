@@ -128,6 +128,13 @@ def reference_left(runs: Fig4Runs) -> float:
     return mean_error(run.z_cmd[run.at(*FINAL)], run.z_ref[run.at(*FINAL)])
 
 
+def early_trigger(runs: Fig4Runs) -> float:
+    """How long the force loop was on before the platform truly pressed (s); nan if either never happened."""
+    run = runs.force_position
+    lead = first_time(run.t_plant, run.true_F_z > 0.0) - run.trigger_time
+    return max(0.0, lead) if math.isfinite(lead) else math.nan
+
+
 # position and force while sweeping
 
 
