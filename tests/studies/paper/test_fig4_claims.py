@@ -81,15 +81,15 @@ ALSO = {
 """What cannot be apart: a force too large at the end is too large at all; a height with another trend is off."""
 # key, flaws with which it is reproduced after all, is not, and is worse than is known; what fails besides then
 KNOWN: list[tuple[str, dict[str, Any], dict[str, Any], dict[str, Any], set[str]]] = [
-    # without a lag that is too long z would have to be off in place
     ("z_tracks_position", {"p": {"lag": 0.12}}, {"p": {"lag": 0.14}},
-     {"p": {"lag": 0.62, "above": 0.4e-3}, "fp": {"above": 2.3e-3}}, {"z_lag"}),
+     {"p": {"lag": 0.62, "above": 0.4e-3}, "fp": {"above": 2.3e-3}}, set()),
+    # a height that lags longer than is known is off by more as well
     ("z_lag", {"p": {"lag": 0.49}, "fp": {"above": 1.9e-3}}, {"p": {"lag": 0.51}, "fp": {"above": 1.9e-3}},
-     {"p": {"lag": 0.68}, "fp": {"above": 1.9e-3}}, set()),
-    ("z_place", {"p": {"z": 0.49e-3}}, {"p": {"z": 0.51e-3}}, {"p": {"z": 1.11e-3}}, {"z_same"}),
+     {"p": {"lag": 0.76}, "fp": {"above": 2.3e-3}}, {"z_tracks_position"}),
+    ("z_place", {"p": {"z": 0.49e-3}}, {"p": {"z": 0.51e-3}}, {"p": {"z": 1.11e-3}}, set()),
     ("z_tracks", {"fp": {"above": 0.48e-3}}, {"fp": {"above": 0.51e-3}},
      {"fp": {"above": 2.7e-3}, "p": {"lag": 0.5}}, set()),
-    ("z_same", {"fp": {"z": -0.09e-3}}, {"fp": {"z": -0.11e-3}}, {"fp": {"z": -0.61e-3}}, set()),
+    ("z_same", {"fp": {"z": -0.09e-3}}, {"fp": {"z": -0.11e-3}}, {"fp": {"z": -0.71e-3}}, set()),
 ]  # fmt: skip
 
 

@@ -87,10 +87,12 @@ def _range(findings: Sequence[ClaimFinding]) -> str:
 
 
 def _lines(findings: Iterable[ClaimFinding]) -> list[str]:
-    lines = []
+    lines: list[str] = []
+    said: set[str] = set()
     for f in findings:
         lines.append(f"  {MARKS[f.verdict]:4} {f.claim.text:47} {f.measured:>10}  {f.expected:>12}".rstrip())
-        lines += [f"       {f.reason}"] if f.reason else []
+        lines += [f"       {'for the same reason' if f.reason in said else f.reason}"] if f.reason else []
+        said.add(f.reason)
     return lines
 
 
