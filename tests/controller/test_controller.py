@@ -60,12 +60,17 @@ def test_position_integral_stops_while_a_speed_is_limited():
     np.testing.assert_array_equal(law.named(estimates(0.0), 2.0, T_s)["omega_ref"], 0.0)
 
 
-@pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_law_acts_in_the_very_tick_in_which_the_force_triggers_it(sign):
-    found = pressed(law_of(), sign * np.array([0.0, 0.59, 0.61, 0.0]))
+def test_a_pull_triggers_nothing_however_hard():
+    # the paper: 'not triggered since the pressing force is smaller than the set triggered threshold of 0.6N'
+    found = pressed(law_of(), [0.0, -0.59, -0.61, -50.0, 0.59])
+    assert not found["triggered"].any() and not found["dp_z"].any()
+
+
+def test_law_acts_in_the_very_tick_in_which_the_force_triggers_it():
+    found = pressed(law_of(), [0.0, 0.59, 0.61, 0.0])
     np.testing.assert_array_equal(found["triggered"], [0, 0, 1, 1])
     np.testing.assert_array_equal(found["dp_z"][:2], 0.0)
-    e = LAW.F_z_ref - sign * 0.61
+    e = LAW.F_z_ref - 0.61
     # the integral includes the newest sample; rounding
     expected = -(FORCE_GAINS.kp * e + FORCE_GAINS.ki * e * T_s)
     assert found["dp_z"][2] == pytest.approx(expected, rel=1e-12)

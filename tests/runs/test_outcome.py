@@ -76,3 +76,41 @@ def test_without_a_force_loop_there_is_no_force_error(position: Recording):
     tally = Tally(System())  # type: ignore[arg-type]
     tally.take(0, rows_of(position), [])
     assert tally.outcome.force_error is None
+
+
+def tallied(F_z: np.ndarray, on: np.ndarray, size: int = 3):
+    """The outcome of a run with this true pressing force (N) and these ticks with the force loop on, 5 N asked for."""
+    rows = np.zeros((len(F_z), 11))
+    rows[:, 2], rows[:, 9], rows[:, 10] = -F_z, on, 5.0
+    tally = Tally(System())  # type: ignore[arg-type]
+    for start in range(0, len(rows), size):
+        tally.take(start, rows[start : start + size], [])
+    return tally.outcome
+
+
+TOUCH = 1500
+TICKS = np.arange(3000)
+PRESSED = np.where(TICKS >= TOUCH, 4.0, 0.0)
+
+
+@pytest.mark.parametrize("size", [3, 5000])
+def test_a_force_error_is_counted_from_the_first_touch_on(size: int):
+    # 1.4 s of air would make it 3.2 N
+    assert tallied(PRESSED, TICKS >= 100, size).force_error == pytest.approx(1.0, rel=1e-12)
+    # a contact that is lost again is an error of the force
+    lost = np.where(TICKS >= 2000, 0.0, PRESSED)
+    expected = np.sqrt((500 * 1.0 + 1000 * 25.0) / 1500)
+    assert tallied(lost, TICKS >= 100, size).force_error == pytest.approx(expected, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("trigger", "early"), [(100, 1.4), (TOUCH - 1, 0.001), (TOUCH, 0.0), (2000, 0.0), (len(TICKS), None)]
+)
+def test_how_long_the_force_loop_was_on_before_the_first_touch(trigger: int, early: float | None):
+    found = tallied(PRESSED, TICKS >= trigger).early_trigger
+    assert found == (None if early is None else pytest.approx(early, abs=1e-12))
+
+
+def test_a_force_loop_that_is_on_and_never_touches_was_early_all_the_time_and_has_no_force_error():
+    found = tallied(np.zeros(3000), TICKS >= 1000)
+    assert found.early_trigger == pytest.approx(2.0, abs=1e-12) and found.force_error is None

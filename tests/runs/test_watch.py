@@ -162,3 +162,35 @@ def test_broken_and_healthy_counts_are_recorded_beside_each_other(tmp_path: Path
     # 0.5 deg of 16384 counts per turn, to the nearest count
     np.testing.assert_array_equal(off[active], np.tile([23.0, 0.0, 0.0], (active.sum(), 1)))
     assert not off[~active].any()
+
+
+STIFF = "plant.k_s_Nm_per_rad=3"
+"""A spring three times as stiff as believed: the weight it carries reads as a press of 1.4 N in the air."""
+
+
+def test_a_force_loop_that_is_on_before_the_first_touch_is_warned_of_then_and_at_the_touch(tmp_path: Path):
+    _, recording = ran(tmp_path, "fig4_force_position", STIFF, "duration_s=4")
+    t, F_z = recording.time("plant"), -recording["plant.F_ee_B"][:, 2]
+    touch = float(t[np.argmax(F_z > 0.0)])
+    trigger = float(recording.time("controller")[np.argmax(recording["controller.triggered"])])
+    assert trigger < touch - 2.0
+    lead = f"first touch: the force loop was triggered {touch - trigger:.3f} s before it"
+    early = (trigger, "the force loop is on before the first touch")
+    assert told(recording, "warning") == [early, (pytest.approx(touch, abs=1e-9), lead)]
+
+
+def test_a_force_loop_that_never_touches_is_warned_of_once_and_one_triggered_in_contact_never(tmp_path: Path):
+    for name, overrides, expected in (("never", (STIFF, "duration_s=1"), 1), ("contact", ("duration_s=6",), 0)):
+        (tmp_path / name).mkdir()
+        _, recording = ran(tmp_path / name, "fig4_force_position", *overrides)
+        assert recording["controller.triggered"][-1]
+        assert len(told(recording, "warning")) == expected
+
+
+def test_where_belief_and_plant_share_a_stiff_spring_a_pull_in_the_air_triggers_nothing(tmp_path: Path):
+    # its estimate is three times as coarse: -0.6 N in the air, which a trigger by size took for a press at 0.5 s
+    _, recording = ran(tmp_path, "fig4_force_position", STIFF, "controller.model.k_s_Nm_per_rad=3", "duration_s=7")
+    F_z = recording["controller.F_z"]
+    trigger = int(np.argmax(recording["controller.triggered"]))
+    assert F_z[:trigger].min() < -0.6 and F_z[trigger] > 0.6
+    assert told(recording, "warning") == []

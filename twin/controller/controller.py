@@ -43,7 +43,8 @@ class Law(NamedTuple):
         N: belt ratio, as the controller believes it.
         omega_max: limit of each commanded motor speed (rad/s).
         F_z_ref: reference of the force loop (N).
-        trigger_force: the force loop starts at |F_z| above this (N); infinity: never.
+        trigger_force: the force loop starts at a pressing force F_z above this (N), as in the caption of Fig. 4; a pull
+            starts nothing. Infinity: never.
         trigger_time: it starts at this time (s) whatever the force; infinity: never.
         dp_z_max: limit of the force loop's correction (m).
         corner: low-pass on the force (Hz).
@@ -153,7 +154,7 @@ def control(m, t, h, u, y, shift):
     p_ref_B = y.p_ref_B
     p_ref_B[0], p_ref_B[1], p_ref_B[2], m.segment = reference_position(times, points, m.segment, t)
     m.F_z += kept_share(m.low, m.law.corner, h) * (-u.F_ee_B[2] - m.F_z)
-    if abs(m.F_z) > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
+    if m.F_z > m.law.trigger_force or t >= m.law.trigger_time - 0.5 * h:
         m.triggered = 1
     y.dp_z = force_correction(m.law, m.force, m.law.F_z_ref - m.F_z, h) if m.triggered else 0.0
     y.p_cmd_B[0], y.p_cmd_B[1], y.p_cmd_B[2] = p_ref_B[0], p_ref_B[1], p_ref_B[2] + y.dp_z + shift

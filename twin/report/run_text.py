@@ -50,7 +50,7 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
         if "end_x" in outcome:
             yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
         if outcome["force_error"] is not None:
-            yield _row("", f"{outcome['force_error']:.2f} N rms off the reference while the force loop is on")
+            yield _row("", f"{outcome['force_error']:.2f} N rms off the reference after the first touch, force loop on")
     else:
         yield _row("force", "none: it never touched")
     if outcome["lateral_error"] is None:

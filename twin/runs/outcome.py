@@ -26,9 +26,12 @@ class RunOutcome:
         peak, peak_time: largest pressing force (N) and when (s).
         end: mean pressing force of the last second (N).
         end_x, end_y: mean force along x and y, by the robot on what it touches, of the last second (N).
-        force_error: rms of the pressing force off its reference while the force loop is on (N); None: it never was.
+        force_error: rms of the pressing force off its reference while the force loop is on, from the first touch on
+            (N): a robot that moves through air is held to no force. None: the loop never was on, or nothing touched.
         lateral_error, z_error: rms of the position off the pre-defined reference, in x and y together, and in z (m);
             None: the controller, one of another make, tells of no reference.
+        early_trigger: how long the force loop was on before the first touch (s), until the end if there was none; 0: it
+            came on in contact; None: never.
     """
 
     peak: float
@@ -39,6 +42,7 @@ class RunOutcome:
     force_error: float | None
     lateral_error: float | None
     z_error: float | None
+    early_trigger: float | None
 
 
 class Tally(Observer):
@@ -66,6 +70,7 @@ class Tally(Observer):
         self._squares = np.zeros(3)
         self._force_squares = 0.0
         self._peak, self._peak_tick = -math.inf, 0
+        self._touch_tick = self._trigger_tick = -1
         self._last = np.empty((0, 3))
 
     def take(self, first: int, rows: np.ndarray, events: list[TickEvent]) -> None:
@@ -84,7 +89,11 @@ class Tally(Observer):
 
     def _add(self, rows: np.ndarray, columns: np.ndarray) -> None:
         block = self._deviation
-        block.look(rows, columns[LOOKED_AT])
+        block.look(rows, columns[LOOKED_AT], self._touch_tick >= 0)
+        if self._touch_tick < 0 <= block.touch:
+            self._touch_tick = self._count + block.touch
+        if self._trigger_tick < 0 <= block.trigger:
+            self._trigger_tick = self._count + block.trigger
         if block.peak > self._peak:
             self._peak, self._peak_tick = block.peak, self._count + block.place
         self._controlled += len(block.off)
@@ -112,4 +121,11 @@ class Tally(Observer):
             force_error=math.sqrt(total._force_squares / controlled) if controlled else None,
             lateral_error=None if math.isnan(x + y) else math.sqrt(x + y),
             z_error=None if math.isnan(z) else math.sqrt(z),
+            early_trigger=total._early_trigger(),
         )
+
+    def _early_trigger(self) -> float | None:
+        if self._trigger_tick < 0:
+            return None
+        touch = self._touch_tick if self._touch_tick >= 0 else self._count
+        return max(0, touch - self._trigger_tick) * self._tick

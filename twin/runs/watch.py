@@ -39,6 +39,13 @@ class Watch(Observer):
         known = all(assembly.system.has(name) for name in told)
         self._watched = [assembly.system.columns(name).start for name in told] if known else []
         self._before = np.zeros(len(told) - 1)
+        of_touch = ("plant.F_ee_B", "controller.triggered")
+        self._of_touch = (
+            [assembly.system.columns(of_touch[0]).start + 2, assembly.system.columns(of_touch[1]).start]
+            if all(assembly.system.has(name) for name in of_touch)
+            else []
+        )
+        self._touched, self._early = False, -1
         self._monitor = next((c for c in assembly.system.components if isinstance(c, SafetyMonitor)), None)
         self._tripped, self._power = False, True
 
@@ -47,6 +54,7 @@ class Watch(Observer):
             events += [
                 *self._faults(first, len(rows)),
                 *self._progress(first, rows),
+                *self._false_trigger(first, rows),
                 *self._trips(first, rows),
                 *messages(self._system),
             ]
@@ -65,6 +73,23 @@ class Watch(Observer):
                 yield from self._phase(tick, before, after, F_z)
             elif after[0] > before[0]:
                 yield TickEvent(tick, "INFO", f"force control triggered at F_z = {F_z:.3f} N", "controller")
+
+    def _false_trigger(self, first: int, rows: np.ndarray) -> Iterator[TickEvent]:
+        """A force loop that is on before the robot truly touches: it controls the force of air."""
+        if self._touched or not self._of_touch:
+            return
+        F_ee_z, on = rows[:, self._of_touch].T
+        touching = np.flatnonzero(F_ee_z < 0.0)
+        touch = int(touching[0]) if len(touching) else len(rows)
+        triggered = np.flatnonzero(on[:touch])
+        if self._early < 0 and len(triggered):
+            self._early = first + int(triggered[0])
+            yield TickEvent(self._early, "WARNING", "the force loop is on before the first touch", "controller")
+        self._touched = len(touching) > 0
+        if self._touched and self._early >= 0:
+            lead = (first + touch - self._early) * self._system.tick
+            text = f"first touch: the force loop was triggered {lead:.3f} s before it"
+            yield TickEvent(first + touch, "WARNING", text, "controller")
 
     def _phase(self, tick: int, before: np.ndarray, after: np.ndarray, F_z: float) -> Iterator[TickEvent]:
         number, phase = int(after[0]), PhaseKind(int(after[1]))

@@ -102,7 +102,7 @@ static void follow_way(Variables *v, double t, double h)
 {
     const double lead[3] = {0.0, 0.0, 0.0};
     v->F_z += low_pass_share(v->corner, h) * (-v->F_ee_B_3 - v->F_z);
-    if (fabs(v->F_z) > v->trigger_force || t >= v->trigger_time - 0.5 * h)
+    if (v->F_z > v->trigger_force || t >= v->trigger_time - 0.5 * h)
         v->triggered = 1.0;
     v->dp_z = v->triggered != 0.0 ? force_correction(v, v->F_ref - v->F_z, h) : 0.0;
     set_point(v, FIRST(way), v->dp_z);

@@ -6,11 +6,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.studies.metrics.response import Curve
-from twin.studies.paper.fig4_runs import BEFORE, FINAL, SWEEP, Fig4Run, Fig4Runs
+from twin.studies.paper.fig4_runs import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
 
 T = np.round(0.01 * np.arange(2001), 9)
 ON = (T >= SWEEP[0]) & (T <= SWEEP[1])
 AFTER = T > SWEEP[1]
+HELD = T >= PARTS[2][0]
+Z_REF = np.interp(T, PARTS[0], [-0.085, -0.105])
 
 
 class WrittenSeries:
@@ -38,7 +40,7 @@ def written(
     flaws: dict[str, Any],
 ) -> Fig4Run:
     """One run. `friction`: F_x, F_y while sweeping (N). trigger: when (s)."""
-    z_ref, y = np.interp(T, [0.72, 5.82], [-0.085, -0.105]), np.interp(T, [8.7, 18.7], [0.020, -0.020])
+    z_ref, y = Z_REF, np.interp(T, PARTS[2], [0.020, -0.020])
     y = y + flaws.get("y", 0.0) + flaws.get("y_before", 0.0) * (T <= BEFORE[1]) + flaws.get("y_after", 0.0) * AFTER
     # a wave of 1 s has no mean over 1 s; over 2 s it is fastest where it crosses zero: 1 s there goes 2 amplitudes
     y = y + flaws.get("wave", 0.0) * np.sin(np.pi * (T - SWEEP[0])) * ON
@@ -73,8 +75,10 @@ def with_force(
     left: float = 0.0003,
     after: float = 0.0,
     faster: float = 3.0,
+    above: float = 0.0003,
     z: float = 0.0001,
     bias: float = 0.1,
+    touch: float = 0.0,
     peak: float = 0.0,
     true: float = -0.1,
     final: float = 4.9,
@@ -88,8 +92,9 @@ def with_force(
             is and how much the force goes up in it. noise: added while sweeping.
         apart: of the reference before the trigger. jump, after, left: of the reference at the trigger, how late it
             does (s), and what is left of it at the end. faster: factor of the platform's speed at the trigger.
-        z: error while sweeping. bias: of the estimate.
-        peak, true, final: true force at one instant, while sweeping less 5 N, and at the end.
+        above, z: error of the height until the trigger, and from the sweep on. bias: of the estimate.
+        touch: no true force before it (s). peak, true, final: true force at one instant, while sweeping less 5 N, and
+            at the end.
     """
     held = np.interp(T, [12.0, 13.0, 14.8, 15.8], [1.0, 0.7, 0.7, 1.0])
     when, size = fluctuation
@@ -97,17 +102,24 @@ def with_force(
     F_z = F_z + ON * (force * held / np.mean(held[ON]) + size * np.where(when > T, -0.5, 0.5) + noise)
     jumped = np.where(trigger + after > T, 0.0, jump * np.exp(-(T - trigger - after) / 0.3))
     shift = np.where(trigger > T, -apart, jumped + left)
-    way = [0.0, 0.0004, 0.0004 * (1.0 + faster), 0.0039]
-    height = -0.1011 - np.interp(T, [trigger - 0.2, trigger, trigger + 0.2, trigger + 0.9], way)
-    height = np.where(ON, -0.105 + z, np.interp(T, [0.72, trigger - 0.2], [-0.085, -0.1011]) + height + 0.1011)
+    before = max(trigger - 0.2, 0.0)
+    last = float(np.interp(before, T, Z_REF)) + above
+    way = [last, last - 0.0004, last - 0.0004 * (1.0 + faster), -0.105]
+    height = np.interp(T, [before, before + 0.2, before + 0.4, before + 1.1], way)
+    height = np.where(HELD, -0.105 + z, np.where(before > T, Z_REF + above, height))
     true_F_z = np.where(ON, 5.0 + true, np.where(FINAL[0] <= T, final, F_z - 0.1))
     true_F_z[1000] = 5.0 + peak
+    true_F_z[touch > T] = 0.0
     return written(F_z, height, -shift, F_z - bias, true_F_z, friction, trigger, flaws)
 
 
 def without_force(
     late: float = 1.2,
     force: float = 4.2,
+    sag: float = 0.0,
+    lag: float = 0.1,
+    above: float = 0.0,
+    swing: float = 0.0,
     z: float = 0.0004,
     bend: float = 0.0,
     wobble: float = 0.0,
@@ -118,17 +130,22 @@ def without_force(
     """Under position control alone; forces in N, lengths in m.
 
     Args:
-        late: how much later it reaches 4 N (s). force, z: force and error of the height while sweeping.
+        late: how much later it reaches 4 N (s). force: while sweeping. sag: how far it falls back before.
+        lag, above, swing, z: of the height behind the pre-defined one on the way down (s), how far above it, with which
+            amplitude it swings about it in the air, and its error from the arrival on.
         bend: how far the scale is off proportion at half of its way, as a share. wobble, z_wobble: range of the
             scale's reading and of the height while sweeping.
     """
     at_4_N = 6.0 + late
-    F_z = np.where(ON, force, np.interp(T, [5.5, at_4_N, at_4_N + 0.2], [0.0, 4.0, 4.2]))
+    F_z = np.where(
+        ON, force, np.interp(T, [5.5, at_4_N, at_4_N + 0.2], [0.0, 4.0, 4.2]) - np.interp(T, [7.6, 8.6], [0.0, sag])
+    )
     wave = 0.5 * np.sin(2.0 * np.pi * T)
-    height = np.interp(T, [0.72, 5.4, 8.0], [-0.085, -0.101, -0.1046])
+    height = np.maximum(np.interp(T - lag, T, Z_REF) + above, -0.105 + z)
+    height = height + swing * np.sin(2.0 * np.pi * T) * (T < 3.0)
     share = np.clip((-0.101 - height) / 0.0036, 0.0, 1.0)
     scale = 4.4 * (share + 4.0 * bend * share * (1.0 - share)) + ON * wobble * wave
-    height = np.where(ON, -0.105 + z + z_wobble * wave, height)
+    height = height + ON * z_wobble * wave
     return written(F_z, height, np.zeros_like(T), scale, F_z, friction, np.inf, flaws)
 
 

@@ -1,5 +1,7 @@
 """Fig. 4 on the shipped experiments, and sabotaged runs that have to fail."""
 
+import itertools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +17,14 @@ from twin.recording.recording import Recording
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
+from twin.runs.trace import run_in_memory
 from twin.studies.metrics.response import first_time, settling_time
 from twin.studies.metrics.tracking import rms
 from twin.studies.paper.claim import judged
 from twin.studies.paper.fig4 import CLAIMS
-from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Runs, fig4_runs
-from twin.studies.paper.score import Score, fig4_score
+from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, fig4_runs
+from twin.studies.paper.score import Score, fig4_score, tally
+from twin.studies.paper.text import fig4_text
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 WITHOUT_SWEEP = "reference.p_mm=[[0,20,-85],[0,20,-85],[0,20,-105],[0,20,-105],[0,20,-105],[0,20,-105]]"
@@ -45,16 +49,20 @@ def sabotaged(root: Path, folder: Path, *overrides: str, printed: bool = False, 
     return fig4_score(fig4_runs(*recordings))
 
 
-def test_every_claim_holds_on_the_shipped_experiments(runs: Fig4Runs):
+NOT_REPRODUCED = ["z_tracks_position", "z_lag", "z_place", "z_tracks", "z_same", "backlash_offset"]
+
+
+def test_on_the_shipped_experiments_every_claim_holds_but_those_that_are_listed(runs: Fig4Runs):
     score = fig4_score(runs)
-    assert score.failed == []
-    assert [f.claim.key for f in score.claims if f.verdict != "holds"] == ["backlash_offset"]
+    assert score.failed == score.reproduced_after_all == []
+    assert score.not_reproduced == NOT_REPRODUCED
+    assert {f.verdict for f in score.claims if f.claim.key not in NOT_REPRODUCED} == {"holds"}
 
 
 def test_without_the_sweep_every_claim_of_it_fails_and_none_says_nothing(root: Path, tmp_path: Path):
     score = sabotaged(root, tmp_path, WITHOUT_SWEEP, count=4)
     assert set(score.failed) == WHILE_SWEEPING
-    assert [f.claim.key for f in score.claims if f.verdict not in ("holds", "fails")] == ["backlash_offset"]
+    assert [f.claim.key for f in score.claims if f.verdict not in ("holds", "fails")] == NOT_REPRODUCED
 
 
 def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):
@@ -76,6 +84,8 @@ def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):
         ("plant.motor_noise_deg=0.2", {"fluctuation", "fluctuation_small"}),
         ("controller.gravity_compensation=false", {"trigger_time"}),
         ("controller.mode=position", {"trigger_time", "reference_jumps"}),
+        ("plant.k_s_Nm_per_rad=3", {"early_trigger", "trigger_time", "true_final"}),
+        ("controller.position.kp_per_s=1", {"z_tracks", "z_tracks_position", "z_lag", "z_place"}),
     ],
 )
 def test_a_sabotaged_run_fails_the_claims_it_should(root: Path, tmp_path: Path, override: str, expected: set[str]):
@@ -97,13 +107,12 @@ def test_without_gravity_compensation_neither_reading_of_the_trigger_gives_the_p
         signed = first_time(run.t, run.F_z > 0.6)
         return run.trigger_time, signed, float(run.true_F_z[run.truly_at(*FINAL)].mean())
 
-    by_size, _, pressed = final()
-    assert (by_size, pressed) == (pytest.approx(0.004, abs=1e-9), pytest.approx(7.15, abs=0.01))
-    # the law as a signed one: position control until the signed force gets there
-    _, signed, _ = final("controller.mode=position")
-    assert signed == pytest.approx(6.27, abs=0.005)
-    _, _, pressed = final(f"controller.force.trigger_time_s={signed}", "controller.force.trigger_N=1000")
+    triggered, signed, pressed = final()
+    assert triggered == signed == pytest.approx(6.27, abs=0.005)
     assert pressed == pytest.approx(6.98, abs=0.01)
+    # by size the robot's own weight, a pull of 2.3 N, would start the loop in the second call
+    _, _, pressed = final("controller.force.trigger_time_s=0.004", "controller.force.trigger_N=1000")
+    assert pressed == pytest.approx(7.15, abs=0.01)
 
 
 def test_with_gravity_compensation_both_readings_of_the_trigger_are_one(runs: Fig4Runs):
@@ -114,6 +123,78 @@ def test_with_gravity_compensation_both_readings_of_the_trigger_are_one(runs: Fi
 
 def test_equation_23_as_printed_fails(root: Path, tmp_path: Path):
     assert {"reference_returns", "true_force"} <= set(sabotaged(root, tmp_path, printed=True).failed)
+
+
+SIGNS = list(itertools.product((0.05, -0.05), repeat=6))
+
+
+def test_over_all_signs_of_the_encoders_zeros_the_force_in_x_is_small_and_mostly_smaller_without_force_control(
+    root: Path,
+):
+    """The shipped signs are chosen; docs/fig4.md counts over all of them."""
+    measured = []
+    for zeros in SIGNS:
+        settings = (f"plant.joint_zero_deg={list(zeros[:3])}", f"plant.motor_zero_deg={list(zeros[3:])}")
+        paths = [root / "experiments" / f"{name}.toml" for name in EXPERIMENTS[2:]]
+        pair = tuple(Fig4Run(run_in_memory(load_experiment(path, settings))) for path in paths)
+        score = fig4_score(Fig4Runs(*pair, pair))
+        measured.append({f.claim.key: f.verdict for f in score.claims})
+    held = [sum(one[key] == "holds" for one in measured) for key in ("x_small", "friction_smaller_x")]
+    assert held == [64, 60]
+    page = " ".join((root / "docs" / "fig4.md").read_text().split())
+    assert (
+        f"Over all 64 choices of signs |F_x| is small in {held[0]}, and smaller under position control in {held[1]}"
+        in page
+    )
+
+
+def test_pages_state_the_count_and_the_reasons_of_the_scorecard(root: Path, runs: Fig4Runs):
+    score = fig4_score(runs)
+    held, judged_ = tally(score.claims)
+    missed = len(score.not_reproduced)
+    assert held + missed == judged_ == len(CLAIMS)
+    pages = {
+        name: " ".join((root / name).read_text().split())
+        for name in ("README.md", "docs/fig4.md", "docs/why_believe.md")
+    }
+    assert f"[{held} of {judged_} claims hold](docs/fig4.md)" in pages["README.md"]
+    assert f"Of the {judged_} claims of Fig. 4 {held} hold; {missed} are [not reproduced]" in pages["docs/fig4.md"]
+    assert f"{held} of {judged_} claims of Fig. 4 hold, {missed} are [not reproduced]" in pages["docs/why_believe.md"]
+    assert f"and {judged_} claims of its text" in pages["docs/why_believe.md"]
+    rows = re.findall(
+        r"^\| `(\w+)` \| ([^|]+) \| ([^|]+) \| ([^|]+) \| [^|]+ \|$", (root / "docs/fig4.md").read_text(), re.M
+    )
+    assert [row[0] for row in rows] == score.not_reproduced
+    found = {f.claim.key: f for f in score.claims}
+    for key, measured, bound, known in rows:
+        finding = found[key]
+        if finding.claim.measure is None:
+            continue
+        assert measured.split(",")[0] == finding.measured
+        assert finding.claim.miss is not None
+        assert bound == f"{finding.claim.high:g} {finding.claim.unit}"
+        assert known == f"{finding.claim.miss.high:g} {finding.claim.unit}"
+
+
+def test_text_and_facts_of_the_scorecard_show_the_third_verdict_in_80_columns(runs: Fig4Runs):
+    score = fig4_score(runs)
+    lines = fig4_text(score).splitlines()
+    assert lines[0].endswith("25 of 31 claims hold, 6 not reproduced")
+    assert max(map(len, lines)) <= 80
+    assert sum(line.startswith("  miss ") for line in lines) == len(score.not_reproduced)
+    assert "'ok !'" not in fig4_text(score)
+    facts = score.facts()
+    assert (facts["claims_held"], facts["claims_judged"]) == (25, 31)
+    assert facts["not_reproduced"] == NOT_REPRODUCED and facts["failed"] == facts["reproduced_after_all"] == []
+
+
+def test_a_claim_that_is_reproduced_after_all_is_said_and_counted_among_those_that_hold(root: Path, tmp_path: Path):
+    score = sabotaged(root, tmp_path, "controller.position.kp_per_s=2")
+    assert (score.reproduced_after_all, score.failed) == (["z_lag"], [])
+    text = fig4_text(score)
+    assert "  ok ! ... lag in time" in text and "reproduced here: z_lag." in text
+    assert "24 of 29 claims hold, 5 not reproduced" in text
+    assert max(map(len, text.splitlines())) <= 80
 
 
 def test_a_contact_of_exponent_1_5_is_not_in_proportion(root: Path, tmp_path: Path):

@@ -14,7 +14,7 @@ from twin.studies.paper.score import fig4_score
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
 WHILE_SWEEPING = {
-    "sweep_ends", "sweep_speed", "sweep_line", "z_tracks", "z_tracks_position", "z_same", "force_tracks",
+    "sweep_ends", "sweep_speed", "sweep_line", "force_tracks",
     "position_error", "position_below", "estimate_bias", "force_unchanged", "x_small", "friction_smaller_x",
     "friction_smaller", "fluctuation", "fluctuation_small", "fluctuation_survived", "true_force", "true_z",
 }  # fmt: skip
@@ -40,10 +40,10 @@ NEAR: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
     ("reference_jumps", "low", {"fp": {"after": 0.08}}, {"fp": {"after": 0.12}}),
     ("position_jumps", "low", {"fp": {"faster": 2.02}}, {"fp": {"faster": 1.98}}),
     ("reference_returns", "high", {"fp": {"left": 0.49e-3}}, {"fp": {"left": 0.51e-3}}),
-    ("z_tracks", "high", {"fp": {"z": 0.59e-3}}, {"fp": {"z": 0.61e-3}}),
-    ("z_tracks_position", "high", {"p": {"z": 0.59e-3}}, {"p": {"z": 0.61e-3}}),
-    ("z_same", "high", {"fp": {"z": -0.19e-3}}, {"fp": {"z": -0.21e-3}}),
+    ("z_trend", "low", {"p": {"swing": 6.8e-3}}, {"p": {"swing": 7.4e-3}}),
     ("force_tracks", "high", {"fp": {"force": -0.24}}, {"fp": {"force": -0.26}}),
+    # it rises by 3.6 N from 0.6 N on
+    ("force_rises", "low", {"p": {"sag": 0.38}}, {"p": {"sag": 0.42}}),
     ("position_late", "low", {"p": {"late": 0.52}}, {"p": {"late": 0.48}}),
     # 0.2 N off with force control, less what the fluctuation takes off
     ("position_error", "low", {"fp": {"force": -0.2}, "p": {"force": 4.61}},
@@ -67,26 +67,62 @@ NEAR: list[tuple[str, str, dict[str, Any], dict[str, Any]]] = [
     # the force is half of the fluctuation too low before it; what it does is looked at from 13.2 s on
     ("fluctuation_survived", "high", {"fp": {"noise": -0.23 * (np.abs(T - 13.19) < 0.005)}},
      {"fp": {"noise": -0.23 * (np.abs(T - 13.21) < 0.005)}}),
+    ("early_trigger", "high", {"fp": {"touch": 5.6}}, {"fp": {"touch": 5.61}}),
     ("true_force", "high", {"fp": {"true": -0.24}}, {"fp": {"true": -0.26}}),
     ("true_overshoot", "high", {"fp": {"peak": 0.24}}, {"fp": {"peak": 0.26}}),
     ("true_final", "low", {"fp": {"final": 4.76}}, {"fp": {"final": 4.74}}),
     ("true_final", "high", {"fp": {"final": 5.24}}, {"fp": {"final": 5.26}}),
     ("true_z", "high", {"fp": {"true_z": 0.59e-3}}, {"fp": {"true_z": 0.61e-3}}),
 ]  # fmt: skip
-ALSO = {("true_final", "high"): {"true_overshoot"}}
-"""What cannot be apart: a force that is too large at the end is too large at all."""
+ALSO = {
+    ("true_final", "high"): {"true_overshoot"},
+    ("z_trend", "low"): {"z_place", "z_same"},
+}
+"""What cannot be apart: a force too large at the end is too large at all; a height with another trend is off."""
+# key, flaws with which it is reproduced after all, is not, and is worse than is known; what fails besides then
+KNOWN: list[tuple[str, dict[str, Any], dict[str, Any], dict[str, Any], set[str]]] = [
+    ("z_tracks_position", {"p": {"lag": 0.12}}, {"p": {"lag": 0.14}},
+     {"p": {"lag": 0.62, "above": 0.4e-3}, "fp": {"above": 2.3e-3}}, set()),
+    # a height that lags longer than is known is off by more as well
+    ("z_lag", {"p": {"lag": 0.49}, "fp": {"above": 1.9e-3}}, {"p": {"lag": 0.51}, "fp": {"above": 1.9e-3}},
+     {"p": {"lag": 0.76}, "fp": {"above": 2.3e-3}}, {"z_tracks_position"}),
+    ("z_place", {"p": {"z": 0.49e-3}}, {"p": {"z": 0.51e-3}}, {"p": {"z": 1.11e-3}}, set()),
+    ("z_tracks", {"fp": {"above": 0.48e-3}}, {"fp": {"above": 0.51e-3}},
+     {"fp": {"above": 2.7e-3}, "p": {"lag": 0.5}}, set()),
+    ("z_same", {"fp": {"z": -0.09e-3}}, {"fp": {"z": -0.11e-3}}, {"fp": {"z": -0.71e-3}}, set()),
+]  # fmt: skip
 
 
 def test_runs_as_they_are_meant_to_be_hold_every_claim():
     score = fig4_score(runs())
     verdicts = {f.claim.key: f.verdict for f in (*score.claims, *score.quality)}
-    assert set(verdicts.values()) == {"holds", "not reproducible"}
-    assert verdicts["backlash_offset"] == "not reproducible"
+    after_all = {key for key, verdict in verdicts.items() if verdict == "reproduced after all"}
+    assert after_all == set(score.reproduced_after_all) == {key for key, *_ in KNOWN}
+    assert score.not_reproduced == ["backlash_offset"]
+    assert {verdict for key, verdict in verdicts.items() if key not in after_all | {"backlash_offset"}} == {"holds"}
+
+
+@pytest.mark.parametrize(("key", "holds", "missed", "beyond", "also"), KNOWN, ids=[row[0] for row in KNOWN])
+def test_what_is_known_not_to_be_reproduced_fails_where_it_is_worse_than_its_reason_explains(
+    key: str, holds: dict, missed: dict, beyond: dict, also: set[str]
+):
+    verdicts = [judged(BY_KEY[key], runs(**flaws)).verdict for flaws in (holds, missed, beyond)]
+    assert verdicts == ["reproduced after all", "not reproduced", "fails"]
+    assert fig4_score(runs(**holds)).failed == fig4_score(runs(**missed)).failed == []
+    assert set(fig4_score(runs(**beyond)).failed) == {key} | also
+
+
+def test_every_claim_that_is_measured_and_known_to_be_missed_has_such_runs_and_a_reason():
+    missed = [claim for claim in BY_KEY.values() if claim.miss or claim.measure is None]
+    assert all(claim.miss and claim.miss.reason for claim in missed)
+    measured = [claim for claim in missed if claim.measure]
+    assert {claim.key for claim in measured} == {key for key, *_ in KNOWN}
+    assert all(claim.miss and np.isfinite(claim.miss.high) for claim in measured)
 
 
 @pytest.mark.parametrize(("key", "bound", "inside", "outside"), NEAR, ids=[f"{row[0]}-{row[1]}" for row in NEAR])
 def test_a_claim_holds_inside_its_bound_and_outside_fails_alone(key: str, bound: str, inside: dict, outside: dict):
-    assert fig4_score(runs(**inside)).failed == []
+    assert set(fig4_score(runs(**inside)).failed) <= ALSO.get((key, bound), set())
     assert set(fig4_score(runs(**outside)).failed) == {key} | ALSO.get((key, bound), set())
     value, claim = judged(BY_KEY[key], runs(**outside)).value, BY_KEY[key]
     assert value < claim.low if bound == "low" else value > claim.high
@@ -97,7 +133,7 @@ def test_no_bound_is_without_runs_on_both_sides_of_it():
         (claim.key, name)
         for claim in BY_KEY.values()
         for name in ("low", "high")
-        if claim.measure is not None and np.isfinite(getattr(claim, name))
+        if claim.measure is not None and claim.miss is None and np.isfinite(getattr(claim, name))
     }
     assert {(key, bound) for key, bound, *_ in NEAR} == bounds
 
@@ -105,7 +141,7 @@ def test_no_bound_is_without_runs_on_both_sides_of_it():
 def test_without_a_sweep_every_claim_of_the_sweep_fails_and_none_says_nothing():
     score = fig4_score(runs(both={"sweeps": False}))
     assert set(score.failed) == WHILE_SWEEPING
-    assert {f.verdict for f in score.claims} == {"holds", "fails", "not reproducible"}
+    assert "trivial" not in {f.verdict for f in score.claims}
 
 
 @pytest.mark.parametrize("which", ["fp", "p"])
@@ -158,7 +194,7 @@ def test_a_way_or_a_reading_that_ends_below_its_beginning_is_in_proportion_to_no
 
 
 DIGITS = {"%": 1, "mm": 2, "N": 2, "s": 2, "": 2}
-FINER = {"trigger_time", "trigger_force", "fluctuation_small", "true_force", "true_z"}
+FINER = {"early_trigger", "trigger_time", "trigger_force", "fluctuation_small", "true_force", "true_z"}
 
 
 def test_numbers_are_printed_to_the_digits_that_mean_something_in_their_unit():

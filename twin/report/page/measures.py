@@ -76,6 +76,9 @@ def _force(run: "ReportRun") -> list[Measure]:
     ]
     if not np.any(touching):
         return found
+    if run.has("controller.triggered") and np.any(on := run.held("controller.triggered", t) > 0.0):
+        lead = max(0.0, first_time(t, touching) - first_time(t, on))
+        found.insert(1, Measure("force loop on before the first touch for", "s", lead))
     found.append(
         Measure(
             "error of the estimated force in contact, rms",

@@ -11,7 +11,7 @@ from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict, RunGroup
 from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.score import tally
+from twin.studies.paper.score import standing, tally
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget
@@ -20,7 +20,8 @@ MARKS = {
     "holds": ("✓ holds", "good"),
     "fails": ("✗ fails", "bad"),
     "trivial": ("- trivial", ""),
-    "not reproducible": ("- not reproducible", ""),
+    "not reproduced": ("- not reproduced", ""),
+    "reproduced after all": ("✓ reproduced after all", "good"),
 }
 
 
@@ -105,9 +106,10 @@ def events(run: ReportRun) -> Markup:
 
 def _claims(group: RunGroup) -> Markup:
     held, judged = tally(group.findings)
+    said = standing(group.findings).replace(" claims", "")
     rows = [_claim(finding) for finding in group.findings]
     head = ("claim", "verdict", "measured", "expected", "why")
-    told = element("summary", f"{group.title}: {held} of {judged} hold")
+    told = element("summary", f"{group.title}: {said}")
     unfolded = {"open": ""} if held < judged or len(rows) <= FEW else {}
     return element("details", told, table(head, rows, group.title), **unfolded)
 

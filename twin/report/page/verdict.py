@@ -15,6 +15,7 @@ from twin.studies.paper.fig4 import QUALITY
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs, checked_run, fig4_runs
 from twin.studies.paper.fig5_score import Fig5Score, fig5_score
 from twin.studies.paper.score import failed, fig4_score, tally
+from twin.studies.paper.score import standing as claims_standing
 
 FIG4 = "fig4"
 """How the names of experiments begin that follow the paper's Fig. 4."""
@@ -91,13 +92,13 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
 def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
     # of more than two the page would begin with a paragraph: they are remarks
     said = beside(runs) if len(runs) == 2 else []
-    held, of = tally(findings)
+    _, of = tally(findings)
     failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
     if failing:
         named = f": {failing[0]}" if len(failing) == 1 else ""
         said.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
     elif of:
-        said.append(f"{held} of {of} claims hold")
+        said.append(claims_standing(findings))
     said += alarms[:1]
     outcomes = [outcome(run) for run in runs]
     if not said and len(runs) == 1 and outcomes[0]:

@@ -5,7 +5,22 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Verdict = Literal["holds", "fails", "trivial", "not reproducible"]
+Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all"]
+"""The last two are of claims with a `Miss`; "fails" is what nobody expected."""
+
+
+@dataclass(frozen=True)
+class Miss:
+    """A claim that the twin is known not to reproduce.
+
+    Attributes:
+        reason: why.
+        low, high: what `reason` explains, in the claim's unit; a number beyond it fails, as that of any other claim.
+    """
+
+    reason: str
+    low: float = -math.inf
+    high: float = math.inf
 
 
 @dataclass(frozen=True)
@@ -22,7 +37,7 @@ class Claim:
         low, high: bounds, inclusive, in `unit` (measured SI values are multiplied by `scale` first).
         source: where the bounds come from.
         trivial: runs -> why this run says nothing about the claim, or "".
-        reason: why it cannot be reproduced, if `measure` is None.
+        miss: why it is not reproduced, if it is known not to be; without a `measure` it always is so.
     """
 
     key: str
@@ -37,7 +52,7 @@ class Claim:
     digits: int = 2
     source: str = ""
     trivial: Callable[[Any], str] = lambda runs: ""
-    reason: str = ""
+    miss: Miss | None = None
 
     @property
     def expected(self) -> str:
@@ -74,11 +89,16 @@ class ClaimFinding:
 def judged(claim: Claim, runs: Any) -> ClaimFinding:
     """Measure `claim` on `runs`."""
     if claim.measure is None:
-        return ClaimFinding(claim, math.nan, "not reproducible", claim.reason)
+        return ClaimFinding(claim, math.nan, "not reproduced", claim.miss.reason if claim.miss else "")
     value = claim.measure(runs) * claim.scale
     if reason := claim.trivial(runs):
         return ClaimFinding(claim, value, "trivial", reason)
-    return ClaimFinding(claim, value, "holds" if claim.low <= value <= claim.high else "fails", "")
+    holds = claim.low <= value <= claim.high
+    if claim.miss and holds:
+        return ClaimFinding(claim, value, "reproduced after all", f"known not to be: {claim.miss.reason}")
+    if claim.miss and claim.miss.low <= value <= claim.miss.high:
+        return ClaimFinding(claim, value, "not reproduced", claim.miss.reason)
+    return ClaimFinding(claim, value, "holds" if holds else "fails", "")
 
 
 def as_facts(finding: ClaimFinding) -> dict[str, object]:

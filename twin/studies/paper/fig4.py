@@ -8,10 +8,19 @@ from operator import attrgetter
 
 from twin.studies.metrics.response import overshoot
 from twin.studies.paper import fig4_measures as measure
-from twin.studies.paper.claim import Claim
+from twin.studies.paper.claim import Claim, Miss
 from twin.studies.paper.fig4_measures import in_x, while_sweeping
 
 SMALL_Z = "ours: 0.6 mm, 3 % of the 20 mm that it comes down"
+CURVE = "ours: half of the last digit printed of a height, in the worst of descent, arrival, sweep and end"
+LAGS = (
+    "a position loop of gain kp without feed-forward lags by 1/kp = 0.67 s and its drive, 2.6 mm at 3.9 mm/s; kp is "
+    "tuned to the trigger's time"
+)
+DELAYED = (
+    "excluded by 'severe delay', where force is in proportion to z: 0.5 mm are 0.6 N, and on arrival position control "
+    "presses 1.2 N less in the mean"
+)
 SHARE = "ours: 5 % of the reference"
 WITHOUT_X = attrgetter("without_x")
 
@@ -73,27 +82,50 @@ CLAIMS = (
         source="ours: 'almost', an eighth of the 4 mm below the scale's surface",
     ),
     Claim(
-        "z_tracks", "z tracks while sweeping, force-position", "4 A",
+        "z_trend", "whole curve, position only: z trends as asked", "4 A",
+        "the pre-defined (blue curve) and position-control (yellow curve) trajectories have similar changing trends",
+        lambda runs: measure.z_trend(runs.position), 0.95, source="ours: 'similar', a correlation",
+    ),
+    Claim(
+        "z_tracks_position", "... average difference, in its worst part", "4 A",
+        "the average tracking difference of this trajectory keeps small values",
+        lambda runs: measure.z_error(runs.position), high=0.5, unit="mm", scale=1e3, source=CURVE,
+        miss=Miss(LAGS, high=2.6),
+    ),
+    Claim(
+        "z_lag", "... lag in time", "4 A",
+        "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
+        lambda runs: measure.lag(runs.position)[0], high=0.5, unit="s",
+        source="ours: less than the delay of the force that the text calls 'severe'", miss=Miss(LAGS, high=0.75),
+    ),
+    Claim(
+        "z_place", "... error in place, without the lag", "4 A",
+        "the used position control can enable the end-effector to accurately follow the pre-defined trajectory",
+        lambda runs: measure.lag(runs.position)[1], high=0.5, unit="mm", scale=1e3, source=CURVE,
+        miss=Miss("pressed in by the scale the drives give way, and z arrives late and 0.4 mm short", high=1.1),
+    ),
+    Claim(
+        "z_tracks", "whole curve, force-position: average difference", "4 A",
         "the proposed force-position control strategy can enable the end-effector to track the pre-defined "
         "trajectory and force",
-        while_sweeping(lambda runs: measure.z_error(runs.force_position)), high=0.6, unit="mm", scale=1e3,
-        source=SMALL_Z,
+        lambda runs: measure.z_error(runs.force_position), high=0.5, unit="mm", scale=1e3, source=CURVE,
+        miss=Miss(LAGS, high=2.6),
     ),
     Claim(
-        "z_tracks_position", "z tracks while sweeping, position only", "4 A",
-        "the average tracking difference of this trajectory keeps small values",
-        while_sweeping(lambda runs: measure.z_error(runs.position)), high=0.6, unit="mm", scale=1e3, source=SMALL_Z,
-    ),
-    Claim(
-        "z_same", "z of both runs is nearly the same", "4 A",
+        "z_same", "whole curve: z of both runs nearly the same", "4 A",
         "the z-axis trajectory based on the force-position control strategy is almost the same as the z-axis "
         "control-based trajectory",
-        while_sweeping(measure.z_gap), high=0.6, unit="mm", scale=1e3, source=SMALL_Z,
+        measure.z_gap, high=0.5, unit="mm", scale=1e3, source=CURVE, miss=Miss(DELAYED, high=1.1),
     ),
     Claim(
         "force_tracks", "F_z tracks 5 N while sweeping", "4 B",
         "the tracking performance of F_{z-fp} is superior to that of F_{z-p} owing to the involved force control",
         while_sweeping(lambda runs: measure.force_error(runs.force_position)), high=0.25, unit="N", source=SHARE,
+    ),
+    Claim(
+        "force_rises", "position only: F_z rises, share of its changes", "4 B",
+        "F_{z-p} also increases as the end-effector needs to arrive at the pre-defined z-axis position",
+        measure.rise_share, 0.9, source="ours: 'increases', from 0.6 N to the sweep; a tenth may be noise",
     ),
     Claim(
         "position_late", "position only: 4 N come later by", "4 B",
@@ -166,11 +198,16 @@ CLAIMS = (
     Claim(
         "backlash_offset", "position error comes from backlash", "4 A",
         "The position tracking difference is generated owing to the mechanical backlash",
-        reason="in this model backlash leaves no such offset, the droop of the drives does: docs/paper_errata.md",
+        miss=Miss("in this model backlash leaves no such offset, the droop of the drives does: docs/paper_errata.md"),
     ),
 )  # fmt: skip
 
 QUALITY = (
+    Claim(
+        "early_trigger", "force loop triggered before the first touch by", "truth",
+        "ours: a trigger in the air is a false one, whatever the estimate read",
+        measure.early_trigger, high=0.0, unit="s", digits=3, source="ours: not at all",
+    ),
     Claim(
         "true_force", "rms of 5 N - F_z while sweeping", "truth", "ours: judged on the true contact force",
         while_sweeping(measure.true_force_error), high=0.25, unit="N", digits=3, source=SHARE,

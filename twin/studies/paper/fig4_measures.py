@@ -8,9 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from twin.studies.metrics import tracking
 from twin.studies.metrics.response import Curve, first_time, within
 from twin.studies.metrics.tracking import level_changes, mean_error, rms
-from twin.studies.paper.fig4_runs import BEFORE, FINAL, SWEEP, Fig4Run, Fig4Runs
+from twin.studies.paper.fig4_runs import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
 
 START, END, HEIGHT = 0.020, -0.020, -0.105
 """The sweep of Sec. III.A.1: from p_y to p_y at p_z (m)."""
@@ -26,6 +27,13 @@ DISTINCT = 10.0
 """A fluctuation changes the force by so many times the median change: the largest of noise has less than six."""
 CONSTANT = 0.2e-3
 """Range (m) within which a height is a constant: a twentieth of the 4 mm that the head presses in."""
+
+THRESHOLD = 0.6
+"""Of the force control (N), as printed."""
+LONGEST_LAG = 2.0
+"""Of those that are tried (s)."""
+ROUNDING = 1e-6
+"""Of a time, in blocks of it: a sample on the edge belongs to the block that it begins."""
 
 Measure = Callable[[Fig4Runs], float]
 
@@ -128,18 +136,60 @@ def reference_left(runs: Fig4Runs) -> float:
     return mean_error(run.z_cmd[run.at(*FINAL)], run.z_ref[run.at(*FINAL)])
 
 
-# position and force while sweeping
+def early_trigger(runs: Fig4Runs) -> float:
+    """How long the force loop was on before the platform truly pressed (s); nan if either never happened."""
+    run = runs.force_position
+    lead = first_time(run.t_plant, run.true_F_z > 0.0) - run.trigger_time
+    return max(0.0, lead) if math.isfinite(lead) else math.nan
+
+
+# whole curves
+
+
+def _worst_part(run: Fig4Run, apart: Curve) -> float:
+    """Mean size of `apart` (m), at the controller's rate, in that part of the curve in which it is largest."""
+    return max(float(np.mean(np.abs(apart[run.at(*part)]))) for part in PARTS)
 
 
 def z_error(run: Fig4Run) -> float:
-    """Mean distance of the height from the pre-defined one (m)."""
-    return mean_error(run.z[run.at(*SWEEP)], run.z_ref[run.at(*SWEEP)])
+    """Distance of the height from the pre-defined one (m)."""
+    return _worst_part(run, run.z - run.z_ref)
 
 
 def z_gap(runs: Fig4Runs) -> float:
-    """Mean distance of both runs' heights (m)."""
+    """Distance of both runs' heights (m)."""
     fp, p = runs.force_position, runs.position
-    return mean_error(fp.z[fp.at(*SWEEP)], p.z[p.at(*SWEEP)])
+    return _worst_part(fp, fp.z - np.interp(fp.t, p.t, p.z))
+
+
+def z_trend(run: Fig4Run) -> float:
+    """Correlation of the height with the pre-defined one; nan if one of them never changes."""
+    on = run.at(PARTS[0][0], PARTS[-1][1])
+    if min(np.ptp(run.z[on]), np.ptp(run.z_ref[on])) == 0.0:
+        return math.nan
+    return float(np.corrcoef(run.z[on], run.z_ref[on])[0, 1])
+
+
+def lag(run: Fig4Run) -> tuple[float, float]:
+    """(delay in s at which the pre-defined height fits the height best, what is then left in the worst part in m)."""
+    on = run.at(0.0, PARTS[-1][1])
+    delay = tracking.lag(run.t[on], run.z[on], run.z_ref[on], LONGEST_LAG)
+    return delay, _worst_part(run, run.z - np.interp(run.t - delay, run.t, run.z_ref))
+
+
+def rise_share(runs: Fig4Runs) -> float:
+    """Share of its changes by which position control's force goes up, from the threshold to the sweep."""
+    run = runs.position
+    start = first_time(run.t, run.F_z >= THRESHOLD)
+    if not start + 2.0 * GLIMPSE <= PARTS[1][1]:
+        return math.nan
+    on = run.at(start, PARTS[1][1])
+    blocks = np.floor((run.t[on] - start) / GLIMPSE + ROUNDING).astype(int)
+    change = np.diff(np.bincount(blocks, run.F_z[on]) / np.bincount(blocks))
+    return _over(float(np.sum(change[change > 0.0])), float(np.sum(np.abs(change))))
+
+
+# position and force while sweeping
 
 
 def force_error(run: Fig4Run) -> float:

@@ -19,6 +19,8 @@ FINAL = (19.0, 19.9)
 """After the sweep, at rest (s)."""
 WHOLE = 19.9
 """What a recording has to cover (s)."""
+PARTS = ((0.72, 5.82), (5.82, 8.7), (8.7, 18.7), (18.7, WHOLE))
+"""Of a whole curve: descent, arrival, sweep, end (s)."""
 WAY = 0.020
 """Least way along -y (m) that counts as a sweep: half of the paper's 40 mm."""
 SYMMETRIC = 1e-3
@@ -131,8 +133,9 @@ class Fig4Runs:
     @property
     def tuned(self) -> dict[str, str]:
         """Parameters whose source says that they were tuned to meet the text: key -> source."""
-        origins = self.force_position.recording.metadata.get("origins", {})
-        return {key: text for key, text in origins.items() if text.startswith("tuned")}
+        runs = (self.force_position, *(self.imperfect[:1] if self.imperfect else ()))
+        origins = [run.recording.metadata.get("origins", {}) for run in runs]
+        return {key: text for one in origins for key, text in one.items() if text.startswith("tuned")}
 
 
 def fig4_runs(force_position: Recording, position: Recording, *imperfect: Recording) -> Fig4Runs:

@@ -1,23 +1,36 @@
 """Claims judged together, and those of Fig. 4 on its runs."""
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
-from twin.studies.paper.claim import ClaimFinding, as_facts, judged
+from twin.studies.paper.claim import ClaimFinding, Verdict, as_facts, judged
 from twin.studies.paper.fig4 import CLAIMS, OUT_OF_SCOPE, QUALITY
 from twin.studies.paper.fig4_runs import Fig4Runs
 
 
 def failed(findings: Iterable[ClaimFinding]) -> list[str]:
     """Keys of the claims that fail."""
-    return [f.claim.key for f in findings if f.verdict == "fails"]
+    return with_verdict(findings, "fails")
+
+
+def with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str]:
+    """Keys of the claims with this verdict."""
+    return [f.claim.key for f in findings if f.verdict == verdict]
 
 
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
-    """(how many hold, how many were judged)."""
+    """(how many hold, how many were judged); what is not reproduced was judged."""
     verdicts = [f.verdict for f in findings]
-    return verdicts.count("holds"), verdicts.count("holds") + verdicts.count("fails")
+    holds = verdicts.count("holds") + verdicts.count("reproduced after all")
+    return holds, len(verdicts) - verdicts.count("trivial")
+
+
+def standing(findings: Sequence[ClaimFinding]) -> str:
+    """`25 of 31 claims hold, 5 not reproduced, 1 fails`."""
+    (held, judged), missed, failing = tally(findings), with_verdict(findings, "not reproduced"), failed(findings)
+    lost = f", {len(failing)} {'fails' if len(failing) == 1 else 'fail'}" if failing and missed else ""
+    return f"{held} of {judged} claims hold" + (f", {len(missed)} not reproduced" if missed else "") + lost
 
 
 def bound_used(finding: ClaimFinding) -> float:
@@ -58,11 +71,26 @@ class Score:
         """Keys of what fails."""
         return failed((*self.claims, *self.quality))
 
+    @property
+    def not_reproduced(self) -> list[str]:
+        """Keys of what is known not to hold, and does not."""
+        return with_verdict((*self.claims, *self.quality), "not reproduced")
+
+    @property
+    def reproduced_after_all(self) -> list[str]:
+        """Keys of what is known not to hold, and does."""
+        return with_verdict((*self.claims, *self.quality), "reproduced after all")
+
     def facts(self) -> dict[str, object]:
         """For JSON."""
+        held, judged = tally(self.claims)
         return {
             "figure": "4",
+            "claims_held": held,
+            "claims_judged": judged,
             "failed": self.failed,
+            "not_reproduced": self.not_reproduced,
+            "reproduced_after_all": self.reproduced_after_all,
             "claims": [as_facts(finding) for finding in self.claims],
             "quality_on_true_force": [as_facts(finding) for finding in self.quality],
             "tuned": self.tuned,

@@ -15,7 +15,8 @@ STILL = 1e-9
 COMPARED = {
     "settling_time": Definition(
         "settles", "s",
-        "from the trigger of the force loop until the true pressing force stays within 5 % of its reference; where "
+        "from the trigger of the force loop, or from the first touch if that is later, until the true pressing force "
+        "stays within 5 % of its reference; where "
         "nothing triggers, from the end of the z reference's last change until the true z stays within 5 % of it; "
         "not for tasks, which lead the force along a ramp",
     ),
@@ -26,8 +27,8 @@ COMPARED = {
     ),
     "rms_force_error": Definition(
         "rms F_z", "N",
-        "root mean square of the true pressing force minus its reference, second half of the run; in tasks while they "
-        "hold, circle or push",
+        "root mean square of the true pressing force minus its reference, second half of the run, from the first touch "
+        "on; in tasks while they hold, circle or push",
     ),
     "rms_z_error": Definition(
         "rms z", "m",
@@ -73,6 +74,8 @@ class TrueRun:
         late = np.arange(len(self.t)) >= len(self.t) // 2
         pressing = np.isin(self.run.held("controller.phase"), UNDER_FORCE) if self._tasks else late
         touching = bool(np.any(self.F_z[pressing] > 0.0))
+        if not self._tasks:
+            pressing = late & (self.t >= first_time(self.t, self.F_z > 0.0))
         # taps are no holding, however hard
         untold = "no contact" if np.any(pressing) else "no task holds a force"
         shaft_power = self.run["plant.tau_load"] * self.run.of_drives("omega_m")
@@ -100,7 +103,10 @@ class TrueRun:
             return ramp, Measure("overshoot", beyond, "" if np.any(on) else "the force loop is never on")
         triggered = first_time(self.t, on)
         if np.isfinite(triggered):
-            return self._approached(triggered, self.F_z, float(self.F_z_ref[-1]))
+            # a loop that is on in the air has nothing to settle yet
+            touched = first_time(self.t, self.F_z > 0.0)
+            start = max(triggered, touched) if np.isfinite(touched) else triggered
+            return self._approached(start, self.F_z, float(self.F_z_ref[-1]))
         moving = np.flatnonzero(np.abs(np.diff(self.z_ref)) > STILL)
         if len(moving) == 0:
             still = "z is to stay where it is"

@@ -11,8 +11,8 @@ if TYPE_CHECKING:
     from twin.experiment.measure import Measure
     from twin.runs.outcome import RunOutcome
 
-METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm")
-"""Of the plant, see `twin.runs.outcome.Outcome`."""
+METRICS = ("force_error_N", "peak_N", "peak_time_s", "end_N", "lateral_error_mm", "z_error_mm", "early_trigger_s")
+"""Of the plant, see `twin.runs.outcome.RunOutcome`."""
 BY_KIND: dict[str, tuple[str, ...]] = {
     "step": (
         "delay_time", "rise_time", "settling_time_2", "settling_time_5", "overshoot", "peak", "steady_state_error",
@@ -74,6 +74,7 @@ def metrics_of(outcome: "RunOutcome") -> dict[str, float | None]:
     values = (
         outcome.force_error, outcome.peak, outcome.peak_time, outcome.end,
         *(None if error is None else 1e3 * error for error in (outcome.lateral_error, outcome.z_error)),
+        outcome.early_trigger,
     )  # fmt: skip
     return {name: finite(value) for name, value in zip(METRICS, values, strict=True)}
 

@@ -8,6 +8,9 @@ from twin.studies.paper.claim import Claim
 from twin.studies.sweep.columns import Columns, once
 from twin.studies.sweep.statistics.distribution import QUANTILES
 
+HOLDS, FAILS = ("holds", "reproduced after all"), ("fails", "not reproduced")
+"""Verdicts: of a draw it is asked whether a claim holds, not whether that was known."""
+
 
 @dataclass(frozen=True)
 class Likelihood:
@@ -51,7 +54,7 @@ def likelihoods(columns: Columns) -> list[Likelihood]:
         numbers = columns.numbers(f"values/{claim.key}")[verdicts.are(lambda verdict: verdict is not None)]
         if not len(numbers):
             continue
-        holds, fails = (verdicts.counts.get(verdict, 0) for verdict in ("holds", "fails"))
+        holds, fails = (sum(verdicts.counts.get(one, 0) for one in either) for either in (HOLDS, FAILS))
         numbers = np.where(np.isnan(numbers), np.inf, numbers)
         # between two runs there may be infinity: a quantile is the number of a run
         quantiles = np.quantile(numbers, QUANTILES, method="inverted_cdf")
