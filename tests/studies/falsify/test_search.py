@@ -102,7 +102,13 @@ def test_the_nearer_half_of_what_has_been_everywhere_goes_to_other_times_and_sma
         inside = wrong.kind == "contact_loss" and wrong.onset not in ONSETS and wrong.magnitude != 20.0
         return -1.0 if inside else nearness[wrong.kind]
 
-    assert searched(40, space(*nearness), of).worst["contact_loss"][1] == -1.0
+    search = searched(40, space(*nearness), of)
+    assert search.worst["contact_loss"][1] == -1.0
+    # Halton's sequence in base 2: a quarter of the run, three quarters; between half the way and the largest
+    race = [wrong for wrong in list(search.tried)[8:11] if wrong.kind == "breathing"]
+    assert [wrong.onset for wrong in race] == [round(share * (TICKS - 1)) for share in (0.25, 0.75)]
+    middle = search.space.magnitude("breathing", 0.5)
+    assert middle is not None and all(middle <= (wrong.magnitude or 0.0) < 5.0 for wrong in race)
 
 
 def test_evolution_goes_to_where_the_other_sign_is_worse():
