@@ -184,3 +184,32 @@ def test_a_belt_that_yields_is_a_second_spring_in_series():
     # the joint itself gives way by c per torque on it
     tau = Plant(soft, *resting(soft, AIR)).initial("tau_l")
     np.testing.assert_allclose((wound_soft - wound) / soft.N, 0.1 * tau / soft.eta, rtol=1e-9)
+
+
+def swung(parameters, step: float, duration: float = 0.1) -> np.ndarray:
+    """Positions (m) every millisecond of a robot that swings on its springs, the motors held."""
+    x, theta_m = resting(parameters, AIR)
+    x[3:6], x[6:8] = (0.05, -0.1, -0.1), 0.0
+    apex, anchors, found = apex_frame(parameters), UNTOUCHED.copy(), []
+    settle_friction(parameters, x, theta_m, anchors)
+    for k in range(round(duration / step)):
+        integrate(parameters, x, theta_m, STILL, STILL, STILL, step, apex, anchors)
+        if (k + 1) % round(1e-3 / step) == 0:
+            found.append(x[:3].copy())
+    return np.array(found)
+
+
+def test_hysteresis_converges_unevenly_and_by_two_orders_less_than_what_is_smooth():
+    """A step does not hit the corner at which a spring turns."""
+    finer = (1, 2, 4, 8, 16)
+
+    def errors(parameters) -> np.ndarray:
+        reference = swung(parameters, 1e-3 / 256)
+        return np.array([np.abs(swung(parameters, 1e-3 / share) - reference).max() for share in finer])
+
+    smooth, gripping = (errors(LOSSLESS._replace(spring_hysteresis=h, backlash=0.0)) for h in (0.0, 0.1))
+    orders = [-np.polyfit(np.log(finer), np.log(found), 1)[0] for found in (smooth, gripping)]
+    assert orders[0] == pytest.approx(4.0, abs=0.1) and 1.5 < orders[1] < 2.5
+    halvings = np.log2(gripping[:-1] / gripping[1:])
+    # so from two runs no third one can be foreseen
+    assert np.ptp(halvings) > 1.0

@@ -93,3 +93,17 @@ def test_message_indexes_are_those_that_mcap_writes(several: list[Block], shift:
         entries = [(time, start) for (time, own, _), start in zip(expected, starts, strict=False) if own == channel]
         MessageIndex(channel, entries).write(builder)
         assert index == builder.end()
+
+
+@given(st.lists(st.integers(40_000, 100_000), min_size=10, max_size=30))
+def test_indexes_of_a_later_piece_count_from_its_own_first_byte(lengths: list[int]) -> None:
+    """A chunk is decompressed by itself: where it begins in the weave does not matter to its index."""
+    several = [Block(1, np.array([k]), np.full((1, length), k, dtype=np.uint8)) for k, length in enumerate(lengths)]
+    weave = together(several)
+    assert len(weave.pieces) > 1
+    for piece in weave.pieces:
+        chunk = weave.content[piece.content]
+        numbers, starts = np.unique(chunk, return_index=True)
+        builder = RecordBuilder()
+        MessageIndex(1, list(zip(numbers.tolist(), starts.tolist(), strict=True))).write(builder)
+        assert piece.indexes(weave.begin, 0) == {1: builder.end()}

@@ -31,7 +31,7 @@ def falsify(
         list[str] | None,
         typer.Option("--body", metavar="BODY", help="Press on this body, too; may be repeated."),
     ] = None,
-    runs: Annotated[int, typer.Option("--runs", metavar="N", min=1, help="The most runs with a fault.")] = 106,
+    runs: Annotated[int, typer.Option("--runs", metavar="N", min=1, help="The most runs with a fault.")] = 240,
     duration: Annotated[
         float | None, typer.Option(metavar="S", help="How long each fault lasts; without it, to the end.")
     ] = None,

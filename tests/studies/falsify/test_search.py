@@ -1,15 +1,18 @@
 """The race and the evolution on a robot of which it is known what breaks it."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import pytest
 
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, Wrong
+from twin.studies.falsify.study import RUNS
 
 TICKS = 13_000
 WORST_ONSET = 9_000
+ONSETS = (5_500, 500)
 
 
 def space(*kinds: str, bodies: Sequence[str | None] = (None,)) -> Space:
@@ -26,8 +29,10 @@ def share(wrong: Wrong) -> float:
     return 1.0
 
 
-def searched(runs: int, where: Space | None = None) -> Search:
-    search = Search(where or space(), lambda batch: [share(wrong) for wrong in batch], runs, (5_500, 500))
+def searched(
+    runs: int, where: Space | None = None, of: Callable[[Wrong], float] = share, onsets: Sequence[int] = ONSETS
+) -> Search:
+    search = Search(where or space(), lambda batch: [of(wrong) for wrong in batch], runs, onsets)
     search.go()
     return search
 
@@ -59,6 +64,69 @@ def test_runs_that_are_left_go_to_where_it_is_worst():
 
 def test_the_same_search_is_the_same():
     assert searched(106).tried == searched(106).tried
+
+
+def test_by_default_every_kind_is_tried_at_each_target_and_with_each_sign():
+    search = searched(RUNS, of=lambda wrong: 1.0)
+    been = {(wrong.kind, search.space.place(wrong)) for wrong in search.tried}
+    assert been == {(kind, place) for kind in CATALOGUE for place in search.space.places(kind)}
+    assert len(search.tried) <= RUNS
+
+
+@pytest.mark.parametrize(
+    ("kind", "target", "way"),
+    [("drive_dead", "drive_2", 1), ("encoder_bias", "motor_encoder_3", -1), ("belief_k_s", "estimator", -1)],
+)
+def test_a_fault_that_violates_at_one_target_or_with_one_sign_only_is_found(kind: str, target: str, way: int):
+    where = space()
+
+    def of(wrong: Wrong) -> float:
+        violates = wrong.kind == kind and wrong.target == target and where.place(wrong).way == way
+        return -1.0 if violates else 1.0
+
+    found, nearest = searched(RUNS, of=of).worst[kind]
+    assert nearest == -1.0 and (found.target, where.place(found).way) == (target, way)
+
+
+def test_with_few_runs_every_kind_has_one_and_the_nearest_have_more():
+    few = searched(40, of=lambda wrong: 0.1 if wrong.kind == "drive_dead" else 1.0)
+    assert {wrong.kind for wrong in few.tried} == set(CATALOGUE)
+    assert len({wrong.target for wrong in few.tried if wrong.kind == "drive_dead"}) > 1
+
+
+def test_the_nearer_half_of_what_has_been_everywhere_goes_to_other_times_and_smaller_magnitudes():
+    """Not the very nearest, to which evolution goes."""
+    nearness = {"breathing": 0.5, "contact_loss": 0.6, "sample_delay": 0.7, "brown_out": 0.8}
+
+    def of(wrong: Wrong) -> float:
+        inside = wrong.kind == "contact_loss" and wrong.onset not in ONSETS and wrong.magnitude != 20.0
+        return -1.0 if inside else nearness[wrong.kind]
+
+    search = searched(40, space(*nearness), of)
+    assert search.worst["contact_loss"][1] == -1.0
+    # Halton's sequence in base 2: a quarter of the run, three quarters; between half the way and the largest
+    race = [wrong for wrong in list(search.tried)[8:11] if wrong.kind == "breathing"]
+    assert [wrong.onset for wrong in race] == [round(share * (TICKS - 1)) for share in (0.25, 0.75)]
+    middle = search.space.magnitude("breathing", 0.5)
+    assert middle is not None and all(middle <= (wrong.magnitude or 0.0) < 5.0 for wrong in race)
+
+
+def test_evolution_goes_to_where_the_other_sign_is_worse():
+    """From +2 deg/s, which just violates, to below -1 deg/s: the race itself has no run left to go there."""
+
+    def of(wrong: Wrong) -> float:
+        assert wrong.magnitude is not None
+        return -0.1 + 0.2 * wrong.magnitude if wrong.magnitude < 0.0 else -0.1
+
+    worst, nearest = searched(40, space("encoder_drift"), of).worst["encoder_drift"]
+    assert nearest < -0.3 and worst.magnitude is not None and worst.magnitude < -1.0
+
+
+def test_each_run_of_a_noisy_robot_has_a_seed_of_its_own():
+    """Of one kind: what differs in it is where, when and how large, and the noise."""
+    where = replace(space("drive_dead"), noisy=True)
+    tried = searched(6, where, of=lambda wrong: 1.0).tried
+    assert sorted(wrong.seed for wrong in tried)[:4] == [0, 1, 2, 3]
 
 
 def test_bodies_take_turns_and_the_worst_one_is_found():

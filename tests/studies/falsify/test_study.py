@@ -42,7 +42,7 @@ def answer(folder: Path) -> Answer:
 
 @pytest.mark.endurance
 def test_every_kind_that_the_matrix_shows_beyond_the_bound_is_found_in_a_third_of_its_runs(tmp_path: Path):
-    answer = asked(tmp_path)
+    answer = asked(tmp_path, runs=len(pressing()) * 2 // 3)
     found = {one["kind"] for one in answer.facts["found"] if one["share"] < 0.0}
     assert found >= {row.kind for row in pressing() if not row.safe} == set(BROKEN)
     # the matrix makes two runs of each of its cases
@@ -77,6 +77,23 @@ def test_the_text_fits_80_columns_and_says_the_verdict_first(answer: Answer):
 
 def test_the_facts_are_in_the_folder(answer: Answer, folder: Path):
     assert json.loads((folder / "falsify.json").read_text())["found"] == json.loads(json.dumps(answer.facts["found"]))
+
+
+def test_a_joint_that_is_not_the_first_is_tried(tmp_path: Path):
+    """Pressing down, joint 1 lies in the plane of y and z: what is wrong with it makes no force along x."""
+    sideways = {"requirements": ["always (|plant.F_ee_B[0]| <= 0.5 N)"], "kinds": ["backlash_growth", "belt_slip"]}
+    answer = asked(tmp_path, runs=20, **sideways)
+    violating = {one["kind"]: one["target"] for one in answer.facts["found"] if one["share"] < 0.0}
+    assert violating.keys() == set(sideways["kinds"])
+    assert "joint_1" not in violating.values()
+
+
+def test_a_run_that_a_failed_component_ends_is_not_kept(tmp_path: Path):
+    answer = asked(tmp_path, kinds=["drive_failure", "breathing"], runs=8)
+    assert answer.facts["kept"] == ["breathing"] and answer.exit_code == 0
+    assert "not violated by 1 of 2 kinds of fault" in answer.text.splitlines()[0]
+    assert "Ended by a component that failed, judged until then: drive_failure" in answer.text
+    assert {one["kind"] for one in answer.facts["ended_early"]} == {"drive_failure"}
 
 
 @pytest.mark.parametrize(

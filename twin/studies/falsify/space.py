@@ -3,8 +3,11 @@
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
+
+import numpy as np
 
 from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import CATALOGUE
@@ -17,6 +20,20 @@ RANDOM = (
     "sample_loss",
 )  # fmt: skip
 """Kinds whose seed matters."""
+
+
+class Place(NamedTuple):
+    """Where a fault can be.
+
+    Attributes:
+        target: one of the kind's.
+        way: 1: as the catalogue has the magnitude; -1: the other sign, or, of a factor, its inverse.
+        body: what is pressed on; None: the experiment's own.
+    """
+
+    target: str
+    way: int
+    body: str | None
 
 
 @dataclass(frozen=True)
@@ -70,14 +87,49 @@ class Space:
         """Whether another seed makes another run of a fault of `kind`."""
         return self.noisy or kind in RANDOM
 
+    def places(self, kind: str) -> list[Place]:
+        """Every place of `kind`, that of the catalogue and of the experiment first."""
+        ways = (1, -1) if _has_two_ways(kind) else (1,)
+        return [Place(*place) for place in product(CATALOGUE[kind].targets, ways, self.bodies)]
+
+    def place(self, wrong: Wrong) -> Place:
+        """That of `wrong`."""
+        magnitudes = CATALOGUE[wrong.kind].magnitudes
+        if magnitudes is None or wrong.magnitude is None:
+            return Place(wrong.target, 1, wrong.body)
+        middle = 1.0 if CATALOGUE[wrong.kind].unit == "factor" else 0.0
+        other = (wrong.magnitude - middle) * (magnitudes[-1] - middle) < 0.0
+        return Place(wrong.target, -1 if other else 1, wrong.body)
+
     def magnitude(self, kind: str, share: float) -> float | None:
-        """Of `kind`, `share` of the way from its smallest to its largest in the catalogue, by ratio."""
-        magnitudes = CATALOGUE[kind].magnitudes
-        if magnitudes is None:
+        """Of `kind`, |share| of the way from its smallest to its largest in the catalogue, by ratio.
+
+        Args:
+            share: -1 .. 1; negative: the other sign, or, of a factor, its inverse.
+        """
+        known = CATALOGUE[kind]
+        if known.magnitudes is None:
             return None
-        smallest, largest = magnitudes[0], magnitudes[-1]
-        # four digits are enough of a search, and the largest is the catalogue's to the last bit
-        return largest if share >= 1.0 else float(f"{smallest * (largest / smallest) ** share:.4g}")
+        smallest, largest = known.magnitudes[0], known.magnitudes[-1]
+        # the largest is the catalogue's to the last bit
+        size = largest if abs(share) >= 1.0 else smallest * (largest / smallest) ** abs(share)
+        if known.unit == "ms":
+            # delays are whole ticks
+            return float(f"{1e3 * self.tick * max(1, round(1e-3 * size / self.tick)):.12g}")
+        turned = size if share >= 0.0 else 1.0 / size if known.unit == "factor" else -size
+        # four digits are enough of a search
+        return largest if turned == largest else float(f"{turned:.4g}")
+
+    def share(self, wrong: Wrong) -> float:
+        """The share that `magnitude` makes that of `wrong` of, 0 where the kind has none."""
+        magnitudes = CATALOGUE[wrong.kind].magnitudes
+        if magnitudes is None or wrong.magnitude is None:
+            return 0.0
+        way = self.place(wrong).way
+        size = wrong.magnitude
+        if way < 0:
+            size = 1.0 / size if CATALOGUE[wrong.kind].unit == "factor" else -size
+        return way * float(np.log(size / magnitudes[0]) / np.log(magnitudes[-1] / magnitudes[0]))
 
     def file(self, wrong: Wrong, experiment: Path, comments: Sequence[str] = ()) -> str:
         """The experiment with what is wrong in it and what is required of it, as TOML that `twin run` takes.
@@ -112,6 +164,12 @@ class Space:
     def onset(self, wrong: Wrong) -> float:
         """When it begins (s), without the digits that rounding leaves."""
         return float(f"{wrong.onset * self.tick:.12g}")
+
+
+def _has_two_ways(kind: str) -> bool:
+    """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
+    known = CATALOGUE[kind]
+    return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
 
 
 def settings_as_toml(settings: Sequence[str]) -> dict[str, str]:

@@ -17,6 +17,7 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.streams import fields_of
 from twin.studies.answer import Answer
 from twin.studies.falsify.crew import Crew, crew
+from twin.studies.falsify.holes import Ended, Holes
 from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, Wrong, settings_as_toml
 from twin.studies.falsify.text import Found, Requirement, falsify_text, header
@@ -28,8 +29,9 @@ from twin.writing import made_folder, write_json, write_text
 
 HOME = Path("results") / "falsify"
 FOUND = "falsify.json"
-RUNS = 106
-"""A third of what `twin faults` makes of all kinds: 160 cases, each with the monitor and without."""
+RUNS = 240
+"""Three quarters of what `twin faults` makes of all kinds, 160 cases with the monitor and without: enough for the race
+to be in each of their 135 places."""
 
 
 def falsify(
@@ -96,8 +98,10 @@ def falsify(
         onsets = judge.healthy()
         search = Search(space, judge.shares, runs, onsets)
         search.go()
+    order = {wrong: number for number, wrong in enumerate(search.tried, start=1)}
+    ended = judge.ended
     found = [
-        Found(wrong, judge.distances[wrong], share, 1 + list(search.tried).index(wrong), judge.first.get(wrong.kind))
+        Found(wrong, judge.distances[wrong], share, order[wrong], judge.first.get(wrong.kind), ended.get(wrong))
         for wrong, share in sorted(search.worst.values(), key=lambda pair: pair[1])
         if math.isfinite(share)
     ]
@@ -105,16 +109,18 @@ def falsify(
     for one in violating:
         text = space.file(one.wrong, findable(path, folder), header(path.stem, one, wanted))
         write_text(folder / f"{one.wrong.kind}.toml", text)
+    holes = Holes.of(space, list(search.tried), judge.ended, {one.wrong.kind for one in violating})
     facts = {
         "experiment": path.stem,
         "requirements": [vars(requirement) for requirement in wanted],
         "runs": len(search.tried),
         "seconds": judge.seconds,
         "found": [one.facts(space) for one in found],
+        **holes.facts,
     }
     write_json(folder / FOUND, facts)
     shown = out or HOME / path.stem
-    text = falsify_text(path.stem, wanted, found, space, len(search.tried), judge.seconds, shown)
+    text = falsify_text(path.stem, wanted, found, holes, space, len(search.tried), judge.seconds, shown)
     return Answer(text, facts, 1 if violating else 0)
 
 
@@ -136,6 +142,7 @@ class _Judge:
         self._scales: dict[str, float] = {}
         self.distances: dict[Wrong, dict[str, float]] = {}
         self.first: dict[str, int] = {}
+        self.ended: dict[Wrong, Ended] = {}
         self.seconds = 0.0
 
     def healthy(self) -> list[int]:
@@ -168,12 +175,14 @@ class _Judge:
         return onsets
 
     def shares(self, batch: Sequence[Wrong]) -> list[float]:
-        """See `Judge`."""
+        """See `Judge`. Of a run that a failed component ended, until then; of one that is refused, infinite."""
         shares = []
         for wrong, facts in zip(batch, self._found(batch), strict=True):
             distances = {name: self._distance(facts, name) for name in self._scales}
             share = min((distances[name] / scale for name, scale in self._scales.items()), default=math.inf)
             self.distances[wrong] = distances
+            if facts.get("status") not in ("done", "tripped"):
+                self.ended[wrong] = Ended(facts.get("status") == "refused", facts.get("reason") or "")
             if share < 0.0:
                 self.first.setdefault(wrong.kind, len(self.distances))
             shares.append(share)

@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.experiment.fault_catalogue import CATALOGUE
+from twin.studies.falsify.holes import Ended, Holes
 from twin.studies.falsify.space import Space, Wrong
 from twin.studies.faults.text import magnitude_text
 from twin.studies.lines import wrapped
@@ -33,6 +34,7 @@ class Found:
         share: the smallest of them as a share of the healthy one.
         run: its number, from 1.
         first: number of the first run of this kind that violated; None: none did.
+        ended: why the run did not come to its end; None: it did.
     """
 
     wrong: Wrong
@@ -40,6 +42,7 @@ class Found:
     share: float
     run: int
     first: int | None
+    ended: Ended | None = None
 
     def facts(self, space: Space) -> dict[str, Any]:
         """For JSON."""
@@ -55,6 +58,7 @@ class Found:
             "share": self.share,
             "run": self.run,
             "first_violating_run": self.first,
+            "ended": self.ended and self.ended.reason,
         }
 
 
@@ -68,21 +72,25 @@ def falsify_text(
     experiment: str,
     requirements: Sequence[Requirement],
     found: Sequence[Found],
+    holes: Holes,
     space: Space,
     runs: int,
     seconds: float,
     folder: Path,
 ) -> str:
-    """The verdict, what is required, the kinds that violate it and the nearest that do not, then where files are.
+    """The verdict, what is required, the kinds that violate it and the nearest that do not, what is not known, then
+    where files are.
 
     Args:
         found: the nearest run of each kind, the worst first.
+        holes: what was not tried, and what was not judged.
         seconds: what all runs took together.
     """
     violating = [one for one in found if one.share < 0.0]
     verdict = f"{experiment}  VIOLATED by {len(violating)} of {len(space.kinds)} kinds of fault"
     if not violating:
-        verdict = f"{experiment}  not violated by any of {len(space.kinds)} kinds of fault, as far as was searched"
+        kept = "any" if len(holes.kept) == len(space.kinds) else str(len(holes.kept))
+        verdict = f"{experiment}  not violated by {kept} of {len(space.kinds)} kinds of fault, as far as was searched"
     last = max((one.first or 0 for one in violating), default=0)
     when = f", the last of these kinds was found in run {last}" if violating else ""
     lines = wrapped(f"{verdict}: {runs} runs, {seconds:.0f} s of processor time{when}.", later=4)
@@ -92,10 +100,12 @@ def falsify_text(
         nearest = min(requirements, key=lambda r: one.distances[r.name])
         wrong, body = one.wrong, f"on {one.wrong.body}" if one.wrong.body else ""
         magnitude, onset = magnitude_text(wrong.kind, wrong.magnitude), f"{space.onset(wrong):.3f} s"
-        mark = "! " if one.share < 0.0 else "  "
+        mark = "! " if one.share < 0.0 else "? " if wrong.kind in holes.ended else "  "
         lines.append(
             _line(mark + wrong.kind, _distance(one, nearest), magnitude, onset, wrong.target, str(one.run), body)
         )
+    if unknown := holes.lines():
+        lines += ["", *unknown]
     lines += ["", *(f"  {folder / one.wrong.kind}.toml" for one in violating)]
     return "\n".join(line.rstrip() for line in lines).rstrip()
 

@@ -150,3 +150,24 @@ def test_a_disk_says_gain_and_phase(alpha, gain, degrees):
     disk = DiskMargin(alpha, 1.0)
     assert disk.gain == gain
     assert np.degrees(disk.phase) == pytest.approx(degrees, abs=1e-3)
+
+
+def test_a_resonance_that_is_narrower_than_the_grid_of_frequencies_passes_unseen():
+    """What the disk says holds at the frequencies that are looked at."""
+    omega = frequencies(PERIOD)
+    between = float(np.sqrt(omega[1000] * omega[1001]))
+    # the first loop reaches -1/2 there: a mode that loses 1e-6 of its swing in a period. The others have their worst
+    # elsewhere, and around that the grid is made finer
+    turn, kept = between * PERIOD, 1.0 - 1e-6
+    mode = kept * np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    K = np.diag([0.01, 0.5, 0.5, 0.5])
+    A = np.block([[np.eye(4), np.zeros((4, 2))], [np.zeros((2, 4)), mode]])
+    B, C = np.zeros((6, 8)), np.zeros((4, 6))
+    B[:4, :4], B[4, 0], C[:, :4], C[0, 4] = np.eye(4), 1.0, -K, 2.0 * (1.0 - kept) * 0.5
+    loops = control.ss(A, B, C, np.zeros((4, 8)), PERIOD, inputs=[*LOOPS, *REFERENCES], outputs=list(LOOPS))
+    seen = disk_margin(loops, CLOSED, LOOPS).alpha
+    _, there = smallest_disk(sensitivity(loops, CLOSED, LOOPS, np.array([between])))
+    # S = 2 of one loop: 1/(2 - 1/2)
+    assert there == pytest.approx(2.0 / 3.0, rel=0.01)
+    # L = -1/4 at half the rate: S = 4/3
+    assert seen == pytest.approx(1.2, rel=0.01)

@@ -95,6 +95,17 @@ def test_a_velocity_sourced_spring_renders_no_more_than_the_physical_one_with_to
     assert found == pytest.approx(K, rel=0.01)
 
 
+@pytest.mark.parametrize("damping", [5.0, 20.0])
+def test_friction_of_the_joint_lets_it_render_more_than_the_spring(damping: float):
+    """The bound is one of joints that slide: d beside it gives Re Z d more, at rest too."""
+    kp = 3.0
+    found = bound(lambda virtual: held_by(force_position(kp, virtual), dict.fromkeys(LOOPS, 1.0), damping=damping))
+    # d + (k/K_v - 1) K_v^2 / (kp k) = 0 at omega = 0, where it is smallest
+    share = 0.5 * (1.0 + np.sqrt(1.0 + 4.0 * damping * kp / K))
+    assert found == pytest.approx(share * K, rel=0.01)
+    assert found > 1.015 * K
+
+
 def test_the_impedance_is_the_one_of_the_closed_form():
     kp, virtual = 3.0, 0.4 * K
     s = 2j * np.pi * HERTZ

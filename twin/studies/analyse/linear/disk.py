@@ -8,6 +8,8 @@ to Disk Margins, IEEE Control Systems 40(5):78):
 The loops stay stable for all of them up to alpha = 1 / max mu(S + (sigma - 1)/2 1), the largest over all frequencies, S
 being their sensitivity. Balanced, sigma = 0, the disk reaches from (1 - alpha/2)/(1 + alpha/2) to its inverse on the
 real axis, and holds all turns of up to 2 arctan(alpha/2).
+
+All of it is of the linear model, at the frequencies that are looked at: what is narrower than their grid is not seen.
 """
 
 from collections.abc import Sequence
@@ -25,7 +27,7 @@ BETWEEN = 25
 
 
 class DiskMargin(NamedTuple):
-    """How far all loops may be off at once.
+    """How far all loops of the linear model may be off at once, at the frequencies that were looked at.
 
     Attributes:
         alpha: size of the disk; at least that for more than three loops.

@@ -1,0 +1,74 @@
+"""What is searched, and the experiment files that it becomes."""
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from tests.laws.runs import EXPERIMENTS
+from twin.experiment.fault_catalogue import CATALOGUE
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.load import load_experiment
+from twin.studies.falsify.space import Space, Wrong
+from twin.studies.falsify.trial import judged
+
+PRESSING = EXPERIMENTS / "pressing.toml"
+TICK = 0.001
+
+
+def space(base: Mapping[str, str] | None = None, seed: int = 0) -> Space:
+    quiet = [("quiet", "always (|plant.F_ee_B| <= 18 N)")]
+    return Space(base or {}, quiet, tuple(CATALOGUE), 13_000, TICK, None, (None,), seed)
+
+
+def written(folder: Path, where: Space, wrong: Wrong) -> Path:
+    file = folder / f"{wrong.kind}_{wrong.target}_{wrong.magnitude}_{wrong.seed}.toml"
+    file.write_text(where.file(wrong, PRESSING))
+    return file
+
+
+def test_what_is_drawn_as_seed_is_added_to_that_of_the_noise_and_is_that_of_the_fault(tmp_path: Path):
+    for seed in (0, 3):
+        loaded = load_experiment(written(tmp_path, space(seed=7), Wrong("sample_loss", "encoder", 0.02, seed=seed)), ())
+        assert (loaded.seed, loaded.faults[0].seed) == (7 + seed if seed else 0, seed)
+
+
+def test_another_seed_is_another_run_of_a_noisy_robot_and_the_same_one_the_same(tmp_path: Path):
+    noisy = {"plant.joint_noise_deg": "0.02"}
+    files = [written(tmp_path, space(noisy), Wrong("breathing", "contact", 1.0, 2000, seed=s)) for s in (1, 2)]
+    one, other, again = (judged(PRESSING, None, [str(file)]).metrics["quiet.distance"] for file in (*files, files[0]))
+    assert one == again != other
+
+
+def test_each_kind_at_its_largest_is_an_experiment_that_can_be_run_with_either_sign(tmp_path: Path):
+    where = space()
+    for kind in where.kinds:
+        for place in where.places(kind)[-2:]:
+            wrong = Wrong(kind, place.target, where.magnitude(kind, float(place.way)), 500, place.body)
+            assert where.place(wrong) == place
+            with assemble(load_experiment(written(tmp_path, where, wrong), ())):
+                pass
+
+
+@given(st.sampled_from([kind for kind in CATALOGUE if CATALOGUE[kind].magnitudes]), st.floats(-1.0, 1.0))
+def test_a_magnitude_and_its_share_say_the_same(kind: str, share: float):
+    where = space()
+    if len({place.way for place in where.places(kind)}) == 1:
+        share = abs(share)
+    magnitude = where.magnitude(kind, share)
+    assert magnitude is not None
+    # four digits, over a range of 1.4 at least: belief_eta and encoder_bias; of delays whole ticks of at least 2
+    again = where.share(Wrong(kind, "", magnitude))
+    assert again == pytest.approx(share, abs=0.2 if CATALOGUE[kind].unit == "ms" else 2e-3)
+    if CATALOGUE[kind].unit == "ms":
+        assert magnitude == pytest.approx(round(magnitude), abs=1e-9)
+
+
+def test_the_other_way_is_the_other_sign_or_the_inverse_of_a_factor():
+    where = space()
+    assert where.magnitude("encoder_bias", -1.0) == -2.0
+    assert where.magnitude("belt_slip", -1.0) == 30.0
+    assert where.magnitude("belief_k_s", -1.0) == 0.6667
+    assert {place.way for place in where.places("joint_friction")} == {1}
