@@ -1,11 +1,12 @@
 """Measures of any run, whatever it was for: of what truly happened, with what the robot believed beside it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from twin.studies.metrics.needs import FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
 from twin.studies.metrics.tracking import rms
 from twin.studies.paper.fig5_runs import trip_time
@@ -62,6 +63,35 @@ def measures(run: "ReportRun") -> list[Measure]:
     if run.has("monitor.tripped"):
         found.append(Measure("safety monitor tripped at", "s", trip_time(run.recording)))
     return found
+
+
+def scored(run: "ReportRun") -> dict[str, float]:
+    """What is judged of the truth, by short name; only what has a number, or never happened."""
+    return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
+
+
+def unscored(run: "ReportRun", asked: Container[str]) -> dict[str, list[str]]:
+    """Why measures are not there: what is missing -> their short names.
+
+    Args:
+        asked: short names of the measures that are wanted besides those that a series is missing for.
+    """
+    found: dict[str, list[str]] = {}
+    has_tasks = bool(run.values.get("task"))
+    if has_tasks and (lacks := [series for series in FIG5 if not run.has(series)]):
+        found[f"no {', '.join(lacks)}"] = ["its tasks"]
+    for name, needs in MEASURES.items():
+        lacks = [series for series in needs if not run.has(series)]
+        if name in scored(run) or (name in OF_A_CONSTANT_FORCE and has_tasks) or not (lacks or name in asked):
+            continue
+        found.setdefault(f"no {', '.join(lacks)}" if lacks else _why_not(run), []).append(name)
+    return found
+
+
+def _why_not(run: "ReportRun") -> str:
+    """Why a run that holds all series has no measure of its force."""
+    touches = run.has("plant.F_ee_B") and np.any(run.recording["plant.F_ee_B"][:, 2] < 0.0)
+    return "no constant force was asked for" if touches else "it never touched"
 
 
 def _force(run: "ReportRun") -> list[Measure]:

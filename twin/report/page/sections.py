@@ -21,6 +21,7 @@ MARKS = {
     "fails": ("✗ fails", "bad"),
     "trivial": ("- trivial", ""),
     "not reproducible": ("- not reproducible", ""),
+    "not scored": ("? not scored", ""),
 }
 
 

@@ -5,7 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Verdict = Literal["holds", "fails", "trivial", "not reproducible"]
+from twin.recording.errors import UnknownSeries
+
+Verdict = Literal["holds", "fails", "trivial", "not reproducible", "not scored"]
 
 
 @dataclass(frozen=True)
@@ -59,7 +61,7 @@ class ClaimFinding:
     @property
     def measured(self) -> str:
         """`5.606 s`, or `never`."""
-        if self.claim.measure is None or (self.verdict == "trivial" and not math.isfinite(self.value)):
+        if self.claim.measure is None or (self.verdict in ("trivial", "not scored") and not math.isfinite(self.value)):
             return ""
         if not math.isfinite(self.value):
             return "never"
@@ -72,10 +74,13 @@ class ClaimFinding:
 
 
 def judged(claim: Claim, runs: Any) -> ClaimFinding:
-    """Measure `claim` on `runs`."""
+    """Measure `claim` on `runs`; one that needs a series which they lack is not scored."""
     if claim.measure is None:
         return ClaimFinding(claim, math.nan, "not reproducible", claim.reason)
-    value = claim.measure(runs) * claim.scale
+    try:
+        value = claim.measure(runs) * claim.scale
+    except UnknownSeries as problem:
+        return ClaimFinding(claim, math.nan, "not scored", f"needs {problem.key}")
     if reason := claim.trivial(runs):
         return ClaimFinding(claim, value, "trivial", reason)
     return ClaimFinding(claim, value, "holds" if claim.low <= value <= claim.high else "fails", "")

@@ -1,8 +1,8 @@
 """Claims judged together, and those of Fig. 4 on its runs."""
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from twin.studies.paper.claim import ClaimFinding, as_facts, judged
 from twin.studies.paper.fig4 import CLAIMS, OUT_OF_SCOPE, QUALITY
@@ -12,6 +12,11 @@ from twin.studies.paper.fig4_runs import Fig4Runs
 def failed(findings: Iterable[ClaimFinding]) -> list[str]:
     """Keys of the claims that fail."""
     return [f.claim.key for f in findings if f.verdict == "fails"]
+
+
+def unscored(findings: Iterable[ClaimFinding]) -> list[str]:
+    """Keys of the claims that need a series which the runs lack."""
+    return [f.claim.key for f in findings if f.verdict == "not scored"]
 
 
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
@@ -44,6 +49,7 @@ class Score:
         quality: ours, judged on the truth.
         tuned: parameters that were tuned to meet the text, key -> source.
         without_x: why nothing is said of forces in x, or "".
+        missing: run -> series that claims need and it lacks.
         out_of_scope: what the paper reports and no model here can.
     """
 
@@ -51,6 +57,7 @@ class Score:
     quality: tuple[ClaimFinding, ...]
     tuned: dict[str, str]
     without_x: str = ""
+    missing: Mapping[str, Sequence[str]] = field(default_factory=dict)
     out_of_scope: tuple[str, ...] = OUT_OF_SCOPE
 
     @property
@@ -58,11 +65,18 @@ class Score:
         """Keys of what fails."""
         return failed((*self.claims, *self.quality))
 
+    @property
+    def unscored(self) -> list[str]:
+        """Keys of what cannot be scored."""
+        return unscored((*self.claims, *self.quality))
+
     def facts(self) -> dict[str, object]:
         """For JSON."""
         return {
             "figure": "4",
             "failed": self.failed,
+            "not_scored": self.unscored,
+            "missing": {run: list(series) for run, series in self.missing.items()},
             "claims": [as_facts(finding) for finding in self.claims],
             "quality_on_true_force": [as_facts(finding) for finding in self.quality],
             "tuned": self.tuned,
@@ -77,4 +91,5 @@ def fig4_score(runs: Fig4Runs) -> Score:
         quality=tuple(judged(claim, runs) for claim in QUALITY),
         tuned=runs.tuned,
         without_x=runs.without_x,
+        missing=runs.missing,
     )
