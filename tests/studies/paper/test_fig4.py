@@ -26,6 +26,7 @@ from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Runs, fig4_runs
 from twin.studies.paper.score import Score, fig4_score
 from twin.studies.paper.study import score_fig4
 from twin.studies.paper.text import fig4_text
+from twin.studies.steps import silent
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 WITHOUT_SWEEP = "reference.p_mm=[[0,20,-85],[0,20,-85],[0,20,-105],[0,20,-105],[0,20,-105],[0,20,-105]]"
@@ -104,7 +105,7 @@ def test_runs_that_cannot_be_scored_in_full_do_not_pass(root: Path, position: Re
     )
     (tmp_path / "mine").mkdir()
     recorded = execute(mine, tmp_path / "mine").recording
-    answer = score_fig4([recorded, position.path], tmp_path / "out", lambda what: None)
+    answer = score_fig4([recorded, position.path], tmp_path / "out", silent)
     assert answer.exit_code == 1 and answer.text.startswith("Not scored: 13 claims")
 
 
