@@ -54,13 +54,14 @@ def without(recording: Recording, *names: str) -> Recording:
 
 def test_what_a_run_cannot_be_scored_by_is_said_before_what_it_is_better_in(force_position: Recording):
     whole, part = ReportRun("A", force_position), ReportRun("B", without(force_position, "F_z_ref"))
-    lost = "settling, overshoot, force error (no controller.F_z_ref)"
+    lost = "settling, overshoot, force error, settled force error (no controller.F_z_ref)"
     assert verdict([whole, part]).headline.startswith(f"not scored of B: {lost}; B beside A: the same in ")
     # whichever of the two is first
     assert verdict([part, whole]).headline.startswith(f"not scored of B: {lost}; A beside B: the same in ")
     assert verdict([part]).headline.startswith(f"not scored: {lost}")
     said = verdict([whole, ReportRun("B", without(force_position, "F_z_ref", "F_z"))]).headline
-    assert said.startswith("not scored of B: the estimated force (no controller.F_z); not scored of B: settling")
+    every = "the estimated force, settling, overshoot, force error, settled force error"
+    assert said.startswith(f"not scored of B: {every} (no controller.F_z, controller.F_z_ref); B beside A: ")
 
 
 def test_a_run_that_never_touched_is_not_scored_on_its_force(force_position: Recording):
@@ -70,7 +71,7 @@ def test_a_run_that_never_touched_is_not_scored_on_its_force(force_position: Rec
     lifted.values["F_n"][:] = 0.0
     above = replace(force_position, streams=force_position.streams | {"plant": lifted})
     said = verdict([ReportRun("A", force_position), ReportRun("B", above)]).headline
-    assert said.startswith("not scored of B: the estimated force, settling, overshoot, force error (it never touched)")
+    assert said.startswith("not scored of B: the estimated force, settling, overshoot, force error, settled")
 
 
 def test_tasks_that_cannot_be_scored_are_said_first(tmp_path: Path):
