@@ -76,7 +76,8 @@ def test_a_run_that_never_touched_is_not_scored_on_its_force(force_position: Rec
 
 def test_tasks_that_cannot_be_scored_are_said_first(tmp_path: Path):
     judged = verdict([ReportRun("press", without(pressed(tmp_path), "task", "phase"))])
-    assert judged.headline.startswith("not scored: its tasks (no controller.task, controller.phase)")
+    said = "not scored: its tasks, force error, the estimated position (no controller.task, controller.phase, "
+    assert judged.headline.startswith(said)
 
 
 def test_a_task_that_fails_is_named(tmp_path: Path):
