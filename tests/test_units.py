@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.units import CURRENT, FORCE, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension, Unit, known_unit
+from twin.units import CURRENT, FORCE, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension, Unit, known_unit, weight_hint
 
 
 def unit(text: str) -> Unit:
@@ -107,3 +107,23 @@ def test_a_frequency_is_no_angular_speed():
 @pytest.mark.parametrize("text", ["", "N/", "/", "lbs", "m m m x", "per"])
 def test_what_is_no_unit_is_none(text: str):
     assert known_unit(text) is None
+
+
+@pytest.mark.parametrize(
+    ("got", "wanted", "hinted"),
+    [
+        ("g", "N", True),
+        ("kg", "N", True),
+        ("kg/mm", "N/m", True),
+        ("kg m", "N m", True),
+        ("mm", "N", False),
+        ("N", "N", False),
+        ("g", "m", False),
+        ("g", "kg", False),
+    ],
+)
+def test_grams_of_a_force_are_answered_with_the_unit_that_was_meant(got: str, wanted: str, hinted: bool):
+    hint = weight_hint(unit(got).dimension, unit(wanted).dimension)
+    assert hint.endswith("did you mean gf (or kgf)?") if hinted else hint == ""
+    # what is offered is such a unit
+    assert unit("gf").dimension == unit("kgf").dimension == FORCE

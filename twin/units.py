@@ -132,3 +132,16 @@ def known_unit(text: str) -> Unit | None:
         factor *= atom.factor**power
         pi += power * atom.pi
     return Unit(dimension, factor, pi) if words and words[-1] not in ("/", "per") else None
+
+
+def weight_hint(got: Dimension, wanted: Dimension) -> str:
+    """`; grams are a mass: did you mean gf?` where mass was written and its weight is meant; else "".
+
+    Args:
+        got: what the unit measures that was written.
+        wanted: what is expected.
+    """
+    if got.kg == 0 or got == wanted:
+        return ""
+    as_weight = Dimension(*(g + got.kg * f for g, f in zip(got._replace(kg=0), FORCE, strict=True)))
+    return "; grams are a mass: did you mean gf (or kgf)?" if as_weight == wanted else ""

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import signal
 import subprocess
 import sys
@@ -14,6 +15,7 @@ import pytest
 from tests.command_line import twin, twin_process
 from tests.drive.archives import redescribed
 from twin.recording.reader import read
+from twin.runs.assembly.load import load_experiment
 
 FIG4 = "experiments/fig4_force_position.toml"
 
@@ -169,3 +171,11 @@ def test_a_full_disk_is_one_sentence_and_leaves_nothing_that_looks_finished(root
     assert "Traceback" not in done.stderr
     assert [path.name for path in (tmp_path / "x").iterdir()] == ["run.mcap.partial"]
     assert len(read(tmp_path / "x" / "run.mcap.partial")["plant.p_B"]) > 0
+
+
+def test_help_says_how_a_value_of_a_task_is_set_and_that_does_set_it(root: Path):
+    said = " ".join(twin("run", "--help", cwd=root).stdout.split())
+    (setting,) = re.findall(r"task\.1\.\S+=\d+", said)
+    assert load_experiment(root / "experiments/pressing.toml", [setting]).tasks[0].force == float(
+        setting.partition("=")[2]
+    )

@@ -43,6 +43,13 @@ def test_the_answer_comes_first_and_the_files_last(folder: Path):
     assert {path.name for path in folder.iterdir()} >= {"map.png", "metrics.png", "sweep.html"}
 
 
+def test_the_worst_over_a_parameter_is_asked_for_by_its_short_name(folder: Path):
+    lines = shown(str(folder), "--worst-over", "c").splitlines()
+    assert lines[2] == "worst force_error_N over c, least worst first"
+    # a.k = 0 has the run that failed
+    assert lines[4].split() == ["1", "2", "0", "3", "-"] and lines[7].split() == ["0", "failed", "3", "3", "1"]
+
+
 def test_it_is_told_before_anything_is_drawn(folder: Path, monkeypatch: pytest.MonkeyPatch):
     def refuse(*_: object) -> None:
         raise NotWritten("no room")
@@ -70,6 +77,7 @@ def test_json_has_rows_tables_and_files_but_no_curves(folder: Path):
         (["--by", "force_error"], "did you mean 'force_error_N"),
         (["--against", "peek"], "--against peek: no such metric"),
         (["--x", "b.d"], "--x b.d: no number that varies here"),
+        (["--worst-over", "b.d"], "--worst-over b.d: does not vary here; did you mean 'b.c'"),
     ],
 )
 def test_what_cannot_be_shown_is_refused_with_what_can(folder: Path, options: list[str], sentence: str):

@@ -8,6 +8,7 @@ RUN = {
     "experiment": "press", "simulated": 20.0, "stepping": 0.05, "writing": 0.2, "real_time_factor": 400.0,
     "remarks": ["2 of 2000 deadlines missed"], "outcome": OUTCOME, "trip": "", "changed": False, "punctuality": None,
     "substituted": {"controller": "Mine (PythonComponent)"},
+    "held": (),
     "parts": {"monitor": "monitor: watch.fmu (sha256 0123456789ab); twin's own did not run"},
     "events": [(5.606, "INFO", "force control triggered at F_z = 0.603 N"), (6.0, "DEBUG", "for whoever looks closer")],
     "drives": ["a.fmu  FMI 2.0  sha256 0123\n  omega_ref <- w\n  warning: " + 12 * "so long " + "."] * 3,
@@ -24,6 +25,29 @@ def test_a_run_says_its_outcome_first_and_where_it_is_last():
     assert lines[6] == "   5.606 s  force control triggered at F_z = 0.603 N"
     assert lines[-1] == "  recording  results/press/2026/run.mcap"
     assert max(map(len, lines)) <= 80
+
+
+def test_tasks_say_what_was_held_instead_of_what_is_left_when_they_are_over():
+    press = {
+        "task": 1,
+        "kind": "press",
+        "force": 8.0,
+        "taps": 0,
+        "least": 7.9,
+        "largest": 8.1,
+        "begin": 4.4,
+        "end": 9.4,
+    }
+    text = run_text(RUN | {"held": (press,)})
+    assert (
+        "  force      4.96 N at 13.54 s at most\n             held 8.00 N: 7.90 to 8.10 N from 4.4 to 9.4 s\n" in text
+    )
+    assert "last second" not in text
+    tap = press | {"task": 2, "kind": "tap", "taps": 10}
+    text = run_text(RUN | {"held": (press | {"least": None}, tap, tap | {"least": None})})
+    assert "             task 1: never held 8.00 N\n" in text
+    assert "             task 2: 10 taps of 8.00 N: peaks 7.90 to 8.10 N from 4.4 to 9.4 s\n" in text
+    assert "task 2: never tapped\n" in text and max(map(len, text.splitlines())) <= 80
 
 
 def test_a_substitute_is_named():

@@ -59,7 +59,8 @@ def compare(
     tells how, docs/compare_reference.md of columns, units, tolerances, alignment.
 
     Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
-    time (without --partial), or a claim fails; 2 refused; 3 not written.
+    time (without --partial), or a claim fails or cannot be scored; 2 refused;
+    3 not written.
 
     Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
     """

@@ -29,7 +29,12 @@ BodyName = Annotated[
 ]
 Settings = Annotated[
     list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help="Override a value of the experiment.", autocompletion=setting_keys),
+    typer.Option(
+        "--set",
+        metavar="KEY=VALUE",
+        help="Override a value of the experiment, such as controller.force_N=4; of its first task: task.1.force_N=5.",
+        autocompletion=setting_keys,
+    ),
 ]
 ColumnMap = Annotated[
     list[str] | None,

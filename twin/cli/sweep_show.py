@@ -26,6 +26,10 @@ def show(
         str, typer.Option(metavar="METRIC", help="The other metric of the Pareto front.")
     ] = "lateral_error_mm",
     top: Annotated[int, typer.Option(min=1, metavar="N", help="So many of the best runs.")] = 5,
+    worst: Annotated[
+        str | None,
+        typer.Option("--worst-over", metavar="KEY", help="Judge each choice of the others by its worst run over KEY."),
+    ] = None,
     x: Annotated[str | None, typer.Option("--x", metavar="KEY", help="Parameter across the heat map.")] = None,
     y: Annotated[str | None, typer.Option("--y", metavar="KEY", help="Parameter up the heat map.")] = None,
     html: Annotated[bool, typer.Option("--html", help="Write all of it as one page, sweep.html, too.")] = False,
@@ -51,14 +55,14 @@ def show(
     found = kept(folder, parquet)
     # only for what is there: what reckons takes a second to load
     from twin.studies.sweep.parquet import write_parquet
-    from twin.studies.sweep.show.axes import axes_of
+    from twin.studies.sweep.show.axes import axes_of, worst_label
     from twin.studies.sweep.show.parts import Asked, parts
     from twin.studies.sweep.show.text import sweep_text
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     claims = claims_in(found.columns)
     metric = checked_rank("--by", by, found.metrics, claims) if by else usual_metric(found.columns)
-    asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top)
+    asked = Asked(metric, checked_rank("--against", against, found.metrics, claims), top, worst_label(found, worst))
     # a misspelt one is told before anything else
     axes_of(found, x, y)
     if not as_json:

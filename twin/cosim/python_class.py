@@ -19,7 +19,7 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.errors import InputRefused, nearest
 from twin.files import read_bytes
-from twin.units import known_unit
+from twin.units import known_unit, weight_hint
 
 LONGEST_TEXT = 200
 """Of an exception that is quoted."""
@@ -63,7 +63,8 @@ def _gain(label: str, port: Port, unit: Any) -> float:
         return 1.0
     told, si = (known_unit(str(unit)), known_unit(port.unit))
     if told is None or si is None or told.dimension != si.dimension:
-        raise InputRefused(f"{label}: {port.name} in {unit!r}; expected a unit like {port.unit}")
+        hint = weight_hint(told.dimension, si.dimension) if told and si else ""
+        raise InputRefused(f"{label}: {port.name} in {unit!r}; expected a unit like {port.unit}{hint}")
     return told.scale
 
 

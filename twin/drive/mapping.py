@@ -15,6 +15,7 @@ from twin.drive.description import Variable
 from twin.drive.doubt import RolesUnclear, to_paste
 from twin.drive.units import Conversion
 from twin.errors import InputRefused
+from twin.units import weight_hint
 
 
 @dataclass(frozen=True)
@@ -224,5 +225,6 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
         raise InputRefused(
             f"{file}: {role.causality} '{name}' has unit '{variable.unit}'; "
             f"{role.port.name} needs one like {role.port.unit}"
+            f"{weight_hint(variable.conversion.dimension, role.dimension) if variable.conversion else ''}"
         )
     return name

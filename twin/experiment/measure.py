@@ -82,6 +82,15 @@ class Spread(Watched):
     kind: Literal["spread"]
 
 
+class Oscillation(Watched):
+    """[[measure]] kind = "oscillation": the strongest sine in a signal."""
+
+    kind: Literal["oscillation"]
+    lowest: float = quantity(
+        "lowest_Hz", "slower motion is no oscillation; four periods of it fit the window", 1.0, gt=0
+    )
+
+
 class Onset(Watched):
     """[[measure]] kind = "onset": when a signal that is true or false first is true."""
 
@@ -115,10 +124,10 @@ class Required(Window):
         return formula
 
 
-Measure = Step | Tracking | Lag | Spread | Onset | Path | Effort | Required
+Measure = Step | Tracking | Lag | Spread | Oscillation | Onset | Path | Effort | Required
 KINDS: dict[str, type[Measure]] = {
-    "step": Step, "tracking": Tracking, "lag": Lag, "spread": Spread, "onset": Onset, "path": Path, "effort": Effort,
-    "requirement": Required,
+    "step": Step, "tracking": Tracking, "lag": Lag, "spread": Spread, "oscillation": Oscillation, "onset": Onset,
+    "path": Path, "effort": Effort, "requirement": Required,
 }  # fmt: skip
 
 

@@ -16,7 +16,16 @@ class RecordingDamaged(RecordingRefused):
 
 
 class UnknownSeries(RecordingRefused, KeyError):
-    """A recording was asked for a topic or field it does not hold."""
+    """A recording was asked for a topic or field it does not hold.
+
+    Args:
+        sentence: for the user.
+        key: what was asked for.
+    """
+
+    def __init__(self, sentence: str, key: str):
+        super().__init__(sentence, key)
+        self.key = key
 
     def __str__(self) -> str:
         # KeyError prints the repr of its argument, with quotes and escapes; the user gets the sentence

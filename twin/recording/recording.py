@@ -64,7 +64,7 @@ class Recording:
             UnknownSeries: no such topic or field; it names the nearest ones.
         """
         if key not in self.fields():
-            raise UnknownSeries(f"{self.path}: no series {key!r}; {nearest(key, self.fields(), 'it holds {}', 3)}")
+            raise UnknownSeries(f"{self.path}: no series {key!r}; {nearest(key, self.fields(), 'it holds {}', 3)}", key)
         topic, _, name = key.rpartition(".")
         return np.ascontiguousarray(self.streams[topic].values[name])
 
@@ -75,7 +75,9 @@ class Recording:
             UnknownSeries: no such topic; it names the nearest ones.
         """
         if topic not in self.streams:
-            raise UnknownSeries(f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}")
+            raise UnknownSeries(
+                f"{self.path}: no topic {topic!r}; {nearest(topic, self.streams, 'it holds {}', 3)}", topic
+            )
         return self.streams[topic].head["log_time"] / NANOSECONDS
 
     @property

@@ -1,9 +1,9 @@
 """What a run has to say in text: the outcome first, then what happened, what it was made with, where it is."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
-from twin.studies.lines import wrapped
+from twin.studies.lines import counted, wrapped
 
 MOST_EVENTS = 20
 """So many events are told; the recording has all of them."""
@@ -17,7 +17,7 @@ def run_text(run: Mapping[str, Any]) -> str:
     """
     speed = f"{run['simulated']:g} s at {run['real_time_factor']:.0f} x real time"
     lines = [f"{run['experiment']}  {speed}", *(f"  {remark}" for remark in run["remarks"])]
-    lines += [*_outcome(run["outcome"]), *_events(run), *_drives(run)]
+    lines += [*_outcome(run["outcome"], run["held"]), *_events(run), *_drives(run)]
     for role, text in run["parts"].items():
         lines += wrapped(text.removeprefix(f"{role}: "), f"  {role:10} ")
     lines += [_row("substitute", f"{name}: {kind}") for name, kind in run["substituted"].items()]
@@ -39,15 +39,19 @@ def run_facts(run: Mapping[str, Any]) -> dict[str, object]:
         "trip": run["trip"],
         "changed": run["changed"],
         "punctuality": run["punctuality"],
+        "held": [dict(one) for one in run["held"]],
         "events": [{"t_s": t, "level": level, "text": text} for t, level, text in run["events"]],
     }
 
 
-def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
+def _outcome(outcome: Mapping[str, Any], held: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     if outcome["peak"] > 0.0:
         peak = f"{outcome['peak']:.2f} N at {outcome['peak_time']:.2f} s at most"
-        yield _row("force", f"{peak}, {outcome['end']:.2f} N in the last second")
-        if "end_x" in outcome:
+        # at the end of its tasks a robot presses nothing
+        yield _row("force", peak if held else f"{peak}, {outcome['end']:.2f} N in the last second")
+        for one in held:
+            yield from wrapped(_held(one, len(held) > 1), _row("", ""))
+        if "end_x" in outcome and not held:
             yield _row("", f"{_force(outcome['end_x'])} along x, {_force(outcome['end_y'])} along y in the last second")
         if outcome["force_error"] is not None:
             yield _row("", f"{outcome['force_error']:.2f} N rms off the reference after the first touch, force loop on")
@@ -57,6 +61,16 @@ def _outcome(outcome: Mapping[str, Any]) -> Iterator[str]:
         return
     lateral, z = 1e3 * outcome["lateral_error"], 1e3 * outcome["z_error"]
     yield _row("position", f"{lateral:.2f} mm lateral and {z:.2f} mm in z rms off the reference")
+
+
+def _held(one: Mapping[str, Any], several: bool) -> str:
+    """`held 8.00 N: 7.93 to 8.02 N from 4.4 to 9.4 s`."""
+    name = f"task {one['task']}: " if several else ""
+    asked = f"{one['force']:.2f} N"
+    if one["least"] is None:
+        return f"{name}never held {asked}" if one["kind"] != "tap" else f"{name}never tapped"
+    did = f"{counted(one['taps'], 'tap')} of {asked}: peaks" if one["kind"] == "tap" else f"held {asked}:"
+    return f"{name}{did} {one['least']:.2f} to {one['largest']:.2f} N from {one['begin']:.1f} to {one['end']:.1f} s"
 
 
 def _force(value: float) -> str:

@@ -17,6 +17,7 @@ from twin.runs.assembly.assemble import HERE, Assembly, assemble
 from twin.runs.assembly.build import DriveMaker
 from twin.runs.assembly.drives import DrivePlan
 from twin.runs.fastest_pole import too_fast
+from twin.runs.held import Held, HeldForce
 from twin.runs.loop import simulate
 from twin.runs.observer import Observer, TickEvent
 from twin.runs.outcome import RunOutcome, Tally
@@ -52,6 +53,7 @@ class Run:
         changed: whether parameters were changed while it ran; the events say which and when.
         punctuality: how its deadlines were kept; None if it was not paced.
         parts: sentences on parts of another make, by their names.
+        held: what the pressing force of each task was.
     """
 
     recording: Path
@@ -67,6 +69,7 @@ class Run:
     changed: bool
     punctuality: Punctuality | None
     parts: dict[str, str] = field(default_factory=dict)
+    held: tuple[Held, ...] = ()
 
     @property
     def real_time_factor(self) -> float:
@@ -136,7 +139,8 @@ def _recorded(
     topics = [stream.topic for stream in streams]
     with Writer(path, topics, system.tick, provenance(experiment, assembly), scene.forms) as writer:
         recorder = Recorder(writer, streams, scene, tuning)
-        observers = [tuning, Watch(assembly, experiment), tally, recorder, _Progress(progress, last_tick + 1)]
+        held = HeldForce(system, experiment.tasks)
+        observers = [tuning, Watch(assembly, experiment), tally, held, recorder, _Progress(progress, last_tick + 1)]
         observers += [pace] if pace else []
         observers += [Shown(viewer, streams, scene, tuning)] if viewer else []
         slice_ticks = pace.slice_ticks(SLICE_TICKS) if pace else SLICE_TICKS
@@ -159,6 +163,7 @@ def _recorded(
         changed=bool(tuning.first),
         punctuality=pace.punctuality() if pace else None,
         parts={role: part.sentence for role, part in assembly.others.items()},
+        held=held.held,
     )
 
 

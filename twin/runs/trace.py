@@ -104,7 +104,9 @@ class Trace(Observer):
         """
         periods = {key.rpartition(".")[0]: kept.period for key, kept in self._signals.items()}
         if topic not in periods:
-            raise UnknownSeries(f"run in memory: no topic {topic!r}; {nearest(topic, periods, 'it holds {}', 3)}")
+            raise UnknownSeries(
+                f"run in memory: no topic {topic!r}; {nearest(topic, periods, 'it holds {}', 3)}", topic
+            )
         ticks = np.arange(0, self._count, self._stride(periods[topic])) * self._every
         return np.rint(ticks * (self.tick * NANOSECONDS)) / NANOSECONDS
 
@@ -114,7 +116,9 @@ class Trace(Observer):
 
     def _kept(self, key: str) -> _Kept:
         if key not in self._signals:
-            raise UnknownSeries(f"run in memory: no series {key!r}; {nearest(key, self._signals, 'it holds {}', 3)}")
+            raise UnknownSeries(
+                f"run in memory: no series {key!r}; {nearest(key, self._signals, 'it holds {}', 3)}", key
+            )
         return self._signals[key]
 
     def _stride(self, period: int) -> int:

@@ -1,13 +1,17 @@
 """Measures against curves whose measures are known."""
 
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
 
+from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.measures import measures, number, outcome
 from twin.report.page.run import ReportRun
+from twin.runs.assembly.load import load_experiment
+from twin.runs.run import execute
 from twin.studies.paper.fig4_runs import FINAL, Fig4Run
 
 
@@ -22,6 +26,15 @@ def test_measures_of_fig4_are_those_of_its_claims(force_position: Recording):
     assert end.true == pytest.approx(run.true_F_z[run.truly_at(*FINAL)].mean(), abs=1e-3)
     assert found["largest pressing force"].true == run.true_F_z.max()
     assert outcome(ReportRun("", force_position)).startswith("The true force stays within 5 % of 5 N from 6.4")
+
+
+@pytest.mark.parametrize("name", ["fig4_force_position", "pressing"])
+def test_the_force_error_is_the_one_that_the_run_tells(root: Path, tmp_path: Path, name: str):
+    run = execute(load_experiment(root / f"experiments/{name}.toml"), tmp_path)
+    (found,) = (m for m in measures(ReportRun("", read(run.recording))) if m.short == "force error")
+    assert run.outcome.force_error is not None
+    # sums in another order
+    assert found.true == pytest.approx(run.outcome.force_error, rel=1e-9)
 
 
 def test_there_is_no_belief_where_only_the_truth_is_measured(force_position: Recording):

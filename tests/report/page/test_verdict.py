@@ -1,3 +1,4 @@
+from dataclasses import replace
 from pathlib import Path
 
 from tests.studies.paper.fig5_recordings import pressed
@@ -42,6 +43,41 @@ def test_a_run_without_claims_says_what_its_force_came_to(position: Recording):
     judged = verdict([ReportRun("p", position)])
     assert judged.good is None and not judged.groups
     assert judged.headline == "The true force never stays within 5 % of 5 N and ends at 4.473 N"
+
+
+def without(recording: Recording, *names: str) -> Recording:
+    """`recording` as one of a controller that lacks these outputs."""
+    controller = recording.streams["controller"]
+    fields = tuple(field for field in controller.fields if field.name not in names)
+    return replace(recording, streams=recording.streams | {"controller": replace(controller, fields=fields)})
+
+
+def test_what_a_run_cannot_be_scored_by_is_said_before_what_it_is_better_in(force_position: Recording):
+    whole, part = ReportRun("A", force_position), ReportRun("B", without(force_position, "F_z_ref"))
+    lost = "settling, overshoot, force error, settled force error (no controller.F_z_ref)"
+    assert verdict([whole, part]).headline.startswith(f"not scored of B: {lost}; B beside A: the same in ")
+    # whichever of the two is first
+    assert verdict([part, whole]).headline.startswith(f"not scored of B: {lost}; A beside B: the same in ")
+    assert verdict([part]).headline.startswith(f"not scored: {lost}")
+    said = verdict([whole, ReportRun("B", without(force_position, "F_z_ref", "F_z"))]).headline
+    every = "the estimated force, settling, overshoot, force error, settled force error"
+    assert said.startswith(f"not scored of B: {every} (no controller.F_z, controller.F_z_ref); B beside A: ")
+
+
+def test_a_run_that_never_touched_is_not_scored_on_its_force(force_position: Recording):
+    plant = force_position.streams["plant"]
+    lifted = replace(plant, records=plant.records.copy())
+    lifted.values["F_ee_B"][:] = 0.0
+    lifted.values["F_n"][:] = 0.0
+    above = replace(force_position, streams=force_position.streams | {"plant": lifted})
+    said = verdict([ReportRun("A", force_position), ReportRun("B", above)]).headline
+    assert said.startswith("not scored of B: the estimated force, settling, overshoot, force error, settled")
+
+
+def test_tasks_that_cannot_be_scored_are_said_first(tmp_path: Path):
+    judged = verdict([ReportRun("press", without(pressed(tmp_path), "task", "phase"))])
+    said = "not scored: its tasks, force error, the estimated position (no controller.task, controller.phase, "
+    assert judged.headline.startswith(said)
 
 
 def test_a_task_that_fails_is_named(tmp_path: Path):

@@ -159,3 +159,15 @@ def test_an_experiment_without_measures_says_so():
     with pytest.raises(InputRefused, match=r"step_z_air: has no \[\[measure\]\] tables"):
         measured(measuring(), trace({}, {}))
     assert EXPERIMENT.measures
+
+
+def test_an_oscillation_is_that_of_its_window_and_what_rests_has_no_frequency():
+    y = np.where(t < 5.0, 1.0, 1.0 + 0.25 * np.sin(2.0 * np.pi * 12.0 * t))
+    run = trace({"plant.z": y}, METRES)
+    kind = {"kind": "oscillation", "signal": "plant.z"}
+    found = numbers(measuring({**kind, "name": "rest", "until_s": 4.9}, {**kind, "name": "swing", "begin_s": 5.0}), run)
+    assert found["rest.amplitude"] < 1e-12 and "rest.frequency" not in found
+    assert found["swing.amplitude"] == pytest.approx(0.25, rel=0.004)
+    assert found["swing.frequency"] == pytest.approx(12.0, abs=0.03)
+    with pytest.raises(InputRefused, match=r"measures for 1 s; expected 4 periods of lowest_Hz = 1, which are 4 s"):
+        numbers(measuring({**kind, "name": "short", "until_s": 1.0}), run)

@@ -6,7 +6,7 @@ from PIL import Image
 
 from tests.studies.compare.logs import log_of
 from twin.studies.compare.comparison import Comparison, compared
-from twin.studies.compare.picture import draw_comparison
+from twin.studies.compare.picture import distinct, draw_comparison
 from twin.studies.compare.text import MOST_OUTSIDE, comparison_text
 
 T = np.linspace(0.0, 10.0, 1001)
@@ -50,3 +50,29 @@ def test_the_picture_is_drawn_and_is_the_same_every_time(comparison: Comparison,
     assert pictures[0].read_bytes() == pictures[1].read_bytes()
     with Image.open(pictures[0]) as picture:
         assert picture.width >= 1200
+
+
+def test_what_is_the_same_curve_is_drawn_once_and_named(tmp_path: Path):
+    F, other = np.sin(T), np.cos(3.0 * T)
+    a = {"plant.F": F, "controller.F": -F + 0.005, "scale.F": np.round(F, 2), "plant.G": other, "plant.H": F}
+    # of H only A is the same
+    b = {name: values + 0.5 * (T > 5.0) * np.sign(values @ F) for name, values in a.items()} | {"plant.H": F}
+    for name in ("a", "b"):
+        (tmp_path / name).write_text(name)
+    found = distinct(compared(log_of(T, a, str(tmp_path / "a")), log_of(T, b, str(tmp_path / "b"))))
+    together = sorted(sorted([row.signal, *alike]) for row, alike in found)
+    assert together == [["controller.F", "plant.F", "scale.F"], ["plant.G"], ["plant.H"]]
+
+
+def test_the_signal_that_leaves_the_tube_first_is_among_the_rows(tmp_path: Path):
+    early = np.where(T > 1.0, 0.06, 0.0)
+    a = {f"s.x{i:02}": np.sin(T) for i in range(MOST_OUTSIDE + 3)}
+    b = {name: values + np.where(T > 5.0, 1.0, 0.0) for name, values in a.items()}
+    b["s.x05"] = a["s.x05"] + early
+    for name in ("a", "b"):
+        (tmp_path / name).write_text(name)
+    lines = comparison_text(compared(log_of(T, a, str(tmp_path / "a")), log_of(T, b, str(tmp_path / "b")))).splitlines()
+    assert "s.x05 first, at" in lines[0]
+    rows = [line.split()[1] for line in lines if line.startswith("OUT")]
+    assert len(rows) == MOST_OUTSIDE and rows[-1] == "s.x05"
+    assert "     and 3 more outside" in lines

@@ -134,6 +134,15 @@ def test_what_a_class_does_is_found(mine: Path, kind: str, name: str, verdict: s
     assert answer.text.endswith(f"{'cannot' if answer.exit_code else 'can'} take its place as controller")
 
 
+def test_a_part_that_runs_cannot_be_scored_with_is_warned_of(mine: Path):
+    answer = checked("controller", f"{mine}:Good")
+    assert (answer.exit_code, verdicts(answer)["scored"]) == (0, "note")
+    missing = "no output p_ref_B, p_cmd_B, F_z, F_z_ref, triggered: twin report cannot score the estimated force"
+    assert detail(answer, "scored").startswith(missing)
+    answer = check("controller", f"{mine}:Good", Path("pressing"), [], say=lambda what: None)
+    assert "no output task, phase: twin compare --paper fig5" in detail(answer, "scored")
+
+
 def test_a_slow_part_is_not_waited_for(mine: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr("twin.studies.component.bench.PATIENCE", 0.05)
     monkeypatch.setattr("twin.studies.component.bench.BLOCK", 5)

@@ -2,6 +2,7 @@
 
 import itertools
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,13 +19,17 @@ from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.runs.trace import run_in_memory
+from twin.studies.metrics.needs import FIG4
 from twin.studies.metrics.response import first_time, settling_time
 from twin.studies.metrics.tracking import rms
 from twin.studies.paper.claim import judged
 from twin.studies.paper.fig4 import CLAIMS
+from twin.studies.paper.fig4_picture import draw_fig4
 from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, fig4_runs
 from twin.studies.paper.score import Score, fig4_score, tally
+from twin.studies.paper.study import score_fig4
 from twin.studies.paper.text import fig4_text
+from twin.studies.steps import silent
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 WITHOUT_SWEEP = "reference.p_mm=[[0,20,-85],[0,20,-85],[0,20,-105],[0,20,-105],[0,20,-105],[0,20,-105]]"
@@ -63,6 +68,52 @@ def test_without_the_sweep_every_claim_of_it_fails_and_none_says_nothing(root: P
     score = sabotaged(root, tmp_path, WITHOUT_SWEEP, count=4)
     assert set(score.failed) == WHILE_SWEEPING
     assert [f.claim.key for f in score.claims if f.verdict not in ("holds", "fails")] == NOT_REPRODUCED
+
+
+def without(recording: Recording, *series: str) -> Recording:
+    """`recording` as one of a robot that lacks these ports."""
+    streams = {
+        topic: replace(stream, fields=tuple(f for f in stream.fields if f"{topic}.{f.name}" not in series))
+        for topic, stream in recording.streams.items()
+    }
+    return replace(recording, streams=streams)
+
+
+def test_claims_rest_on_the_named_series_and_on_no_other(force_position: Recording, position: Recording):
+    others = [name for name in force_position.fields() if name not in FIG4]
+    score = fig4_score(fig4_runs(*(without(run, *others) for run in (force_position, position))))
+    assert (score.unscored, score.failed, score.missing) == ([], [], {})
+    for name in FIG4:
+        score = fig4_score(fig4_runs(*(without(run, name) for run in (force_position, position))))
+        assert score.unscored, name
+
+
+def test_what_cannot_be_scored_is_said_first_with_all_that_is_missing_and_the_rest_is_scored(
+    force_position: Recording, position: Recording, tmp_path: Path
+):
+    lacks = ("controller.p_cmd_B", "controller.F_z_ref", "controller.triggered")
+    runs = fig4_runs(without(force_position, *lacks), position)
+    score = fig4_score(runs)
+    assert score.missing == {str(force_position.path): list(lacks)}
+    assert score.failed == [] and 0 < len(score.unscored) < len(score.claims)
+    whole = {f.claim.key: f for f in fig4_score(fig4_runs(force_position, position)).claims}
+    same = [f.claim.key for f in score.claims if f.verdict == whole[f.claim.key].verdict == "holds"]
+    assert set(same) == {key for key, f in whole.items() if f.verdict == "holds"} - set(score.unscored)
+    first, *rest = fig4_text(score).splitlines()
+    assert first.startswith(f"Not scored: {len(score.unscored)} claims")
+    assert "controller.triggered" in "".join(rest[:4])
+    draw_fig4(runs, tmp_path / "fig4.png")
+
+
+def test_runs_that_cannot_be_scored_in_full_do_not_pass(root: Path, position: Recording, tmp_path: Path):
+    mine = load_experiment(
+        root / "experiments/fig4_force_position.toml",
+        [f"controller.python={root}/examples/my_controller.py:Controller"],
+    )
+    (tmp_path / "mine").mkdir()
+    recorded = execute(mine, tmp_path / "mine").recording
+    answer = score_fig4([recorded, position.path], tmp_path / "out", silent)
+    assert answer.exit_code == 1 and answer.text.startswith("Not scored: 13 claims")
 
 
 def test_what_the_shipped_runs_measure_does_not_drift(runs: Fig4Runs):

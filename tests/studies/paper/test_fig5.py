@@ -233,10 +233,10 @@ def test_the_share_of_a_bound_is_one_at_the_bound(tmp_path: Path):
     assert tally(found.values()) == (len(found), len(found))
 
 
-def test_a_run_whose_recording_does_not_say_which_task_was_on_is_refused(tmp_path: Path):
+def test_a_run_that_does_not_say_which_task_was_on_is_refused_with_all_it_lacks(tmp_path: Path):
     recording = pressed(tmp_path)
     streams = {name: stream for name, stream in recording.streams.items() if name != "controller"}
-    with pytest.raises(InputRefused, match="holds no task"):
+    with pytest.raises(InputRefused, match=r"no controller\.task, controller\.phase; Fig\. 5 is judged phase by phase"):
         task_runs(dataclasses.replace(recording, streams=streams))
 
 

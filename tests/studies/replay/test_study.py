@@ -1,4 +1,5 @@
 import json
+import shlex
 from pathlib import Path
 
 import pytest
@@ -24,7 +25,10 @@ def test_a_healthy_robots_report_says_so_first_and_where_the_files_are_last(tmp_
     assert report.exit_code == 0
     assert lines(report)[0] == "monday: robot and twin match, 0 to 20 s"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["replay.json", "replay.png", "run.mcap"]
-    assert lines(report)[-1].endswith(f"{tmp_path / 'out' / 'replay.json'}")
+    assert lines(report)[-2].endswith(f"{tmp_path / 'out' / 'replay.json'}")
+    # with the very options that this log needed
+    maps = " ".join(f"--map {shlex.quote(str(one))}" for one in (*ANGLES, FORCE))
+    assert lines(report)[-1] == f"  next       twin identify {log} --experiment {ROBOT} {maps}"
     assert read(tmp_path / "out" / "run.mcap").complete
 
 
@@ -45,7 +49,9 @@ def test_with_nothing_independent_to_compare_the_report_claims_nothing(tmp_path:
     assert report.exit_code == 0
     assert lines(report)[0] == "monday: cannot tell whether robot and twin match"
     assert report.facts["verdict"] == "cannot tell"
-    assert "nothing" in report.text and "--plant" in report.text
+    assert "nothing" in report.text
+    maps = " ".join(f"--map {shlex.quote(str(one))}" for one in ANGLES)
+    assert report.facts["next"] == f"twin replay {log} --plant --experiment {ROBOT} {maps}"
 
 
 def test_the_same_log_gives_the_same_files(tmp_path: Path):

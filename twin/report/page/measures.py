@@ -1,11 +1,12 @@
 """Measures of any run, whatever it was for: of what truly happened, with what the robot believed beside it."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Container
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
+from twin.studies.metrics.needs import FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
 from twin.studies.metrics.tracking import rms
 from twin.studies.paper.fig5_runs import trip_time
@@ -64,6 +65,38 @@ def measures(run: "ReportRun") -> list[Measure]:
     return found
 
 
+def scored(run: "ReportRun") -> dict[str, float]:
+    """What is judged of the truth, by short name; only what has a number, or never happened."""
+    return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
+
+
+def unscored(run: "ReportRun", asked: Container[str]) -> dict[str, list[str]]:
+    """Why measures are not there: what is missing -> their short names.
+
+    Args:
+        asked: short names of the measures that are wanted besides those that a series is missing for.
+    """
+    has_tasks = bool(run.values.get("task"))
+    wanted = {"its tasks": FIG5} | MEASURES if has_tasks else MEASURES
+    lost = {name: [series for series in needs if not run.has(series)] for name, needs in wanted.items()}
+    if has_tasks:
+        lost = {name: series for name, series in lost.items() if name not in OF_A_CONSTANT_FORCE}
+    missing = dict.fromkeys(series for needs in lost.values() for series in needs)
+    found = {f"no {', '.join(missing)}": [name for name, series in lost.items() if series]} if missing else {}
+    # a run under position control has no force error to lose
+    idle = not missing and not np.any(run.recording["controller.triggered"])
+    there = {*scored(run), "its tasks", *(("force error",) if idle else ())}
+    if others := [name for name, series in lost.items() if not series and name in asked and name not in there]:
+        found[_why_not(run)] = others
+    return found
+
+
+def _why_not(run: "ReportRun") -> str:
+    """Why a run that holds all series has no measure of its force."""
+    touches = run.has("plant.F_ee_B") and np.any(run.recording["plant.F_ee_B"][:, 2] < 0.0)
+    return "no constant force was asked for" if touches else "it never touched"
+
+
 def _force(run: "ReportRun") -> list[Measure]:
     t = run.times["plant"]
     F_z = -run.recording["plant.F_ee_B"][:, 2]
@@ -87,9 +120,21 @@ def _force(run: "ReportRun") -> list[Measure]:
             short="the estimated force",
         )
     )
+    if run.has(*MEASURES["force error"]):
+        found += _force_error(run, t, F_z, believed)
     if not run.has("controller.F_z_ref") or run.values.get("task"):
         return found
     return found + _regulation(t, F_z, believed, run.held("controller.F_z_ref", t), touching)
+
+
+def _force_error(run: "ReportRun", t: Curve, F_z: Curve, believed: Curve) -> list[Measure]:
+    """The `force_error` of `twin.runs.outcome`: off the reference, force loop on, from the first touch on."""
+    on = (run.held("controller.triggered", t) > 0.0) & np.logical_or.accumulate(F_z > 0.0)
+    if not np.any(on):
+        return []
+    F_z_ref = run.held("controller.F_z_ref", t)
+    text = "rms of F_z off its reference, force loop on, from the first touch on"
+    return [Measure(text, "N", rms((F_z - F_z_ref)[on]), rms((believed - F_z_ref)[on]), short="force error")]
 
 
 def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching: np.ndarray) -> list[Measure]:
@@ -109,7 +154,7 @@ def _regulation(t: Curve, F_z: Curve, believed: Curve, F_z_ref: Curve, touching:
         both("overshoot of the force", "%", lambda F: 100.0 * overshoot(F, target), "overshoot"),
         both(END, "N", lambda F: float(np.mean(F[t >= t[-1] - 1.0]))),
         both(f"rms of {target:g} N - F_z, second half of the contact", "N", lambda F: rms(F[late] - F_z_ref[late]),
-             "force error"),
+             "settled force error"),
     ]  # fmt: skip
 
 

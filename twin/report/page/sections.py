@@ -22,6 +22,7 @@ MARKS = {
     "trivial": ("- trivial", ""),
     "not reproduced": ("- not reproduced", ""),
     "reproduced after all": ("✓ reproduced after all", "good"),
+    "not scored": ("? not scored", ""),
 }
 
 

@@ -1,13 +1,12 @@
 """What a report says first: how it went, in a sentence, and every claim behind it."""
 
 import json
-import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
-from twin.report.page.measures import outcome
+from twin.report.page.measures import outcome, scored, unscored
 from twin.report.page.run import ReportRun
 from twin.studies.metrics.better import standing
 from twin.studies.paper.claim import ClaimFinding, judged
@@ -91,7 +90,7 @@ def verdict(runs: Sequence[ReportRun]) -> PageVerdict:
 
 def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarms: Sequence[str]) -> str:
     # of more than two the page would begin with a paragraph: they are remarks
-    said = beside(runs) if len(runs) == 2 else []
+    said = [*alarms[:1], *not_scored(runs), *(beside(runs) if len(runs) == 2 else ())]
     _, of = tally(findings)
     failing = [finding.claim.text for finding in findings if finding.verdict == "fails"]
     if failing:
@@ -99,7 +98,6 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
         said.append(f"{len(failing)} of {of} claims {'fails' if len(failing) == 1 else 'fail'}{named}")
     elif of:
         said.append(claims_standing(findings))
-    said += alarms[:1]
     outcomes = [outcome(run) for run in runs]
     if not said and len(runs) == 1 and outcomes[0]:
         return outcomes[0]
@@ -109,13 +107,16 @@ def _headline(runs: Sequence[ReportRun], findings: Sequence[ClaimFinding], alarm
 
 def beside(runs: Sequence[ReportRun]) -> list[str]:
     """In what each run but the first is better or worse than the first; nothing of one run."""
-    values = [
-        {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)} if len(runs) > 1 else {}
-        for run in runs
-    ]
+    return [standing(scored(run), scored(runs[0])).sentence(run.label, runs[0].label) for run in runs[1:]]
+
+
+def not_scored(runs: Sequence[ReportRun]) -> list[str]:
+    """What a run cannot be judged by although another one is, or because it lacks a series: it may hide a loss."""
+    known = {name for run in runs for name in scored(run)}
     return [
-        standing(own, values[0]).sentence(run.label, runs[0].label)
-        for run, own in zip(runs[1:], values[1:], strict=True)
+        f"not scored{f' of {run.label}' if len(runs) > 1 else ''}: {', '.join(names)} ({why})"
+        for run in runs
+        for why, names in unscored(run, known).items()
     ]
 
 

@@ -14,6 +14,7 @@ from twin.studies.check.signals import Signals
 from twin.studies.metrics.checked_requirement import checked_requirement
 from twin.studies.metrics.distance import distance
 from twin.studies.metrics.effort import travel, work
+from twin.studies.metrics.oscillation import PERIODS, strongest_swing
 from twin.studies.metrics.response import within
 from twin.studies.metrics.step import step_info
 from twin.studies.metrics.tracking import lag, path_error, rms
@@ -182,6 +183,20 @@ def _spread(measure: measures.Spread, signals: Signals, inside: NDArray[np.bool_
     }
 
 
+def _oscillation(measure: measures.Oscillation, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
+    unit, t, values = signals.unit(measure.signal), signals.t[inside], signals[measure.signal][inside]
+    length = float(t[-1] - t[0])
+    if length * measure.lowest < PERIODS:
+        raise InputRefused(
+            f"measures for {length:g} s; expected {PERIODS} periods of lowest_Hz = {measure.lowest:g}, which are "
+            f"{PERIODS / measure.lowest:g} s"
+        )
+    amplitude, frequency = strongest_swing(t, values, measure.lowest)
+    found = {"amplitude": Metric(amplitude, unit, floor_of(unit))}
+    # what does not swing has no frequency
+    return found | ({"frequency": Metric(frequency, "Hz", 1.0 / length, "none")} if amplitude > _still(values) else {})
+
+
 def _onset(measure: measures.Onset, signals: Signals, inside: NDArray[np.bool_]) -> Metrics:
     true = np.flatnonzero(signals[measure.signal][inside] > 0.0)
     if len(true) == 0:
@@ -248,6 +263,7 @@ KINDS: dict[type[measures.Window], Callable[..., Metrics]] = {
     measures.Tracking: _tracking,
     measures.Lag: _lag,
     measures.Spread: _spread,
+    measures.Oscillation: _oscillation,
     measures.Onset: _onset,
     measures.Path: _path,
     measures.Effort: _effort,

@@ -8,7 +8,7 @@ import numpy as np
 from twin.errors import nearest
 from twin.recording.logs.log import Log, LogSeries
 from twin.studies.compare.tolerance import ComparisonRefused, Rule, matches
-from twin.units import Dimension, Unit, known_unit
+from twin.units import Dimension, Unit, known_unit, weight_hint
 
 
 def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
@@ -42,6 +42,7 @@ def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dic
         if _unit(b[name]).dimension != units[name].dimension:
             bare = [log.path for log in (a, b) if log[name].unit == "1"]
             hint = f"{bare[0]} states no unit; --map {name}=COLUMN[UNIT]" if bare else "correct it with --map"
+            hint += weight_hint(_unit(b[name]).dimension, units[name].dimension)
             mistakes.append(f"{name} is in {a[name].unit} in {a.path} but in {b[name].unit} in {b.path}; {hint}")
     if mistakes:
         raise ComparisonRefused("\n".join(mistakes))

@@ -20,7 +20,7 @@ from pathlib import Path
 
 from twin.errors import InputRefused
 from twin.files import read_toml
-from twin.units import Dimension, Unit, known_unit
+from twin.units import Dimension, Unit, known_unit, weight_hint
 
 SECONDS = Dimension(s=1)
 _RULE = re.compile(r"\s*(?:([0-9.eE+-]+)\s*([^@]*?))?\s*(?:@\s*([0-9.eE+-]+)\s*(\S+))?\s*")
@@ -113,8 +113,10 @@ def allowance(signal: str, unit: Unit, span: float, magnitude: float, given: Ite
         elif rule.value is not None and rule.dimension == unit.dimension:
             value = rule.value
         elif rule.value is not None and not set("*?") & set(rule.pattern):
+            got = rule.dimension or Dimension()
             raise ComparisonRefused(
-                f"tolerance of {rule.pattern} is in {Unit(rule.dimension or Dimension()).si}, but it is in {unit.si}"
+                f"tolerance of {rule.pattern} is in {Unit(got).si}, but it is in {unit.si}"
+                f"{weight_hint(got, unit.dimension)}"
             )
         dt = dt if rule.dt is None else rule.dt
     return Allowance(value, dt)

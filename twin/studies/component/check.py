@@ -23,6 +23,7 @@ from twin.studies.component.bench import (
     played_again,
     replayed_from_state,
 )
+from twin.studies.metrics.needs import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
 
 Verdict = Literal["ok", "fails", "note"]
 ENOUGH = 1000
@@ -86,7 +87,7 @@ def checked_part(
     bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
     say("calling it")
     first = bench.play(bench.inputs)
-    checks = [_calls(bench, first)]
+    checks = [_calls(bench, first), *_scored(part, bool(experiment.tasks))]
     if not first.failure:
         say("calling it again")
         checks += [_repeats(bench, first), *_of_fmu(bench, first), _answers(bench, first)]
@@ -119,6 +120,20 @@ def _calls(bench: _Bench, first: Played) -> Check:
     if n < count:
         return Check("calls", "ok", f"{n} of {count} calls, all outputs finite; the rest would take too long")
     return Check("calls", "ok", f"{n} calls, all outputs finite")
+
+
+def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
+    """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
+    ports = {f"{part.role}.{port.name}" for port in part.outputs}
+    measures = {name: needs for name, needs in MEASURES.items() if not (has_tasks and name in OF_A_CONSTANT_FORCE)}
+    figure, series = ("fig5", FIG5) if has_tasks else ("fig4", FIG4)
+    missing = [name for name in series if name.startswith(f"{part.role}.") and name not in ports]
+    lost = [name for name, needs in measures.items() if set(missing) & set(needs)]
+    if missing:
+        measured = f"twin report cannot score {', '.join(lost)}; " if lost else ""
+        names = ", ".join(name.removeprefix(f"{part.role}.") for name in missing)
+        detail = f"no output {names}: {measured}twin compare --paper {figure} not what rests on them"
+        yield Check("scored", "note", detail)
 
 
 def _repeats(bench: _Bench, first: Played) -> Check:

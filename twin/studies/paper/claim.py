@@ -5,8 +5,10 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Literal
 
-Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all"]
-"""The last two are of claims with a `Miss`; "fails" is what nobody expected."""
+from twin.recording.errors import UnknownSeries
+
+Verdict = Literal["holds", "fails", "trivial", "not reproduced", "reproduced after all", "not scored"]
+""""Not reproduced" and "reproduced after all" are of claims with a `Miss`; "fails" is what nobody expected."""
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class ClaimFinding:
     @property
     def measured(self) -> str:
         """`5.606 s`, or `never`."""
-        if self.claim.measure is None or (self.verdict == "trivial" and not math.isfinite(self.value)):
+        if self.claim.measure is None or (self.verdict in ("trivial", "not scored") and not math.isfinite(self.value)):
             return ""
         if not math.isfinite(self.value):
             return "never"
@@ -87,10 +89,13 @@ class ClaimFinding:
 
 
 def judged(claim: Claim, runs: Any) -> ClaimFinding:
-    """Measure `claim` on `runs`."""
+    """Measure `claim` on `runs`; one that needs a series which they lack is not scored."""
     if claim.measure is None:
         return ClaimFinding(claim, math.nan, "not reproduced", claim.miss.reason if claim.miss else "")
-    value = claim.measure(runs) * claim.scale
+    try:
+        value = claim.measure(runs) * claim.scale
+    except UnknownSeries as problem:
+        return ClaimFinding(claim, math.nan, "not scored", f"needs {problem.key}")
     if reason := claim.trivial(runs):
         return ClaimFinding(claim, value, "trivial", reason)
     holds = claim.low <= value <= claim.high

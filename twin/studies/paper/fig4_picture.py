@@ -1,9 +1,11 @@
 """Fig. 4 A-D as one picture: panels and colours as the caption of the paper names them."""
 
+from contextlib import suppress
 from pathlib import Path
 
 from matplotlib.axes import Axes
 
+from twin.recording.errors import UnknownSeries
 from twin.studies.figure import GREY, INK, PAPER_BLUE, PAPER_ORANGE, PAPER_YELLOW, picture
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
 
@@ -13,7 +15,10 @@ WIDE, THIN = 1.6, 0.9
 
 
 def draw_fig4(runs: Fig4Runs, path: Path) -> None:
-    """Write the picture to `path` (PNG). Forces are the controller's estimates; the true F_z is dotted."""
+    """Write the picture to `path` (PNG). Forces are the controller's estimates; the true F_z is dotted.
+
+    A series that a run lacks is left out.
+    """
     with picture(path, 12, 7.5) as figure:
         (a, b), (c, d) = figure.subplots(2, 2, sharex=True)
         _draw_z(a, runs)
@@ -35,19 +40,23 @@ def draw_fig4(runs: Fig4Runs, path: Path) -> None:
 
 def _draw_z(axes: Axes, runs: Fig4Runs) -> None:
     fp, p = runs.force_position, runs.position
-    axes.plot(fp.t, 1e3 * fp.z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
+    with suppress(UnknownSeries):
+        axes.plot(fp.t, 1e3 * fp.z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
     axes.plot(p.t, 1e3 * p.z, color=P_BASED, lw=WIDE, label="P-based")
     axes.plot(fp.t, 1e3 * fp.z, color=FP_BASED, lw=WIDE, label="F&P-based")
-    axes.plot(fp.t, 1e3 * fp.z_cmd, color=FP_REFERENCE, lw=THIN, label="F&P-based-ref")
+    with suppress(UnknownSeries):
+        axes.plot(fp.t, 1e3 * fp.z_cmd, color=FP_REFERENCE, lw=THIN, label="F&P-based-ref")
     axes.set_ylabel("z position (mm)")
     axes.legend(loc="upper right")
 
 
 def _draw_force(axes: Axes, runs: Fig4Runs) -> None:
     fp, p = runs.force_position, runs.position
-    axes.axhline(fp.F_z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
-    axes.plot(p.t, p.F_z, color=P_BASED, lw=WIDE, label="P-based")
-    axes.plot(fp.t, fp.F_z, color=FP_BASED, lw=WIDE, label="F&P-based")
+    with suppress(UnknownSeries):
+        axes.axhline(fp.F_z_ref, color=PRE_DEFINE, lw=WIDE, label="Pre-define")
+    for run, color, label in ((p, P_BASED, "P-based"), (fp, FP_BASED, "F&P-based")):
+        with suppress(UnknownSeries):
+            axes.plot(run.t, run.F_z, color=color, lw=WIDE, label=label)
     axes.plot(p.t_plant, p.true_F_z, color=TRUTH, lw=THIN, ls=":", label="true force (plant)")
     axes.plot(fp.t_plant, fp.true_F_z, color=TRUTH, lw=THIN, ls=":")
     axes.set_ylabel("F_z, pressing (N)")

@@ -9,6 +9,7 @@ import numpy as np
 
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
+from twin.studies.metrics.needs import FIG4, lacking
 from twin.studies.metrics.response import Curve, first_time, within
 
 SWEEP = (10.7, 18.7)
@@ -131,6 +132,14 @@ class Fig4Runs:
         return ""
 
     @property
+    def missing(self) -> dict[str, list[str]]:
+        """Series that claims are judged on and a recorded run lacks, by the run's file."""
+        runs = [self.force_position, self.position, *(self.imperfect or ())]
+        recorded = [run.recording for run in runs if isinstance(run.recording, Recording)]
+        found = {str(one.path): lacking(FIG4, one.fields()) for one in recorded}
+        return {path: names for path, names in found.items() if names}
+
+    @property
     def tuned(self) -> dict[str, str]:
         """Parameters whose source says that they were tuned to meet the text: key -> source."""
         runs = (self.force_position, *(self.imperfect[:1] if self.imperfect else ()))
@@ -170,6 +179,8 @@ def checked_run(recording: Recording) -> Fig4Run:
 
 def _checked_pair(force_position: Recording, position: Recording) -> tuple[Fig4Run, Fig4Run]:
     pair = checked_run(force_position), checked_run(position)
+    if any("controller.triggered" not in one.fields() for one in (force_position, position)):
+        return pair
     if np.isinf(pair[0].trigger_time) and np.isfinite(pair[1].trigger_time):
         raise InputRefused(
             f"{force_position.path} has no force control and {position.path} has: give the force-position run first"

@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from twin.controller.phase import PhaseKind
 from twin.experiment.monitor import Monitor
 from twin.experiment.replaced import names_stand_in
 from twin.experiment.task import Push, Roll, Tap
+from twin.recording.errors import UnknownSeries
 from twin.studies.figure import GREEN, ORANGE, picture
 from twin.studies.metrics.path import along_and_off
 from twin.studies.paper.claim import Claim
@@ -36,7 +38,10 @@ ALIKE = 0.35
 
 
 def draw_fig5(score: Fig5Score, path: Path) -> None:
-    """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each."""
+    """Write the picture to `path` (PNG): the last task of each kind of the first run that has one, a column each.
+
+    A series that a run lacks is left out.
+    """
     shown = shown_tasks(score)
     width = COLUMN * len(shown) + 0.6
     with picture(path, width, 9.6, by_hand=True) as figure:
@@ -75,8 +80,10 @@ def _seen(run: TaskRun) -> slice:
 def _draw_height(axes: Axes, run: TaskRun) -> None:
     seen = _seen(run)
     t = run.t[seen]
-    axes.plot(t, 1e3 * run.commanded("p_cmd_B")[seen, 2], color=SHIFTED, lw=1.6, label="after the force loop")
-    axes.plot(t, 1e3 * run.commanded("p_ref_B")[seen, 2], color=REFERENCE, lw=1.6, ls="--", label="reference")
+    with suppress(UnknownSeries):
+        axes.plot(t, 1e3 * run.commanded("p_cmd_B")[seen, 2], color=SHIFTED, lw=1.6, label="after the force loop")
+    with suppress(UnknownSeries):
+        axes.plot(t, 1e3 * run.commanded("p_ref_B")[seen, 2], color=REFERENCE, lw=1.6, ls="--", label="reference")
     axes.plot(t, 1e3 * run.p_B[seen, 2], color=TRUTH, lw=1.2, label="true")
     axes.set(xlabel="time (s)", ylabel="z (mm)", xlim=(t[0], t[-1]))
 
@@ -128,12 +135,14 @@ def _draw_force(axes: Axes, run: TaskRun) -> None:
     on = run.full_turns if isinstance(run.task, Roll) else run.during(WORK.get(run.task.kind, PhaseKind.TAP))
     if not isinstance(run.task, Tap) and np.any(on):
         axes.axvspan(run.t[on][0], run.t[on][-1], color=JUDGED, lw=0, label="judged")
-    axes.plot(t, run.commanded("F_z")[seen], color=ESTIMATE, lw=1.6, label="estimated")
+    with suppress(UnknownSeries):
+        axes.plot(t, run.commanded("F_z")[seen], color=ESTIMATE, lw=1.6, label="estimated")
     axes.plot(t, run.F_z[seen], color=TRUTH, lw=1.1, label="true")
     if isinstance(run.task, Tap):
         axes.axhline(run.task.force, color=REFERENCE, lw=1.6, ls="--", label="reference")
     else:
-        axes.plot(t, run.commanded("F_z_ref")[seen], color=REFERENCE, lw=1.6, ls="--", label="reference")
+        with suppress(UnknownSeries):
+            axes.plot(t, run.commanded("F_z_ref")[seen], color=REFERENCE, lw=1.6, ls="--", label="reference")
     limit = _force_limit(run)
     if limit is not None and limit <= (1.0 + ALIKE) * max(run.F_z.max(), run.task.force):
         axes.axhline(limit, color=TRACE, lw=1.2, ls=":", label="monitor's limit")

@@ -15,6 +15,7 @@ from twin.experiment.recorded import recorded_values
 from twin.experiment.task import Task, checked_tasks
 from twin.monitor.reasons import MEANINGS, Reason
 from twin.recording.recording import Recording
+from twin.studies.metrics.needs import FIG5, lacking
 from twin.studies.metrics.response import Curve, first_time
 
 Mask = NDArray[np.bool_]
@@ -131,11 +132,16 @@ def task_runs(recording: Recording) -> list[TaskRun]:
     """The tasks of a run in their order.
 
     Raises:
-        InputRefused: it holds none.
+        InputRefused: it holds none, or lacks what they are judged on.
     """
     tables = _tuples(settings(recording).get("task", []))
     tasks = tuple(checked_tasks(tables, []).values())
-    if not tasks or "controller.task" not in recording.fields():
+    if tasks and (missing := lacking(FIG5, recording.fields())):
+        raise InputRefused(
+            f"{recording.path}: no {', '.join(missing)}; Fig. 5 is judged phase by phase of each task, so the "
+            "controller has to put these out"
+        )
+    if not tasks:
         raise InputRefused(
             f"{recording.path}: holds no task; Fig. 5 needs a run of [[task]] tables, such as experiments/pressing.toml"
         )

@@ -1,5 +1,6 @@
 """The way of one task in space, in a black box with arrows, as the paper's Fig. 5 shows it."""
 
+from contextlib import suppress
 from itertools import product
 
 import numpy as np
@@ -8,6 +9,7 @@ from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from twin.controller.phase import PhaseKind
 from twin.experiment.task import Push, Roll
+from twin.recording.errors import UnknownSeries
 from twin.studies.figure import BLUE, GREY, INK, VERMILION
 from twin.studies.paper.fig5_runs import TaskRun, settings
 
@@ -37,7 +39,8 @@ def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
     _draw_surface(axes, 1e3 * _height(run))
     p = 1e3 * run.p_B
     working = np.isin(run.phase, WORK)
-    axes.plot(*(1e3 * run.commanded("p_ref_B")).T, color=REFERENCE, lw=1.2, ls="--", zorder=2)
+    with suppress(UnknownSeries):
+        axes.plot(*(1e3 * run.commanded("p_ref_B")).T, color=REFERENCE, lw=1.2, ls="--", zorder=2)
     axes.plot(*p.T, color=TRUTH, lw=1.0, zorder=3)
     axes.plot(*np.where(working[:, None], p, np.nan).T, color=TRACE, lw=2.2, zorder=4)
     for start, way in _moves(run):

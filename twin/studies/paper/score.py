@@ -1,8 +1,8 @@
 """Claims judged together, and those of Fig. 4 on its runs."""
 
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from twin.studies.paper.claim import ClaimFinding, Verdict, as_facts, judged
 from twin.studies.paper.fig4 import CLAIMS, OUT_OF_SCOPE, QUALITY
@@ -19,11 +19,16 @@ def with_verdict(findings: Iterable[ClaimFinding], verdict: Verdict) -> list[str
     return [f.claim.key for f in findings if f.verdict == verdict]
 
 
+def unscored(findings: Iterable[ClaimFinding]) -> list[str]:
+    """Keys of the claims that need a series which the runs lack."""
+    return with_verdict(findings, "not scored")
+
+
 def tally(findings: Iterable[ClaimFinding]) -> tuple[int, int]:
     """(how many hold, how many were judged); what is not reproduced was judged."""
     verdicts = [f.verdict for f in findings]
     holds = verdicts.count("holds") + verdicts.count("reproduced after all")
-    return holds, len(verdicts) - verdicts.count("trivial")
+    return holds, len(verdicts) - verdicts.count("trivial") - verdicts.count("not scored")
 
 
 def standing(findings: Sequence[ClaimFinding]) -> str:
@@ -57,6 +62,7 @@ class Score:
         quality: ours, judged on the truth.
         tuned: parameters that were tuned to meet the text, key -> source.
         without_x: why nothing is said of forces in x, or "".
+        missing: run -> series that claims need and it lacks.
         out_of_scope: what the paper reports and no model here can.
     """
 
@@ -64,6 +70,7 @@ class Score:
     quality: tuple[ClaimFinding, ...]
     tuned: dict[str, str]
     without_x: str = ""
+    missing: Mapping[str, Sequence[str]] = field(default_factory=dict)
     out_of_scope: tuple[str, ...] = OUT_OF_SCOPE
 
     @property
@@ -81,6 +88,11 @@ class Score:
         """Keys of what is known not to hold, and does."""
         return with_verdict((*self.claims, *self.quality), "reproduced after all")
 
+    @property
+    def unscored(self) -> list[str]:
+        """Keys of what cannot be scored."""
+        return unscored((*self.claims, *self.quality))
+
     def facts(self) -> dict[str, object]:
         """For JSON."""
         held, judged = tally(self.claims)
@@ -91,6 +103,8 @@ class Score:
             "failed": self.failed,
             "not_reproduced": self.not_reproduced,
             "reproduced_after_all": self.reproduced_after_all,
+            "not_scored": self.unscored,
+            "missing": {run: list(series) for run, series in self.missing.items()},
             "claims": [as_facts(finding) for finding in self.claims],
             "quality_on_true_force": [as_facts(finding) for finding in self.quality],
             "tuned": self.tuned,
@@ -105,4 +119,5 @@ def fig4_score(runs: Fig4Runs) -> Score:
         quality=tuple(judged(claim, runs) for claim in QUALITY),
         tuned=runs.tuned,
         without_x=runs.without_x,
+        missing=runs.missing,
     )

@@ -25,7 +25,7 @@ HOME = Path("results")
 def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
 
-    Exit code 1: a claim fails.
+    Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
 
     Args:
         paths: runs, in the order of `FIG4_EXPERIMENTS`, the first two or all; none: the latest in results/.
@@ -47,7 +47,7 @@ def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     score = fig4_score(runs)
     notes = [*(recording.note for recording in recordings if recording.note), *_deviations(recordings)]
     return judged("fig4", out or HOME / "fig4", fig4_text(score), score.facts(), lambda path: draw_fig4(runs, path),
-                  holds=not score.failed, notes=notes)  # fmt: skip
+                  holds=not score.failed and not score.unscored, notes=notes)  # fmt: skip
 
 
 def score_fig5(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:

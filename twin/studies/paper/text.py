@@ -2,12 +2,15 @@
 
 from collections.abc import Iterable, Sequence
 
-from twin.studies.lines import WIDTH, wrapped
+from twin.studies.lines import WIDTH, counted, wrapped
 from twin.studies.paper.claim import ClaimFinding
 from twin.studies.paper.fig5_score import Fig5Score, TaskScore
 from twin.studies.paper.score import Score, bound_used, standing, tally
 
-MARKS = {"holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproduced": "miss", "reproduced after all": "ok !"}
+MARKS = {
+    "holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproduced": "miss", "reproduced after all": "ok !",
+    "not scored": "?",
+}  # fmt: skip
 FEW = 4
 """More runs than these become a table."""
 KINDS = ("press", "tap", "roll", "push")
@@ -15,7 +18,11 @@ KINDS = ("press", "tap", "roll", "push")
 
 def fig4_text(score: Score) -> str:
     """Fig. 4: the claims of the paper, then ours on the true force."""
-    lines = [_two("Fig. 4: force-position control", standing(score.claims))]
+    lines = []
+    if score.unscored:
+        lines += [f"Not scored: {counted(len(score.unscored), 'claim')}, marked ?, for want of what a run lacks:"]
+        lines += [f"  {run}: no {', '.join(series)}" for run, series in score.missing.items()]
+    lines += [_two("Fig. 4: force-position control", standing(score.claims))]
     lines += _lines(score.claims)
     if not score.without_x:
         lines += ["  Imperfect: scale tilted, encoders off zero. All other rows: the ideal runs."]

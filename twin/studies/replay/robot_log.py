@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from twin.controller.belief import Belief
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log, LogSeries
+from twin.units import known_unit, weight_hint
 
 SCALE = "scale.F_z"
 COUNTS = {"count_m": "theta_m", "count_l": "theta_l"}
@@ -113,7 +114,10 @@ def _three(log: Log, name: str, unit: str) -> LogSeries:
 
 def _in_unit(log: Log, name: str, series: LogSeries, unit: str) -> LogSeries:
     if series.unit != unit:
+        got, wanted = known_unit(series.unit), known_unit(unit)
+        hint = weight_hint(got.dimension, wanted.dimension) if got and wanted else ""
         raise LogRefused(
-            f"{log.path}: {name} is in '{series.unit}', expected '{unit}'; say so with --map {name}=COLUMN[UNIT]"
+            f"{log.path}: {name} is in '{series.unit}', expected '{unit}'{hint or ';'} say so with "
+            f"--map {name}=COLUMN[UNIT]"
         )
     return series

@@ -1,5 +1,6 @@
 """A replay, from a log to files: recording, picture, facts."""
 
+import shlex
 from collections.abc import Sequence
 from dataclasses import asdict
 from datetime import datetime
@@ -66,7 +67,18 @@ def replay(
     facts = replay_facts(done)
     write_json(files["facts"], facts)
     named = {kind: str(path) for kind, path in files.items()}
-    return Answer(replay_text(done, name, named), facts | named, 0 if done.first_alarm is None else 1)
+    options = {"--experiment": [experiment] if experiment else [], "--map": maps, "--set": settings}
+    words = [word for option, values in options.items() for value in values for word in (option, str(value))]
+    following = shlex.join([*_following(done, str(log)), *words]) if _following(done, str(log)) else ""
+    text = replay_text(done, name, named, following)
+    return Answer(text, facts | named | {"next": following}, 0 if done.first_alarm is None else 1)
+
+
+def _following(replay: Replay, log: str) -> list[str]:
+    """What finds out which part has changed, or, without a measured force, whether one has; then nothing."""
+    if replay.log.force is not None:
+        return ["twin", "identify", log]
+    return [] if replay.plant else ["twin", "replay", log, "--plant"]
 
 
 def replay_facts(replay: Replay) -> dict[str, object]:

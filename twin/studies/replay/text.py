@@ -25,13 +25,14 @@ def verdict(replay: Replay) -> ReplayVerdict:
     return ReplayVerdict.DRIFTING if replay.first_alarm else ReplayVerdict.MATCHES
 
 
-def replay_text(replay: Replay, name: str, files: Mapping[str, str]) -> str:
-    """The whole report. name: of the log; files: kind -> path."""
+def replay_text(replay: Replay, name: str, files: Mapping[str, str], following: str) -> str:
+    """The whole report. name: of the log; files: kind -> path; following: the command that comes next, or ""."""
     lines = [_headline(replay, name), *_reasons(replay), ""]
     if replay.forces:
         lines += [*_table(replay), ""]
     lines += _samples(replay)
     lines += [f"  {kind:<10} {path}" for kind, path in files.items()]
+    lines += [f"  {'next':<10} {following}"] if following else []
     return "\n".join(lines)
 
 
@@ -64,7 +65,9 @@ def _reasons(replay: Replay) -> list[str]:
         found = "matches" if d.matches else f"since {d.since:.3f} s, seen at {d.alarm:.3f} s"
         told.append(f"  {one.name:<11} {slack:>11} {largest:>11}   {found}")
     if replay.first_alarm:
-        told += wrapped("A spring, belt, encoder, the body or the force sensor has changed: which, is not said.", "  ")
+        told += wrapped(
+            "A spring, belt, encoder, the body or the force sensor has changed; this cannot tell which.", "  "
+        )
     if not replay.indicators and replay.log.force is not None:
         return wrapped("The log ends before one block of 1 s after the baseline.", "  ")
     if replay.log.force is None:

@@ -21,6 +21,7 @@ BY_KIND: dict[str, tuple[str, ...]] = {
     "tracking": ("rms_error", "max_error"),
     "lag": ("lag",),
     "spread": ("mean", "std"),
+    "oscillation": ("amplitude", "frequency"),
     "onset": ("time",),
     "path": ("rms_error", "max_error"),
     "effort": ("commanded_travel", "work_delivered", "work_returned"),

@@ -1,6 +1,6 @@
-"""What a sweep's map has across and up."""
+"""Which parameters are meant: across and up a sweep's map, and the one over which the worst is looked for."""
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.words import short
 from twin.studies.sweep.statistics.ranking import numeric_labels
@@ -26,3 +26,16 @@ def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | N
     first = chosen[0] or (free.pop(0) if free else None)
     second = chosen[1] or (free.pop(0) if free else None)
     return (first, second) if first and second and first != second else None
+
+
+def worst_label(kept: KeptRows, wanted: str | None) -> str | None:
+    """The parameter that `--worst-over` means, by its whole name or by its short one.
+
+    Raises:
+        InputRefused: none of that name varies.
+    """
+    names = short(kept.labels)
+    found = next((label for label in kept.labels if wanted in (label, names[label])), None)
+    if wanted is not None and found is None:
+        raise InputRefused(f"--worst-over {wanted}: does not vary here; {nearest(wanted, kept.labels)}")
+    return found

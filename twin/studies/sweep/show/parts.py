@@ -16,9 +16,11 @@ from twin.studies.sweep.statistics.distribution import BINS, QUANTILES, Spread, 
 from twin.studies.sweep.statistics.drives import drive_ranking
 from twin.studies.sweep.statistics.pareto import pareto_front
 from twin.studies.sweep.statistics.ranking import best, drives_in, metrics_in, value
+from twin.studies.sweep.statistics.worst import worst_over
 
 MOST_OF_FRONT = 8
 MOST_REASONS = 5
+MOST_WORST = 40
 SHADES = " .:-=+*#"
 """Of a histogram's bins in text, from none to the fullest."""
 SKETCH = "least to most"
@@ -32,11 +34,13 @@ class Asked:
         by: metric that runs are ranked by.
         against: the other one of the Pareto front.
         top: so many best runs.
+        worst_over: the parameter over which each choice of the others is judged by its worst run; None: none.
     """
 
     by: str
     against: str
     top: int
+    worst_over: str | None = None
 
 
 def parts(kept: KeptRows, asked: Asked) -> list[Part]:
@@ -44,6 +48,8 @@ def parts(kept: KeptRows, asked: Asked) -> list[Part]:
     is drawn there nobody can choose."""
     judged = claims_part(kept)
     found: list[Part | None] = [judged] if judged else [_best(kept, asked), _drives(kept, asked)]
+    if asked.worst_over is not None:
+        found.insert(0, _worst(kept, asked, asked.worst_over))
     found += sensitivity_parts(kept, asked.by)
     if not judged:
         found.append(_front(kept, asked))
@@ -74,6 +80,32 @@ def _best(kept: KeptRows, asked: Asked) -> Part | None:
     ranked = best(kept.columns, asked.by)
     head, rows = _runs(kept, ranked[: asked.top], asked)
     return Part("best", f"best runs by {asked.by}", head, rows) if len(ranked) else None
+
+
+def _worst(kept: KeptRows, asked: Asked, label: str) -> Part:
+    columns, names = kept.columns, short(kept.labels)
+    found = worst_over(columns, asked.by, label, kept.labels)
+    others = [other for other in kept.labels if other != label]
+    several = len(kept.drives) > 1
+    rows = [
+        [
+            *(shown(columns.of.get(f"parameters/{other}"), one.row) for other in others),
+            *([columns.words("drive")[one.row] or ""] if several else []),
+            "failed" if math.isinf(one.metric) else number(one.metric),
+            shown(columns.of.get(f"parameters/{label}"), one.row),
+            str(one.runs),
+            str(one.bad) if one.bad else "-",
+        ]
+        for one in found[:MOST_WORST]
+    ]
+    head = [*(names[other] for other in others), *(["drive"] if several else [])]
+    head += [f"worst {asked.by}", f"at {names[label]}", "runs", "failed"]
+    remarks = ["failed: also tripped, beyond a limit, or without that number; it counts as worst"]
+    if len(found) > MOST_WORST:
+        remarks.append(f"and {len(found) - MOST_WORST} more")
+    if found and max(one.runs for one in found) == 1:
+        remarks.append(f"each choice has one run: {names[label]} does not vary by itself, as it does in a grid")
+    return Part("worst", f"worst {asked.by} over {names[label]}, least worst first", head, rows, remarks)
 
 
 def _front(kept: KeptRows, asked: Asked) -> Part | None:

@@ -12,7 +12,7 @@ from twin.studies.sweep.vary import Value
 
 USUAL_METRICS = ("force_error_N", "lateral_error_mm")
 UNRANKED = ("end_N", "peak_time_s")
-UNRANKED_MEASURES = ("mean", "peak", "steady_state_error")
+UNRANKED_MEASURES = ("mean", "peak", "steady_state_error", "frequency")
 """Less of these is neither better nor worse: where a force or a signal should end is for its reference to say. Of every
 other metric less is better."""
 
