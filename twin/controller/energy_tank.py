@@ -114,22 +114,19 @@ def _yielded(tank, tau, left, rise, J, omega_ref, passed):
     Returns:
         The share of the command that is left.
     """
+    most = 1.0 / (tank.k_s * tank.N * tank.eta * tank.horizon)
     squares = 0.0
     for i in range(3):
         squares += max(abs(tau[i]) - tank.bias, 0.0) ** 2
-    rate = RETURN / (tank.k_s * tank.N * tank.eta * tank.horizon)
+    rate = RETURN * most
     if -left * tank.N < rate * tank.horizon * squares:
         rate = -left * tank.N / (tank.horizon * squares)
     asked = kept = 0.0
     for i in range(3):
         by = max(abs(tau[i]) - tank.bias, 0.0)
-        passed[i] = -math.copysign(rate * by, tau[i])
-        asked += abs(omega_ref[i])
-        if by > 0.0 and tau[i] * omega_ref[i] < 0.0:
-            kept += abs(omega_ref[i])
-            if abs(omega_ref[i]) > abs(passed[i]):
-                passed[i] = omega_ref[i]
-        passed[i] += tank.N * J[3 * i + 2] * RETURN / tank.horizon * rise
+        told = min(abs(omega_ref[i]), most * by) if tau[i] * omega_ref[i] < 0.0 else 0.0
+        asked, kept = asked + abs(omega_ref[i]), kept + told
+        passed[i] = tank.N * J[3 * i + 2] * RETURN / tank.horizon * rise - math.copysign(max(rate * by, told), tau[i])
     return kept / asked if asked > 0.0 else 0.0
 
 
