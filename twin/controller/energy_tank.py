@@ -188,15 +188,17 @@ def step(m, t, h, u, y):
     m.height = max(m.height, m.p[2]) if left < 0.0 else m.p[2]
     lift, share = _lift(u.omega_ref, m.F, tank.touch), 0.0
     if told:
-        retreats = lift < 0.0 and power <= 0.0 and m.untouched == 0.0
-        share = 1.0 if retreats else passed_on(left, tank.horizon, power, force)
+        share = passed_on(left, tank.horizon, power, force)
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
-    if told and left < 0.0 and not retreats and (power >= 0.0 or power * power + 2.0 * force * left <= 0.0):
+    if told and left < 0.0 and (power >= 0.0 or power * power + 2.0 * force * left <= 0.0):
         share = _yielded(tank, m.tau, left, m.height - m.p[2], u.J, u.omega_ref, y.omega_ref)
     if told and lift < 0.0:
+        asked = kept = 0.0
         for i in range(3):
             y.omega_ref[i] = min(y.omega_ref[i], lift)
+            asked, kept = asked - u.omega_ref[i], kept - max(y.omega_ref[i], u.omega_ref[i])
+        share = max(share, kept / asked)
     for i in range(3):
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given
