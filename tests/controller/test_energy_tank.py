@@ -11,7 +11,7 @@ from twin.controller.energy_tank import COASTING, EnergyTank, Tank, passed_on
 from twin.errors import ComponentFailed
 from twin.studies.converge.by_hand import Sampled
 
-SETTINGS = Tank(size=0.1, horizon=0.1, touch=0.6, release=math.inf, late=3e-3, k_s=1.0, N=2.0, eta=1.0)
+SETTINGS = Tank(0.1, horizon=0.1, touch=0.6, release=math.inf, bias=0.0, late=3e-3, k_s=1.0, N=2.0, eta=1.0)
 J = np.diag([10.0, 10.0, -10.0])
 """rad/m: a robot whose joints are its axes, and whose third motor lowers it; 400 N/m each."""
 PERIOD = 2e-3

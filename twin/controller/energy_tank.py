@@ -54,6 +54,7 @@ class Tank(NamedTuple):
         horizon: for how long it has to last (s): longer than all delays and the drives' lag.
         touch: force (N) from which on something is touched.
         release: after so long without touch it is full again (s); infinity: never.
+        bias: how far the estimated torque of a joint may be off (N m).
         late: how old the newest message of the encoders may be (s).
         k_s, N, eta: series elastic joint, as the controller believes it.
     """
@@ -62,6 +63,7 @@ class Tank(NamedTuple):
     horizon: float
     touch: float
     release: float
+    bias: float
     late: float
     k_s: float
     N: float
@@ -75,9 +77,14 @@ LARGEST_SAMPLE = 2.0**53
 """Beyond, a double does not count whole numbers."""
 UNNUMBERED = 2
 """Status of the step: a message has no number."""
+RETURN = 0.5
+"""Over the horizon: gain (1/s) of each of the two loops by which an overdrawn tank moves the robot."""
+PLAY = 1e-3
+"""Angle (rad) of a joint that counts as no way: rounding goes to and fro by less."""
 MEMORY = record(
-    tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8"
-)
+    tank=TANK, level="f8", given="f8", p="3f8", F="3f8", sample="i8", age="f8", untouched="f8", tau="3f8", omega="3f8",
+    turned="3f8", height="f8",
+)  # fmt: skip
 
 
 @njit(cache=True, error_model="numpy")
@@ -97,28 +104,55 @@ def passed_on(left, horizon, P, Q):
 
 
 @njit(cache=True, error_model="numpy")
-def _given_way(tau, omega_ref, passed):
-    """No share of the whole command makes the store last: each motor that gives way may, and no other.
+def _yielded(tank, tau, left, rise, J, omega_ref, passed):
+    """More is gone than there was: every motor gives way to its torque, and by itself if it is not told to.
 
     Args:
-        tau: joint torques (3,), N m.
-        omega_ref: commanded (3,), rad/s, not all of them 0.
-        passed: what of it is passed on (3,), written.
+        tau: joint torques (3,), N m. Of what may be their error nobody gives way.
+        left: < 0 (J). It is to come back within the horizon, if the loop of motor and spring is stable with that.
+        rise: how far the head has sunk since (m): drives that yield to the robot's weight let it down.
+        J: Jacobian (9,), rad/m.
+        omega_ref: commanded (3,), rad/s.
+        passed: to be commanded instead (3,), written.
 
     Returns:
-        The share of it.
+        The share of the command that is left.
     """
-    asked = left = 0.0
+    most = 1.0 / (tank.k_s * tank.N * tank.eta * tank.horizon)
+    squares = 0.0
     for i in range(3):
-        passed[i] = omega_ref[i] if tau[i] * omega_ref[i] < 0.0 else 0.0
-        asked, left = asked + abs(omega_ref[i]), left + abs(passed[i])
-    return left / asked
+        squares += max(abs(tau[i]) - tank.bias, 0.0) ** 2
+    rate = RETURN * most
+    if -left * tank.N < rate * tank.horizon * squares:
+        rate = -left * tank.N / (tank.horizon * squares)
+    asked = kept = 0.0
+    for i in range(3):
+        by = max(abs(tau[i]) - tank.bias, 0.0)
+        told = min(abs(omega_ref[i]), most * by) if tau[i] * omega_ref[i] < 0.0 else 0.0
+        asked, kept = asked + abs(omega_ref[i]), kept + told
+        passed[i] = tank.N * J[3 * i + 2] * RETURN / tank.horizon * rise - math.copysign(max(rate * by, told), tau[i])
+    return kept / asked if asked > 0.0 else 0.0
 
 
 @njit(cache=True)
-def _retreats(omega_ref, F, touch):
-    """Whether all motors are told to turn up and none pulls at anything: what lies below gets nothing by that."""
-    return omega_ref[0] <= 0.0 and omega_ref[1] <= 0.0 and omega_ref[2] <= 0.0 and F[2] < touch
+def _lift(omega_ref, F, touch):
+    """Speed (rad/s, <= 0) at which all motors are told to turn up, if none pulls at anything: what lies below gets
+    nothing by that."""
+    return min(max(omega_ref[0], omega_ref[1], omega_ref[2]), 0.0) if F[2] < touch else 0.0
+
+
+@njit(cache=True)
+def _way(turned, J, p, p_before):
+    """Way of the joints (rad) from `p_before` to `p` (3,), m, less PLAY at each turn; `turned` (3,) keeps account."""
+    way = 0.0
+    for i in range(3):
+        here = turned[i]
+        for axis in range(3):
+            here += J[3 * i + axis] * (p[axis] - p_before[axis])
+        kept = min(max(here, -PLAY), PLAY)
+        way += abs(here - kept)
+        turned[i] = kept
+    return way
 
 
 @step_function(MEMORY, INPUTS, OUTPUTS)
@@ -130,20 +164,20 @@ def step(m, t, h, u, y):
     fresh = u.valid != 0.0 and u.sample != m.sample
     m.age = 0.0 if fresh else m.age + h
     if fresh:
-        first = m.sample == 0
+        gone = unsure = 0.0
+        if m.sample != 0:
+            unsure = tank.bias * _way(m.turned, u.J, u.p_B, m.p)
+            for i in range(3):
+                gone += 0.5 * (m.F[i] + u.F_ee_B[i]) * (u.p_B[i] - m.p[i])
         m.sample = int(u.sample)
-        size = math.sqrt(u.F_ee_B[0] ** 2 + u.F_ee_B[1] ** 2 + u.F_ee_B[2] ** 2)
-        touched = size >= tank.touch
-        gone = 0.0
         for i in range(3):
-            gone += 0.5 * (m.F[i] + u.F_ee_B[i]) * (u.p_B[i] - m.p[i])
             m.p[i], m.F[i] = u.p_B[i], u.F_ee_B[i]
-        if first:
-            gone = 0.0
+        touched = m.F[0] * m.F[0] + m.F[1] * m.F[1] + m.F[2] * m.F[2] >= tank.touch * tank.touch
         m.untouched = 0.0 if touched else m.untouched + h
+        m.given += gone
+        m.level = min(m.level - gone, tank.size)
         if touched:
-            m.given += gone
-            m.level = min(m.level - gone, tank.size)
+            m.level -= unsure
         elif m.untouched >= tank.release:
             m.level = tank.size
         m.tau[0], m.tau[1], m.tau[2] = load_torques(u.J, m.F[0], m.F[1], m.F[2])
@@ -158,13 +192,20 @@ def step(m, t, h, u, y):
     on = COASTING * tank.horizon
     coasting = max(0.0, power_on * on + 0.5 * force_on * on * on)
     left, told = m.level - stored - coasting, m.age <= tank.late
-    share = 0.0
+    m.height = max(m.height, m.p[2]) if left < 0.0 else m.p[2]
+    lift, share = _lift(u.omega_ref, m.F, tank.touch), 0.0
     if told:
-        share = 1.0 if _retreats(u.omega_ref, m.F, tank.touch) else passed_on(left, tank.horizon, power, force)
+        share = passed_on(left, tank.horizon, power, force)
     for i in range(3):
         y.omega_ref[i] = share * u.omega_ref[i]
-    if told and share < 1.0 and left < 0.0 < force and power * power + 2.0 * force * left <= 0.0:
-        share = _given_way(m.tau, u.omega_ref, y.omega_ref)
+    if told and left < 0.0 and (power >= 0.0 or power * power + 2.0 * force * left <= 0.0):
+        share = _yielded(tank, m.tau, left, m.height - m.p[2], u.J, u.omega_ref, y.omega_ref)
+    if told and lift < 0.0:
+        asked = kept = 0.0
+        for i in range(3):
+            y.omega_ref[i] = min(y.omega_ref[i], lift)
+            asked, kept = asked - u.omega_ref[i], kept - max(y.omega_ref[i], u.omega_ref[i])
+        share = max(share, kept / asked)
     for i in range(3):
         m.omega[i] += h / (on + h) * (y.omega_ref[i] - m.omega[i])
     y.share, y.level, y.stored, y.given = share, m.level, stored, m.given

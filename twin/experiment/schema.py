@@ -244,9 +244,12 @@ class EnergyTank(Section):
     horizon: float = quantity(
         "horizon_ms", "how long it has to last whatever happens: longer than delays and the drives' lag", 100.0, gt=0
     )
-    touch: float = quantity("touch_N", "estimated force from which on something is touched", 0.6, gt=0)
+    touch: float = quantity("touch_N", "estimated force from which on something is touched", 0.3, gt=0)
     release: float | None = quantity(
         "release_s", "after so long without touch it is full again; without it never", None, gt=0, examples=[0.5]
+    )
+    bias: float = quantity(
+        "bias_Nm", "how far the estimated torque of a joint may be off: charged along its way while touched", 4e-3, ge=0
     )
 
 

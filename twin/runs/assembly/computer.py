@@ -125,6 +125,7 @@ def tanks(build: Build) -> Makers:
         c.energy_tank.horizon,
         c.energy_tank.touch,
         release,
+        c.energy_tank.bias,
         late,
         c.model.k_s,
         c.model.N,

@@ -236,7 +236,7 @@ def _controller(part: RobotPart, memory: np.ndarray) -> Found:
 
 def _tank(part: RobotPart, memory: np.ndarray) -> Found:
     tank = memory["tank"]
-    for name in ("size", "horizon", "touch", *(["release"] if np.isfinite(tank["release"]).all() else [])):
+    for name in ("size", "horizon", "touch", "bias", *(["release"] if np.isfinite(tank["release"]).all() else [])):
         yield f"controller.energy_tank.{name}", Destination("tank", tank[name])
     yield "controller.energy_tank.size", Destination("tank", memory["level"])  # at the start it is full
     for name in ("k_s", "N", "eta"):
