@@ -94,6 +94,8 @@ def schedule_gains(m, table, tissue, pid, h):
         at = m.at if m.share > 0.0 else tissue.k
         m.at = min(max(tissue.k, at * (1.0 - step)), at * (1.0 + step))
     m.share = min(max(1.0 if trusted else 0.0, m.share - step), m.share + step)
+    if tissue.std >= tissue.k:
+        m.share = 0.0
     kp, ki = m.kp, m.ki
     if m.share > 0.0:
         kp, ki, m.segment = gains_at(carray(_points_at(table), m.count), m.segment, m.at)

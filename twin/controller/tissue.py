@@ -29,6 +29,8 @@ EXCITED = 10.0
 """Rms of the band-passed height over that of the rounding noise in it, from which on something moves."""
 DRIFT = 0.03
 """Share of k_hat by which the tissue may change in a second in which nothing is learnt."""
+SURPRISE = 3.0
+"""Force that the model leaves, over its standard error, from which on the model does not hold any more."""
 CHANGE = 0.7
 """Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
 LOWEST, HIGHEST = 50.0, 20000.0
@@ -64,6 +66,7 @@ class Sensing(NamedTuple):
 
 
 STAGE = record(fast="f8", slow="f8")
+RECENT = record(zz="f8", zv="f8", vv="f8", zF="f8", vF="f8", FF="f8")
 TISSUE = record_of(
     Sensing,
     g="f8",
@@ -89,7 +92,7 @@ TISSUE = record_of(
     F_1="f8",
     since="f8",
     pressing="i8",
-    power="f8",
+    recent=RECENT,
     n="f8",
     zzF="f8",
     zz="f8",
@@ -108,6 +111,8 @@ TISSUE = record_of(
     excited="i8",
     dithering="i8",
     phase="f8",
+    growth="f8",
+    amplitude="f8",
     sine="f8",
     cosine="f8",
 )
@@ -134,8 +139,9 @@ def _prepare(m, h):
     m.omega = 2.0 * math.pi * m.frequency
     m.turn_sine, m.turn_cosine = math.sin(m.omega * h), math.cos(m.omega * h)
     m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
-    # a few swings
-    m.averaging = min(2.0 * m.frequency * h, 1.0)
+    m.growth = 2.0 ** (m.frequency * h)
+    # half a swing
+    m.averaging = 2.0 * m.frequency * h
 
 
 @njit(cache=True)
@@ -178,7 +184,8 @@ def _begin(m, z, F):
     for i in range(STAGES):
         m.z[i].fast, m.z[i].slow, m.F[i].fast, m.F[i].slow = 0.0, 0.0, 0.0, 0.0
     m.z_0, m.F_0, m.z_1, m.z_2, m.F_1 = z, F, z, z, F
-    m.power = 0.0
+    r = m.recent
+    r.zz, r.zv, r.vv, r.zF, r.vF, r.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -232,6 +239,33 @@ def _solve(m, F):
     m.known, m.F_k, m.age = 1, F_k, 0.0
 
 
+@njit(cache=True)
+def _note(r, share, z_f, v_f, F_f):
+    """Let the means of the last swing take a call's part."""
+    r.zz += share * (z_f * z_f - r.zz)
+    r.zv += share * (z_f * v_f - r.zv)
+    r.vv += share * (v_f * v_f - r.vv)
+    r.zF += share * (z_f * F_f - r.zF)
+    r.vF += share * (v_f * F_f - r.vF)
+    r.FF += share * (F_f * F_f - r.FF)
+
+
+@njit(cache=True, error_model="numpy")
+def _surprised(m):
+    r, k, c = m.recent, m.k, m.c * m.omega
+    left = r.FF + 2.0 * (k * r.zF + c * r.vF + k * c * r.zv) + k * k * r.zz + c * c * r.vv
+    # where little moves rounding is no noise but a count now and then, sqrt(12) of its rms
+    flip = 12.0 * m.F_noise * m.F_noise * m.in_band
+    return left > SURPRISE * SURPRISE * m.std * m.std * (r.zz + r.vv) + flip
+
+
+@njit(cache=True)
+def _doubt_all(m, h, z, F):
+    unlearn(m)
+    _begin(m, z, F)
+    m.since, m.error = h, HIGHEST
+
+
 @njit(cache=True, error_model="numpy")
 def sense(m, h, z, F, J, pressing):
     """Learn from a call.
@@ -257,8 +291,10 @@ def sense(m, h, z, F, J, pressing):
         z_f, v_f = band_passed(m.z, m.g, m.z_1 - m.z_0)
         F_f, _ = band_passed(m.F, m.g, m.F_1 + inertia - m.F_0)
         m.z_2, m.z_1, m.F_1 = m.z_1, z, F
-        m.power += m.averaging * (z_f * z_f - m.power)
-        if m.since > m.settling and m.power > m.least:
+        _note(m.recent, m.averaging, z_f, v_f, F_f)
+        if m.known and m.error < HIGHEST and _surprised(m):
+            _doubt_all(m, h, z, F)
+        elif m.since > m.settling and m.recent.zz > m.least:
             m.excited = 1
             m.n = m.keep * m.n + 1.0
             # what moved most tells most, and of the force that was there then
