@@ -36,6 +36,5 @@ def dither(m, h):
     k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
     asked = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
     least = m.dither * (1.0 / HIGHEST + 1.0 / m.spring)
-    # what is believed may have changed, and then the force tells before it has grown
     m.amplitude = min(max(m.growth * m.amplitude, least), asked)
     return m.amplitude * m.sine, m.amplitude * m.omega * m.cosine
