@@ -91,6 +91,18 @@ def test_a_poor_estimate_leads_back_to_the_safe_set(poor):
     assert told[0, 0] > 0.9 * POINTS[0].kp
 
 
+def test_an_estimate_that_does_not_fit_the_force_leads_back_to_the_safe_set_in_the_same_call():
+    schedule, tissue, pid = parts()
+    called(schedule, tissue, pid, 400)
+    tissue["std"] = 300.0
+    pid["error"] = 0.7
+    output = pid["kp"] * pid["error"] + pid["integral"]
+    assert tuple(called(schedule, tissue, pid, 1)[0]) == (SAFE.kp, SAFE.ki)
+    # and no reference is fed forward through it
+    assert schedule["share"] == 0.0
+    assert pid["kp"] * pid["error"] + pid["integral"] == pytest.approx(output, rel=1e-12)
+
+
 def test_in_the_air_the_safe_set_waits():
     schedule, tissue, pid = parts()
     called(schedule, tissue, pid, 400)

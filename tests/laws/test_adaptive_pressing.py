@@ -2,7 +2,10 @@
 
 The numbers asked for: rms force at 300 and at 5,000 N/m at most 0.7 of that with the one set that `twin tune` finds for
 both, elsewhere at most 1.05; on a back that breathes at most half; taps within 10 % of their target, mean and median.
+Where the tissue stiffens or softens under the head, the force is at most 1.5 times as far off as with one set.
 """
+
+import itertools
 
 import numpy as np
 import pytest
@@ -80,6 +83,77 @@ def test_what_was_learnt_lasts_until_the_release_with_drives_that_swallow_the_di
 ])  # fmt: skip
 def test_with_a_schedule_no_task_is_worse_on_any_body_with_noise_or_a_surface_that_jumps(task, body, settings):
     assert ratio(task, settings, body=body) <= 1.05
+
+
+CHANGED = {"pressing": 7.0, "rolling": 8.0, "pushing": 6.0}
+"""When (s) the stiffness begins to change: in the hold, in the first circles, on the first way."""
+MONITORED = tuple(setting for setting in ONE_SET if not setting.startswith("monitor"))
+DITHER = 0.15 / np.sqrt(2.0)
+"""Rms (N) of the dither, which has to be there for the tissue to be known again."""
+SLOW = "mx106"
+"""The slowest of the drives, 7.9 Hz and gears: it takes longest to settle after its gains have fallen back."""
+STIFFNESS = (400, 3), (1600, 3), (400, 6), (800, 6), (400, 12), (1600, 0.3), (4800, 0.3), (4000, 0.1)
+"""From which stiffness (N/m), to how many times as much."""
+RAMPS = 0.0, 0.2, 0.5, 1.0, 2.0
+CHANGING = "velocity_servo", "ideal_velocity", "pmsm_foc", "mx106", "python_servo", "torque_motor_fmi3"
+
+
+def changing(settings, drive, task, K, factor, ramp):
+    """(error of the force, from the change to the release or to the monitor's trip; whether it tripped)."""
+    begins, ramp_s = CHANGED[task], f",ramp_s={ramp}" if ramp else ""
+    fault = f'fault=[{{kind="stiffness_change",onset_s={begins},magnitude_factor={factor}{ramp_s}}}]'
+    told = [*settings, f"contact.stiffness_N_per_m={K}", fault]
+    run = run_in_memory(
+        load_experiment(f"experiments/{task}.toml", told, drive=drive),
+        only=["plant.F_ee_B", "controller.triggered", "controller.F_z_ref", "monitor.tripped"],
+    )
+    error = -run["plant.F_ee_B"][:, 2] - run.held("controller.F_z_ref")
+    tripped = run.held("monitor.tripped")
+    first = round(begins / run.tick)
+    over = np.flatnonzero(~run.held("controller.triggered")[first:] | tripped[first:])
+    end = first + int(over[0])
+    return error[first:end], bool(tripped[end])
+
+
+def refuse_more_than_one_set_makes(drive, task, K, factor, ramp):
+    """The force error with the schedule against that with one set, as long as both press."""
+    (one, _), (scheduled, _) = (
+        changing(own, drive, task, K, factor, ramp) for own in (MONITORED, (*MONITORED, *SCHEDULE[len(ONE_SET) :]))
+    )
+    both = min(len(one), len(scheduled))
+    one, scheduled = one[:both], scheduled[:both]
+    assert np.sqrt(np.mean(scheduled**2)) <= 1.5 * np.sqrt(np.mean(one**2))
+    # and a second after the change is over, where one set may be still to 0.002 N; a press is released by then
+    begin = round((ramp + 1.0) / 1e-3)
+    settled = slice(begin, begin + 2500)
+    if task != "pressing" and drive != SLOW and both > settled.stop:
+        off_one, off_scheduled = (np.sqrt(np.mean(error[settled] ** 2)) for error in (one, scheduled))
+        assert off_scheduled <= max(1.5 * off_one, DITHER)
+
+
+@pytest.mark.parametrize(("drive", "task", "K", "factor", "ramp"), [
+    ("velocity_servo", "rolling", 400, 12, 0.2), ("velocity_servo", "rolling", 400, 6, 2.0),
+    ("velocity_servo", "pushing", 400, 12, 1.0), ("velocity_servo", "pushing", 4000, 0.1, 0.5),
+    ("velocity_servo", "pressing", 400, 12, 2.0), ("pmsm_foc", "pushing", 400, 6, 0.2),
+    ("mx106", "pushing", 1600, 3, 0.0), ("torque_motor_fmi3", "rolling", 1600, 0.3, 0.0),
+])  # fmt: skip
+def test_where_the_tissue_changes_under_the_head_the_force_is_not_worse_than_with_one_set(drive, task, K, factor, ramp):
+    refuse_more_than_one_set_makes(drive, task, K, factor, ramp)
+
+
+@pytest.mark.endurance
+@pytest.mark.parametrize("drive", CHANGING)
+@pytest.mark.parametrize("task", CHANGED)
+def test_no_drive_task_or_change_of_the_tissue_makes_the_schedule_worse_than_one_set(drive, task):
+    for (K, factor), ramp in itertools.product(STIFFNESS, RAMPS):
+        refuse_more_than_one_set_makes(drive, task, K, factor, ramp)
+
+
+def test_tissue_that_becomes_eight_times_as_stiff_in_an_instant_is_held_still_again():
+    # too much for the monitor, 40 N; the swing of 4.9 Hz that gains for soft tissue make of it used to last, 0.4 N rms
+    fault = 'fault=[{kind="stiffness_change",onset_s=10.0,magnitude_factor=8.0}]'
+    F, reference, *_ = pressed("rolling", [*SCHEDULE, "contact.stiffness_N_per_m=400", fault])
+    assert rms(F[11_000:13_500], reference[11_000:13_500]) < DITHER
 
 
 @pytest.mark.parametrize("body", ["back", "belly"])

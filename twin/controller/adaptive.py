@@ -113,6 +113,6 @@ def tell(m, pid, pressing, y):
     """What comes after: note whether the force loop acts, and say what is recorded."""
     m.pressing = pressing
     tissue = m.tissue
-    y.k_hat, y.k_std, y.c_hat, y.excited = tissue.k, tissue.std, tissue.c, tissue.excited
+    y.k_hat, y.k_std, y.c_hat, y.excited = tissue.k, tissue.std_late, tissue.c, tissue.excited
     y.kp_F, y.ki_F, y.shift_z = pid.kp, pid.ki, m.shift
     y.breath_rate, y.breath_v = m.breath.omega / (2.0 * np.pi), m.v

@@ -16,7 +16,7 @@ def dither(m, h):
         return 0.0, 0.0
     doubt = m.std / m.k if m.known else HIGHEST
     if not m.dithering and doubt > m.doubtful:
-        m.dithering, m.phase, m.sine, m.cosine = 1, 0.0, 0.0, 1.0
+        m.dithering, m.phase, m.sine, m.cosine, m.amplitude = 1, 0.0, 0.0, 1.0, 0.0
         unlearn(m)
     if not m.dithering:
         return 0.0, 0.0
@@ -34,5 +34,7 @@ def dither(m, h):
             return 0.0, 0.0
     # what is not known may be hard
     k = min(m.k + 2.0 * m.std, HIGHEST) if m.known else HIGHEST
-    amplitude = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
-    return amplitude * m.sine, amplitude * m.omega * m.cosine
+    asked = min(m.dither * (1.0 / k + 1.0 / m.spring), LARGEST)
+    least = m.dither * (1.0 / HIGHEST + 1.0 / m.spring)
+    m.amplitude = min(max(m.growth * m.amplitude, least), asked)
+    return m.amplitude * m.sine, m.amplitude * m.omega * m.cosine

@@ -2,9 +2,9 @@
 
 Between two points of the table 1/gain is linear in the stiffness, because the gain that a loop bears falls with the
 stiffness it sees. Where the estimate is poor, the gains go back to those of the experiment's file, the safe set. Both
-the stiffness they are taken at and the share that the table has in them change no faster than a rate. A change of kp
-moves the integral by what the error makes of it, so that the output does not move (Åström and Hägglund 2006, Advanced
-PID Control, Sec. 9.4).
+the stiffness they are taken at and the share that the table has in them change no faster than a rate; but where the
+estimate does not fit the force any more, the safe set is back in the same call. A change of kp moves the integral by
+what the error makes of it, so that the output does not move (Åström and Hägglund 2006, Advanced PID Control, Sec. 9.4).
 
 A change of the reference is fed forward: the tissue gives way by dF/k, and the springs wind up by dF/k_spring.
 """
@@ -94,6 +94,9 @@ def schedule_gains(m, table, tissue, pid, h):
         at = m.at if m.share > 0.0 else tissue.k
         m.at = min(max(tissue.k, at * (1.0 - step)), at * (1.0 + step))
     m.share = min(max(1.0 if trusted else 0.0, m.share - step), m.share + step)
+    if tissue.std >= tissue.k:
+        # nothing is known: not even of how wrong these gains are
+        m.share = 0.0
     kp, ki = m.kp, m.ki
     if m.share > 0.0:
         kp, ki, m.segment = gains_at(carray(_points_at(table), m.count), m.segment, m.at)

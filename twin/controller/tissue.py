@@ -11,6 +11,11 @@ least squares in its information form. They are left as they are where the heigh
 
 Where nothing moves by itself the reference is moved: a sine in the middle of the band, as long as k is not known well
 enough.
+
+Tissue may stiffen under the head without a new touch. So the force that (K1) leaves of the last half swing is compared
+with what the standard error of the estimate explains (a test of the innovation; Bar-Shalom, Li and Kirubarajan 2001,
+Estimation with Applications to Tracking and Navigation, Sec. 5.4). Where it leaves more, the estimate is not trusted
+any more from that call on, all that was learnt is dropped, and learning begins anew.
 """
 
 import math
@@ -29,6 +34,13 @@ EXCITED = 10.0
 """Rms of the band-passed height over that of the rounding noise in it, from which on something moves."""
 DRIFT = 0.03
 """Share of k_hat by which the tissue may change in a second in which nothing is learnt."""
+MISFIT = 3.0
+"""Force that the estimate leaves, over what its standard error explains, from which on it does not hold any more."""
+COUNT = math.sqrt(12.0)
+"""A count over the rms of its rounding. What changes by less than one now and then is no misfit."""
+GROWTH = 2.0
+"""Of the dither's amplitude per swing, from what makes no more than the force asked for on rock: if the tissue has
+become stiff unnoticed, the first swings show it before they make much force."""
 CHANGE = 0.7
 """Share of a relative change of the force by which the stiffness may change with it; 1 would be in proportion."""
 LOWEST, HIGHEST = 50.0, 20000.0
@@ -64,6 +76,7 @@ class Sensing(NamedTuple):
 
 
 STAGE = record(fast="f8", slow="f8")
+PRODUCTS = record(zz="f8", zv="f8", vv="f8", zF="f8", vF="f8", FF="f8")
 TISSUE = record_of(
     Sensing,
     g="f8",
@@ -74,6 +87,7 @@ TISSUE = record_of(
     in_band="f8",
     settling="f8",
     averaging="f8",
+    growth="f8",
     squares="f8",
     moving="f8",
     spring="f8",
@@ -87,11 +101,13 @@ TISSUE = record_of(
     z_1="f8",
     z_2="f8",
     F_1="f8",
+    F_late="f8",
     since="f8",
     pressing="i8",
-    power="f8",
+    recent=PRODUCTS,
     n="f8",
     zzF="f8",
+    zzF_late="f8",
     zz="f8",
     zv="f8",
     vv="f8",
@@ -103,25 +119,31 @@ TISSUE = record_of(
     c="f8",
     error="f8",
     F_k="f8",
+    F_k_late="f8",
     age="f8",
     std="f8",
+    std_late="f8",
     excited="i8",
     dithering="i8",
     phase="f8",
+    amplitude="f8",
     sine="f8",
     cosine="f8",
 )
 """Settings and state.
 
-g .. averaging: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of what the
-dither turns by in a call, what is kept of the past per call, calls per independent value in the band, when they have
-settled (s), share of a call in `power`. squares .. F_noise: of the pose in which contact began: sum of the squares of
-the Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms
-of rounding in the band, of height (m) and force (N), with `least` the power from which on something moves. z, F: the
-band-passes. z_0, F_0: what they began from. z_1, z_2, F_1: of the calls before. since: time in contact (s). power: mean
-square of the band-passed height. n, zzF, zz .. FF: the normal equations. known: whether there is an estimate; k, c: it
-(N/m, N s/m); error: its standard error when it was made, F_k, age: at which mean force, and how long ago. std: what may
-be wrong with it by now. phase, sine, cosine: of the dither (rad, 1, 1).
+g .. growth: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of what the
+dither turns by in a call, what is kept of the past per call, calls per independent value in the band, which are also
+those by which the band-pass is late, when it has settled (s), share of a call in `recent`, growth of the dither in a
+call. squares .. F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z column (rad^2/m^2),
+what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band, of height (m)
+and force (N), with `least` the power from which on something moves. z, F: the band-passes. z_0, F_0: what they began
+from. z_1, z_2, F_1: of the calls before. F_late: force, as late as what has passed the band. since: time in contact, or
+since the estimate was dropped (s). recent: means over the last half swing. n, zzF, zzF_late, zz .. FF: the normal
+equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was made, F_k,
+F_k_late, age: at which mean force, with that which the band-pass was late by, and how long ago. std: what may be wrong
+with it by now, which decides; std_late: the same with the lag of the band-pass, which is recorded. phase, amplitude,
+sine, cosine: of the dither (rad, m, 1, 1).
 """
 
 
@@ -134,8 +156,9 @@ def _prepare(m, h):
     m.omega = 2.0 * math.pi * m.frequency
     m.turn_sine, m.turn_cosine = math.sin(m.omega * h), math.cos(m.omega * h)
     m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
-    # a few swings
-    m.averaging = min(2.0 * m.frequency * h, 1.0)
+    m.growth = GROWTH ** (m.frequency * h)
+    # half a swing
+    m.averaging = 2.0 * m.frequency * h
 
 
 @njit(cache=True)
@@ -178,13 +201,14 @@ def _begin(m, z, F):
     for i in range(STAGES):
         m.z[i].fast, m.z[i].slow, m.F[i].fast, m.F[i].slow = 0.0, 0.0, 0.0, 0.0
     m.z_0, m.F_0, m.z_1, m.z_2, m.F_1 = z, F, z, z, F
-    m.power = 0.0
+    m.F_late, recent = F, m.recent
+    recent.zz, recent.zv, recent.vv, recent.zF, recent.vF, recent.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
 def unlearn(m):
     """The next estimate is of what comes, the last one stands until then."""
-    m.n, m.zzF, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m.n, m.zzF, m.zzF_late, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -229,7 +253,37 @@ def _solve(m, F):
         unlearn(m)
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
-    m.known, m.F_k, m.age = 1, F_k, 0.0
+    m.known, m.F_k, m.F_k_late, m.age = 1, F_k, m.zzF_late / m.zz, 0.0
+
+
+@njit(cache=True)
+def _note(recent, share, z_f, v_f, F_f):
+    """A call's part of the means over the last half swing."""
+    recent.zz += share * (z_f * z_f - recent.zz)
+    recent.zv += share * (z_f * v_f - recent.zv)
+    recent.vv += share * (v_f * v_f - recent.vv)
+    recent.zF += share * (z_f * F_f - recent.zF)
+    recent.vF += share * (v_f * F_f - recent.vF)
+    recent.FF += share * (F_f * F_f - recent.FF)
+
+
+@njit(cache=True)
+def _fits(m):
+    """Whether what the estimate leaves of the force, F_f + k z_f + c v_f, is no more than what may be wrong with it."""
+    recent, k, c = m.recent, m.k, m.c * m.omega
+    crossed = k * recent.zF + c * recent.vF + k * c * recent.zv
+    left = recent.FF + 2.0 * crossed + k * k * recent.zz + c * c * recent.vv
+    explained, count = MISFIT * m.std, COUNT * m.F_noise
+    # where little moves rounding is no noise, but a count now and then, in all of the spectrum
+    return left <= explained * explained * (recent.zz + recent.vv) + count * count * m.in_band
+
+
+@njit(cache=True)
+def _drop(m, h, z, F):
+    """The estimate does not hold any more: nothing is trusted of it, and learning begins as with a new contact."""
+    unlearn(m)
+    _begin(m, z, F)
+    m.since, m.error = h, HIGHEST
 
 
 @njit(cache=True, error_model="numpy")
@@ -257,12 +311,16 @@ def sense(m, h, z, F, J, pressing):
         z_f, v_f = band_passed(m.z, m.g, m.z_1 - m.z_0)
         F_f, _ = band_passed(m.F, m.g, m.F_1 + inertia - m.F_0)
         m.z_2, m.z_1, m.F_1 = m.z_1, z, F
-        m.power += m.averaging * (z_f * z_f - m.power)
-        if m.since > m.settling and m.power > m.least:
+        m.F_late += (F - m.F_late) / m.in_band
+        _note(m.recent, m.averaging, z_f, v_f, F_f)
+        if m.known and m.error < HIGHEST and not _fits(m):
+            _drop(m, h, z, F)
+        elif m.since > m.settling and m.recent.zz > m.least:
             m.excited = 1
             m.n = m.keep * m.n + 1.0
             # what moved most tells most, and of the force that was there then
             m.zzF = m.keep * m.zzF + z_f * z_f * F
+            m.zzF_late = m.keep * m.zzF_late + z_f * z_f * m.F_late
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
             m.vF, m.FF = m.keep * m.vF + v_f * F_f, m.keep * m.FF + F_f * F_f
@@ -274,7 +332,8 @@ def sense(m, h, z, F, J, pressing):
 def _doubt(m, h, F):
     """Keep what may be wrong with the estimate by now."""
     if not m.known:
-        m.std = HIGHEST
+        m.std = m.std_late = HIGHEST
         return
     m.age += h
     m.std = min(math.sqrt(_doubted(m, m.error, m.k, m.F_k, m.age, F)), HIGHEST)
+    m.std_late = max(m.std, min(math.sqrt(_doubted(m, m.error, m.k, m.F_k_late, m.age, F)), HIGHEST))
