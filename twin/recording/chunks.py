@@ -11,6 +11,8 @@ FEW_BYTES = 64 * 2**20
 LARGEST_RATIO = 100
 """Bytes that chunks may unpack to: those of a file, however small, and how many times its own. A recording in which
 nothing ever changes has a ratio of 20; a bomb has thousands."""
+LARGEST_CHUNK = 256 * 2**20
+"""Bytes that one chunk may unpack to, however large the file: all of it is in memory at once."""
 # doubles hardly compress: levels 3 and 5 save 1 % and 4 % of the file and cost 20 % and 90 % more time in all
 COMPRESSION_LEVEL = 1
 
@@ -32,16 +34,24 @@ def allowance(size: int) -> int:
     return max(FEW_BYTES, LARGEST_RATIO * size)
 
 
-def unpacked(chunk: Chunk, most: int) -> bytes:
+def unpacked(chunk: Chunk, most: int, largest: int = LARGEST_CHUNK) -> bytes:
     """Content of `chunk`, of any writer: at most `most` bytes, compressed by zstd, LZ4 or not at all.
 
+    Args:
+        most: what is left of the file's allowance.
+        largest: bytes of any one chunk.
+
     Raises:
-        ValueError: it declares more than that, or unpacks to another size than it declares, of which no more than
+        ValueError: it declares more than these, or unpacks to another size than it declares, of which no more than
             that is ever in memory; it does not unpack, or is compressed in another way.
     """
     size = chunk.uncompressed_size
     if size > most:
         raise ValueError(f"a chunk that would unpack to {size / 1e6:.0f} MB, more than {LARGEST_RATIO} times the file")
+    if size > largest:
+        raise ValueError(
+            f"a chunk that would unpack to {size / 1e6:.0f} MB; expected chunks of at most {largest / 1e6:.0f} MB"
+        )
     try:
         match chunk.compression:
             case "zstd":

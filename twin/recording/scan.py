@@ -31,7 +31,8 @@ READERS: dict[int, Callable[[ReadDataStream], Header | Chunk | Metadata | DataEn
     Opcode.DATA_END: DataEnd.read,
 }
 LARGEST_RECORD = 64 * 2**20
-"""Bytes; the largest that twin writes, a chunk, has a few hundred thousand."""
+"""Bytes, packed and unpacked; the largest that twin writes, a chunk, has a few hundred thousand. To go through the
+records of a chunk takes five times as many."""
 # CRC of the summary and closing magic, the last bytes of a finished file
 CRC_AND_MAGIC = 4 + len(MCAP0_MAGIC)
 
@@ -156,7 +157,7 @@ def _content(position: int, chunk: Chunk, most: int) -> bytes:
     try:
         if chunk.compression != "zstd":
             raise ValueError("a chunk that is not compressed by zstd")
-        content = unpacked(chunk, most)
+        content = unpacked(chunk, most, LARGEST_RECORD)
     except ValueError as problem:
         raise Damage(position, str(problem)) from problem
     if zlib.crc32(content) != chunk.uncompressed_crc:

@@ -1,5 +1,7 @@
 import json
 import os
+import sys
+import zlib
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -11,13 +13,15 @@ from google.protobuf.descriptor_pb2 import FileDescriptorSet
 from google.protobuf.descriptor_pool import DescriptorPool
 from google.protobuf.message_factory import GetMessageClass
 from google.protobuf.timestamp_pb2 import Timestamp
-from mcap.records import Chunk, Header
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message, Schema
 from mcap.writer import CompressionType, Writer
 
-from twin.recording.chunks import FEW_BYTES, encoded
+from tests.memory import growth
+from twin.recording.chunks import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.mcap_file import MAGIC
+from twin.recording.logs.mcap_file import MAGIC, topics_in
 from twin.recording.logs.reader import read_log
 
 F = [4.0, 5.0, 6.5]
@@ -215,3 +219,47 @@ def test_a_pipe_is_not_waited_for(tmp_path: Path):
     os.mkfifo(tmp_path / "log.mcap")
     with pytest.raises(LogRefused, match="a pipe, socket or device"):
         read_log(tmp_path / "log.mcap")
+
+
+def many_messages(path: Path, count: int, chunks: int) -> int:
+    """A file of `chunks` chunks with `count` messages of three bytes each; gives what a chunk unpacks to."""
+    schema = encoded(Schema(id=1, name="W", encoding="jsonschema", data=b"{}"))
+    channel = encoded(Channel(id=1, topic="/wrench", message_encoding="json", metadata={}, schema_id=1))
+    message = encoded(Message(channel_id=1, log_time=1, publish_time=1, sequence=0, data=b"{ }"))
+    content = schema + channel + message * count
+    packed = zstandard.ZstdCompressor().compress(content)
+    chunk = encoded(Chunk("zstd", packed, 1, 1, zlib.crc32(content), len(content)))
+    front = MAGIC + encoded(Header("", "robot's own"))
+    path.write_bytes(front + chunk * chunks + encoded(DataEnd(0)) + encoded(Footer(0, 0, 0)) + MAGIC)
+    return len(content)
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="memory is read from /proc")
+@pytest.mark.parametrize(("name", "most"), [("/other", 1.0), ("/wrench", 3.0)])
+def test_what_unpacks_to_many_small_messages_takes_little_more_memory_than_it_unpacks_to(
+    tmp_path: Path, name: str, most: float
+):
+    chunks, columns = 4, column_map([f"F={name}.z[N]"])
+    many_messages(tmp_path / "log.mcap", 10, 1)
+    topics_in(tmp_path / "log.mcap", columns)
+    size = many_messages(tmp_path / "log.mcap", 150_000, chunks)
+    with growth() as grown:
+        (topic,), _ = topics_in(tmp_path / "log.mcap", columns)
+        assert grown() < most * chunks * size
+    assert len(topic.times) == chunks * 150_000 and len(topic.data) in (0, len(topic.times))
+
+
+def test_a_chunk_that_would_not_fit_into_memory_is_refused_however_large_its_file_is(tmp_path: Path):
+    packed = zstandard.ZstdCompressor().compress(b"")
+    for largest in (LARGEST_CHUNK, 2**26):
+        chunk = Chunk("zstd", packed, 0, 0, 0, largest + 1)
+        with pytest.raises(ValueError, match=f"expected chunks of at most {largest / 1e6:.0f} MB"):
+            unpacked(chunk, 2**40, largest)
+
+
+def test_a_message_shorter_than_its_own_head_is_refused(tmp_path: Path):
+    content = bytes([Opcode.MESSAGE]) + (3).to_bytes(8, "little") + bytes(60)
+    chunk = encoded(Chunk("", content, 0, 0, 0, len(content)))
+    (tmp_path / "log.mcap").write_bytes(MAGIC + encoded(Header("", "robot's own")) + chunk + MAGIC)
+    with pytest.raises(LogRefused, match="a message is cut short"):
+        topics_in(tmp_path / "log.mcap", {})

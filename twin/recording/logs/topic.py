@@ -1,5 +1,6 @@
 """One topic of a log: its messages as they lie in the file, and the numbers in their fields."""
 
+from array import array
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -26,7 +27,8 @@ class LoggedTopic:
 
     channel: Channel
     schema: Schema | None
-    times: list[int] = field(default_factory=list)
+    # a list of numbers takes five times the memory
+    times: "array[int]" = field(default_factory=lambda: array("Q"))
     data: list[bytes] = field(default_factory=list)
 
     @property
@@ -67,8 +69,8 @@ def numbers_of(
         raise LogRefused(f"{path}: {name} is encoded as {encoding}; protobuf, json and cdr are read")
     found: dict[str, Numbers | LogRefused] = {}
     parts = {one: decoding.path_parts(one) for one in field_paths}
-    values: dict[str, list[float]] = {one: [] for one in field_paths}
-    rows: dict[str, list[int]] = {one: [] for one in field_paths}
+    values = {one: array("d") for one in field_paths}
+    rows = {one: array("q") for one in field_paths}
     unnamed: dict[str, str] = {}
     units: dict[str, str] = {}
     for k, data in enumerate(topic.data):

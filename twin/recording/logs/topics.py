@@ -1,5 +1,6 @@
 """Topics of a log, and the series that a column map takes from them."""
 
+from array import array
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
@@ -33,9 +34,9 @@ def merged(found: Iterable[LoggedTopic]) -> dict[str, LoggedTopic]:
     for topic in found:
         same = topics.setdefault(topic.channel.topic, topic)
         if same is not topic:
-            order = np.argsort([*same.times, *topic.times], kind="stable").tolist()
-            times, data = [*same.times, *topic.times], [*same.data, *topic.data]
-            same.times = [times[k] for k in order]
+            times, data = np.concatenate([same.times, topic.times]), [*same.data, *topic.data]
+            order = np.argsort(times, kind="stable")
+            same.times = array("Q", times[order].tobytes())
             same.data = [data[k] for k in order] if data else []
     return topics
 
