@@ -1,17 +1,22 @@
-"""`python -m tests.mutants`: draw mutants, try each, list those that no test notices."""
+"""`python -m tests.mutants`: draw mutants, try each, list those that no test notices.
+
+The same seed goes on where results/mutants.jsonl ends, if the commit is the same.
+"""
 
 import argparse
-import json
+import datetime
 import random
+import subprocess
 import tempfile
 import time
-from collections import Counter
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from pathlib import Path
 from queue import SimpleQueue
 
 from tests.mutants.mutant import Mutant, drawn, possible_mutants
 from tests.mutants.place import Place
+from tests.mutants.report import Key, Report
 
 REPOSITORY = Path(__file__).parents[2]
 REPORT = REPOSITORY / "results" / "mutants.jsonl"
@@ -28,54 +33,55 @@ def main() -> int:
     parser.add_argument("--jobs", type=int, default=2, help="worktrees side by side")
     parser.add_argument("--rooms", nargs="*", help="only mutants in these rooms of twin/")
     asked = parser.parse_args()
-    possible = [one for one in possible_mutants(REPOSITORY) if not asked.rooms or one.room in asked.rooms]
-    mutants = drawn(possible, asked.count, asked.seed)
-    print(f"seed {asked.seed}: {len(mutants)} of {len(possible)} possible mutants", flush=True)
-    with tempfile.TemporaryDirectory(prefix="mutants-") as folder:
-        places = [Place(REPOSITORY, Path(folder) / str(number)) for number in range(asked.jobs)]
-        try:
-            outcomes = _all_tried(mutants, places)
-        finally:
-            for place in places:
-                place.close()
-    return _told(outcomes)
+    commit = subprocess.run(["git", "rev-parse", "HEAD"], cwd=REPOSITORY, check=True, capture_output=True, text=True)
+    draw = {"seed": asked.seed, "count": asked.count, "rooms": asked.rooms, "commit": commit.stdout.strip()}
+    with ExitStack() as ends:
+        folder = Path(ends.enter_context(tempfile.TemporaryDirectory(prefix="mutants-")))
+        places = []
+        for number in range(asked.jobs):
+            places.append(Place(REPOSITORY, folder / str(number)))
+            ends.callback(places[-1].close)
+        # of the commit, whatever has been changed since
+        every = possible_mutants(places[0].root)
+        possible = [one for one in every if not asked.rooms or one.room in asked.rooms]
+        mutants = drawn(possible, asked.count, asked.seed)
+        report = Report(REPORT, draw)
+        left = [mutant for mutant in mutants if _key(mutant) not in report.outcomes]
+        print(f"seed {asked.seed}: {len(mutants)} of {len(possible)} possible mutants, {len(left)} left", flush=True)
+        print(f"if this ends early, --seed {asked.seed} goes on", flush=True)
+        if left:
+            _try_all(left, places, report)
+    print(f"\n{report.text(len(possible), datetime.date.today().isoformat())}")
+    return 0 if report.killed >= TARGET else 1
 
 
-def _all_tried(mutants: list[Mutant], places: list[Place]) -> dict[Mutant, str]:
-    """What became of each of `mutants`, noted in `REPORT` as it is known."""
+def _try_all(mutants: list[Mutant], places: list[Place], report: Report) -> None:
+    """Note in `report` what becomes of each of `mutants` as it is known."""
     free: SimpleQueue[Place] = SimpleQueue()
-    outcomes: dict[Mutant, str] = {}
     begin = time.monotonic()
-    with ThreadPoolExecutor(len(places)) as threads, REPORT.open("w") as report:
+    with ThreadPoolExecutor(len(places)) as threads:
         rooms = sorted({mutant.room for mutant in mutants})
         timeout = PATIENCE * max(threads.map(lambda place: place.warm(rooms), places))
         print(f"tests without a mutant: {timeout / PATIENCE:.0f} s", flush=True)
         for place in places:
             free.put(place)
 
-        def tried(mutant: Mutant) -> None:
+        def tried(mutant: Mutant) -> str:
             place = free.get()
             try:
-                outcomes[mutant] = place.tried(mutant, timeout)
+                return place.tried(mutant, timeout)
             finally:
                 free.put(place)
-            facts = {"file": str(mutant.file), "line": mutant.line, "operator": mutant.operator}
-            print(json.dumps({**facts, "occurrence": mutant.occurrence, "outcome": outcomes[mutant]}), file=report)
-            report.flush()
+
+        # in the order of the draw, by one thread: a line is never written into another
+        for mutant, outcome in zip(mutants, threads.map(tried, mutants), strict=True):
+            report.note(_key(mutant), mutant.line, outcome)
             took = time.monotonic() - begin
-            print(f"{len(outcomes):4d}  {took:6.0f} s  {outcomes[mutant]:9}  {_name(mutant)}", flush=True)
-
-        list(threads.map(tried, mutants))
-    return outcomes
+            print(f"{len(report.outcomes):4d}  {took:6.0f} s  {outcome:9}  {_name(mutant)}", flush=True)
 
 
-def _told(outcomes: dict[Mutant, str]) -> int:
-    survivors = [mutant for mutant, outcome in outcomes.items() if outcome == "survived"]
-    killed = 1 - len(survivors) / len(outcomes)
-    print(f"\nkilled {killed:.1%} of {len(outcomes)} ({Counter(outcomes.values())}); survivors:")
-    for mutant in sorted(survivors, key=lambda one: (one.file, one.line)):
-        print(f"  {_name(mutant)}")
-    return 0 if killed >= TARGET else 1
+def _key(mutant: Mutant) -> Key:
+    return str(mutant.file), mutant.operator, mutant.occurrence
 
 
 def _name(mutant: Mutant) -> str:

@@ -1,8 +1,9 @@
 """A number that an experiment comes to, and how far it may move before that is said.
 
-The same program gives the same bytes on the same machine. Another one's mathematical library rounds otherwise, which an encoder may
-turn into a count here and there: over a whole response well below 2 % of a number. Of a number near zero a share says
-nothing, so each has a floor as well, of what counts can do to it: one controller period of a time, 2 mN, 2 um.
+The same program gives the same bytes on the same machine. Another one's mathematical library rounds otherwise, which an
+encoder may turn into a count here and there: over a whole response well below 2 % of a number. Of a number near zero a
+share says nothing, so each has a floor as well, of what counts can do to it: one controller period of a time, 2 mN, 2
+um.
 """
 
 from dataclasses import dataclass
