@@ -187,8 +187,8 @@ def test_over_all_signs_of_the_encoders_zeros_the_force_in_x_is_small_and_mostly
     for zeros in SIGNS:
         settings = (f"plant.joint_zero_deg={list(zeros[:3])}", f"plant.motor_zero_deg={list(zeros[3:])}")
         paths = [root / "experiments" / f"{name}.toml" for name in EXPERIMENTS[2:]]
-        pair = tuple(Fig4Run(run_in_memory(load_experiment(path, settings))) for path in paths)
-        score = fig4_score(Fig4Runs(*pair, pair))
+        with_force, without = (Fig4Run(run_in_memory(load_experiment(path, settings))) for path in paths)
+        score = fig4_score(Fig4Runs(with_force, without, (with_force, without)))
         measured.append({f.claim.key: f.verdict for f in score.claims})
     held = [sum(one[key] == "holds" for one in measured) for key in ("x_small", "friction_smaller_x")]
     assert held == [64, 60]

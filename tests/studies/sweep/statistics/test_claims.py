@@ -57,3 +57,9 @@ def test_bands_are_quantiles_over_runs_at_each_time():
 
 def test_without_claims_there_are_no_likelihoods_and_no_bands():
     assert likelihoods(columns_of([row(1, {}, y=1.0)])) == [] and bands([row(1, {}, y=1.0)]) is None
+
+
+def test_of_a_draw_it_counts_whether_a_claim_holds_and_not_whether_that_was_known():
+    rows = [judged(n, 5.6, verdict) for n, verdict in enumerate(("holds", "reproduced after all", "not reproduced"), 1)]
+    (found,) = likelihoods(columns_of([*rows, judged(4, 4.0, "fails")]))
+    assert (found.holds, found.judged, found.trivial) == (2, 4, 0)
