@@ -55,6 +55,21 @@ def written(path: Path) -> Iterator[Path]:
             beside.unlink()
 
 
+def refuse_unwritable(path: Path) -> None:
+    """Refuse what `written` would refuse of `path`, before there is anything to write.
+
+    Raises:
+        InputRefused: there is a folder, a pipe or a device at `path`.
+        NotWritten: the folder refuses, or is not there.
+    """
+    with contextlib.suppress(_Nothing), written(path):
+        raise _Nothing
+
+
+class _Nothing(Exception):
+    """There is nothing to write yet."""
+
+
 @contextlib.contextmanager
 def growing(path: Path) -> Iterator[Callable[[str], None]]:
     """A file begun anew at `path`, and what appends a text to it: whatever then ends the process, the text stays.

@@ -136,6 +136,16 @@ def test_a_source_outside_its_folder_is_refused(root: Path, tmp_path: Path):
         build(fmu)
 
 
+def test_sources_that_are_named_and_not_there_are_not_said_to_be_brought(root: Path, tmp_path: Path):
+    good = sources_only(root, tmp_path, "velocity_servo")
+    for gone in ("sources/", "sources/access.c"):
+        bare = altered(good, tmp_path / "bare.fmu", lambda n, c, gone=gone: None if n.startswith(gone) else (n, c))  # type: ignore[misc]
+        with pytest.raises(InputRefused, match=r"it has none\. Export it for linux64$"):
+            described(bare)
+        with pytest.raises(InputRefused, match="which it says to compile"):
+            build(bare)
+
+
 def test_an_fmu_without_binary_and_sources_says_where_to_get_one(root: Path, tmp_path: Path):
     good = root / "fmus/velocity_servo/velocity_servo.fmu"
     bare = altered(

@@ -1,4 +1,5 @@
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -254,3 +255,10 @@ def test_a_switch_of_a_drive_is_on_or_off_as_it_was_set(root: Path):
         instance = Instance("drive_1", fmu, unpacked(fmu.path, fmu.sha256), settings=[(enable, on)])
         assert instance.read([enable]).tolist() == [on]
         instance.close()
+
+
+def test_what_an_fmu_says_again_and_again_is_quoted_once():
+    instance = SimpleNamespace(messages=[], _unheard=[], clock=np.zeros(1))
+    for text in (b"a", b"expired", b"expired", b"b", b"expired\n"):
+        Instance.hear(instance, 3, text)  # type: ignore[arg-type]
+    assert instance.messages == ["a", "b", "expired"]

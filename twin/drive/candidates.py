@@ -52,10 +52,14 @@ def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[
 
 
 def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
-    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others."""
+    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others, of
+    these one that is called like a command."""
     free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
     stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
-    return next(iter([*stated, *(command for command, names in free.items() if names)]), "velocity")
+    called = [
+        command for command in stated if any(score(n, variables[n], COMMANDS[command]) > 0 for n in free[command])
+    ]
+    return next(iter([*called, *stated, *(command for command, names in free.items() if names)]), "velocity")
 
 
 def proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:

@@ -9,6 +9,7 @@ import importlib.util
 import json
 import math
 import os
+import posixpath
 import re
 import shutil
 import signal
@@ -17,7 +18,7 @@ import sys
 import tempfile
 import time
 import zipfile
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -101,6 +102,13 @@ def source_sets(model: Any, identifier: str) -> list[Any]:
         for one in configuration.sourceFileSets
         if one.sourceFiles
     ]
+
+
+def brings(names: Collection[str], sets: Sequence[Any]) -> bool:
+    """Whether an archive with entries `names` holds all that these source sets name, and they name something."""
+    return bool(sets) and all(
+        posixpath.normpath(f"sources/{source}") in names for one in sets for source in one.sourceFiles
+    )
 
 
 def supply(digest: str, content: Path) -> None:

@@ -12,7 +12,7 @@ from typing import Any, Literal
 from fmpy import platform, read_model_description, sharedLibraryExtension
 
 from twin.archive import entries, sha256
-from twin.drive.compiling import Compiled, compile_sources, compiled, source_sets
+from twin.drive.compiling import Compiled, brings, compile_sources, compiled, source_sets
 from twin.drive.details import DESCRIPTION, complete
 from twin.drive.setting import Setting, Value, set_to
 from twin.drive.variable import Variable, number, variable_of
@@ -262,7 +262,7 @@ def _without_binary(file: Path, names: Collection[str], model: Any, binary: str,
             f"{place.name}. Export it again"
         )
     cure = f"Export it for {place.parent.name}"
-    if source_sets(model, place.stem):
+    if brings(names, source_sets(model, place.stem)):
         cure = f"It brings its sources: twin drive info {file} --compile builds them, once"
     return f"no binary for this platform ({binary}); it has {', '.join(platforms) or 'none'}. {cure}"
 

@@ -294,6 +294,9 @@ class Instance:
         """Keep what it logged, if it is a warning or worse."""
         if status > 0 and message:
             text = message.decode(errors="replace").strip()
+            # what it says again and again is told once
+            if text in self.messages:
+                self.messages.remove(text)
             del self.messages[:-2]
             self.messages.append(text)
             if len(self._unheard) < MOST_UNHEARD:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from tests.studies.systems.archives import (
+    NAMESPACES,
     archive,
     bindings,
     component,
@@ -15,9 +16,11 @@ from tests.studies.systems.archives import (
     system,
     values,
 )
+from twin.cosim.ssp import elements, package
 from twin.cosim.ssp.flat import FlatSystem, Hop, flattened
 from twin.cosim.ssp.package import read_package
-from twin.cosim.ssp.structure import End
+from twin.cosim.ssp.parameters import MappingEntry, ParameterBinding, ParameterMapping, ParameterSet, ParameterValue
+from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
 from twin.cosim.ssp.unit import Transformation
 from twin.errors import InputRefused
 
@@ -156,3 +159,82 @@ def test_what_leads_nowhere_twice_or_in_a_circle_is_refused(tmp_path: Path, whol
 
 def test_a_circle_that_feeds_no_component_feeds_nobody(tmp_path: Path):
     assert [lead.end for lead in flat(tmp_path, ROUND).leads] == [End("a", "u")]
+
+
+class Counted(str):
+    """A name that counts how often names are compared."""
+
+    __slots__ = ()
+    compared = 0
+
+    def __eq__(self, other: object) -> bool:
+        Counted.compared += 1
+        return str.__eq__(self, other)
+
+    __hash__ = str.__hash__
+
+
+def wide(n: int) -> SspSystem:
+    """`n` connections from the system's own connectors to components, and `n` values that a mapping leads to these."""
+    name = Counted
+    motors = [SspComponent(name(f"m{k}"), "m.fmu", connectors=(Connector(name("u"), "input"),)) for k in range(n)]
+    hub = SspComponent(name("hub"), "h.fmu", connectors=tuple(Connector(name(f"u{k}"), "input") for k in range(n)))
+    own = tuple(Connector(name(f"in{k}"), "input") for k in range(2 * n))
+    ends = [End(name(f"m{k}"), name("u")) for k in range(n)] + [End(name("hub"), name(f"u{k}")) for k in range(n)]
+    joined = tuple(Connection(End("", name(f"in{k}")), end) for k, end in enumerate(ends))
+    given = ParameterSet("v", tuple(ParameterValue(name(f"v{k}"), "Real", (float(k),)) for k in range(2 * n)))
+    led = ParameterMapping(tuple(MappingEntry(name(f"v{k}"), name(f"in{k}")) for k in range(2 * n)))
+    return SspSystem("wide", (*motors, hub), joined, own, (ParameterBinding(given, "", led),))
+
+
+def test_twice_as_many_connectors_and_values_take_twice_as_many_comparisons():
+    count = {}
+    for n in (100, 200):
+        whole = Structure("x", wide(n))
+        Counted.compared = 0
+        found = flattened(whole, "x.ssp")
+        assert found.assigned["hub"][Counted(f"u{n - 1}")].value.values == (2.0 * n - 1.0,)
+        assert found.assigned[f"m{n - 1}"]["u"].value.values == (n - 1.0,)
+        count[n] = Counted.compared
+    # dictionaries compare the few names that fall into one place
+    assert 0 < count[200] < 2.5 * count[100]
+
+
+def test_a_value_gets_to_the_end_of_a_long_way(tmp_path: Path):
+    n = 3000
+    found = flat(tmp_path, system(
+        [component("motor", "m.fmu")],
+        [*(connection(f"c{k}", f"c{k + 1}") for k in range(n)), connection(f"c{n}", "motor.u")],
+        [connector(f"c{k}", "inout") for k in range(n + 1)],
+        values("c0=2.5"),
+    ))  # fmt: skip
+    assert found.assigned["motor"]["u"].value.values == (2.5,)
+
+
+def test_what_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    file = archive(tmp_path / "x.ssp", structure(system([inner()], name="robot")), {})
+    read = read_package(file)
+    monkeypatch.setattr(elements, "MOST_TIME", -1.0)
+    with pytest.raises(InputRefused, match=r"^x.ssp: takes more than .* s to read; expected fewer"):
+        flattened(read.structure, "x.ssp")
+    with pytest.raises(InputRefused, match=r"SystemStructure.ssd: takes more than .* s to read"):
+        read_package(file)
+
+
+def test_a_file_of_values_for_many_components_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    brought: list[str] = []
+    content_of = package.content_of
+    monkeypatch.setattr(
+        package, "content_of", lambda file, entry, limit: (brought.append(entry), content_of(file, entry, limit))[1]
+    )
+    named = bindings('<ssd:ParameterBinding source="v.ssv"/>')
+    set_ = (
+        f'<ssv:ParameterSet {NAMESPACES} version="1.0" name="v"><ssv:Parameters><ssv:Parameter name="k">'
+        '<ssv:Real value="1.5"/></ssv:Parameter></ssv:Parameters></ssv:ParameterSet>'
+    )
+    whole = system([component(f"m{k}", "m.fmu", bindings=named) for k in range(5)])
+    found = flattened(read_package(archive(tmp_path / "x.ssp", structure(whole), {"v.ssv": set_})).structure, "x.ssp")
+    assert brought.count("v.ssv") == 1
+    assert {path: given["k"].value.values for path, given in found.assigned.items()} == dict.fromkeys(
+        (f"m{k}" for k in range(5)), (1.5,)
+    )

@@ -80,6 +80,12 @@ def compile_within_a_call(reporter: Reporter, seconds: float) -> str:
     return "done"
 
 
+def chatter(reporter: Reporter, lines: list[str]) -> str:
+    """Prints lines."""
+    print("\n".join(lines), flush=True)
+    return "done"
+
+
 def spin(reporter: Reporter) -> None:
     """Computes for ever."""
     while True:

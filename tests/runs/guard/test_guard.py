@@ -32,6 +32,11 @@ def test_an_error_for_the_user_keeps_its_class_its_text_and_its_exit_code():
     assert (str(refused.value), refused.value.exit_code) == ("drive.fmu: is a teapot", NotIdentifiable.exit_code)
 
 
+def test_a_line_that_is_printed_again_and_again_is_shown_once(capfd: pytest.CaptureFixture[str]):
+    assert guarded(f"{JOBS}:chatter", {"lines": ["hello"] * 6 + ["", ""] + ["bye", "hello"]}) == "done"
+    assert capfd.readouterr().err == "hello  (6 times)\n\nbye\nhello\n"
+
+
 def test_arguments_keep_their_types():
     assert guarded(f"{JOBS}:typed", {"path": Path("a"), "pair": (1, 2)}) == ["PosixPath", "tuple"]
 

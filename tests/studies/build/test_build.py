@@ -19,10 +19,12 @@ from twin.runs.assembly.load import load_experiment
 from twin.studies.build import linking
 from twin.studies.build.emission import emitted
 from twin.studies.build.layout import laid_out
+from twin.studies.build.library import build_c
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
 from twin.studies.build.platforms import HERE
 from twin.studies.build.study import build_fmu
+from twin.studies.build.system import build_ssp
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'
 BIAS = 'fault=[{kind="encoder_bias", onset_s=1.0, magnitude_deg=1.0}]'
@@ -147,6 +149,19 @@ def test_elsewhere_it_says_for_what_it_builds(tmp_path: Path, monkeypatch: pytes
 def test_a_file_that_cannot_be_written_is_said(tmp_path: Path) -> None:
     with pytest.raises(NotWritten):
         build_fmu(FIG4, "encoder", "2.0", [], tmp_path / "nowhere" / "it.fmu", [], silent)
+
+
+def test_a_place_that_cannot_be_written_is_said_before_anything_is_compiled(tmp_path: Path) -> None:
+    done: list[str] = []
+    for place, kind in (("nowhere/it", NotWritten), ("", InputRefused)):
+        with pytest.raises(kind):
+            build_fmu(FIG4, "encoder", "2.0", [], tmp_path / place, [], done.append)
+        with pytest.raises(kind):
+            build_ssp(FIG4, "2.0", [], tmp_path / place, None, [], done.append)
+    (tmp_path / "file").touch()
+    with pytest.raises(InputRefused):
+        build_c(FIG4, [], tmp_path / "file", [], done.append)
+    assert done == [] and [path.name for path in tmp_path.iterdir()] == ["file"]
 
 
 def test_no_address_of_this_process_leaves_it() -> None:

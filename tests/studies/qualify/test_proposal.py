@@ -11,7 +11,8 @@ from twin.drive.mapping import Wiring, bindings
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned
-from twin.studies.qualify.proposal import proposal
+from twin.studies.qualify.parts_proposal import parts_proposal
+from twin.studies.qualify.proposal import proposal, understood
 from twin.studies.qualify.shelf import shelved_drives
 
 
@@ -35,6 +36,22 @@ def test_a_motor_gets_its_roles_and_the_gains_of_our_loop_as_comments(root: Path
     assert proposed["outputs"]["theta_m"] == "phi"
     assert proposed["velocity_loop"] == {}
     assert "# kp = 0.1                # V per rad/s" in text
+
+
+@pytest.mark.parametrize(("loads", "sure"), [(("tau_load", "tau_brake"), True), (("tau_1", "tau_2"), False)])
+def test_a_motor_with_volts_and_two_torques_is_commanded_with_volts(
+    root: Path, tmp_path: Path, loads: tuple[str, str], sure: bool
+):
+    """A lone torque is as good a load as a command; what is called like a command is one."""
+    second = f'<ScalarVariable name="{loads[1]}" valueReference="99" causality="input" variability="continuous">'
+    more = f'<ModelVariables>{second}<Real unit="N.m" start="0"/></ScalarVariable>'
+    good = redescribed(root / "fmus/brushed_dc/brushed_dc.fmu", tmp_path / "volts.fmu", "<ModelVariables>", more)
+    named = redescribed(good, tmp_path / "named.fmu", 'name="M_load"', f'name="{loads[0]}"')
+    fmu = redescribed(named, tmp_path / "motor.fmu", "Torque the load asks of", "Torque at")
+    command, found, certain = understood("motor.fmu", described(fmu).variables)
+    assert (command, found.chosen["command"], certain) == ("voltage", "u_cmd", sure)
+    text = parts_proposal({"motor": described(fmu)}, tmp_path)[0]
+    assert 'command = "motor.u_cmd"' in text and "u_cmd = " not in text.partition("# Not fed")[2]
 
 
 def test_every_doubtful_choice_stands_as_a_comment_and_no_choice_is_made(root: Path):

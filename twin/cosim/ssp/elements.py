@@ -1,6 +1,7 @@
 """Elements that all files of the standard share (SSC), read; by their names alone, as each name means one thing."""
 
 import math
+import time
 import xml.etree.ElementTree as ET
 from collections.abc import Iterable
 
@@ -12,6 +13,34 @@ from twin.units import Dimension
 TRUTH = {"true": True, "1": True, "false": False, "0": False}
 MOST_POWER = 100
 """Of a base unit; an honest one has 4."""
+
+MOST_TIME = 30.0
+"""s on a processor, for a structure and once more for what is made of it; the largest that is allowed takes a tenth."""
+
+
+class Patience:
+    """What lasts too long is refused: no file that an honest tool writes needs that.
+
+    Args:
+        where: for the sentence.
+    """
+
+    def __init__(self, where: str):
+        self._where = where
+        # not the clock's: a busy machine accuses no file
+        self._end = time.process_time() + MOST_TIME
+
+    def spend(self) -> None:
+        """To be called for each of what there may be many of.
+
+        Raises:
+            InputRefused: it has lasted too long.
+        """
+        if time.process_time() > self._end:
+            raise InputRefused(
+                f"{self._where}: takes more than {MOST_TIME:g} s to read; expected fewer connectors, connections and "
+                "values. Do not trust this file"
+            )
 
 
 def local(element: ET.Element) -> str:

@@ -4,6 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import NamedTuple
 
+from twin.cosim.ssp.elements import Patience
 from twin.cosim.ssp.parameters import ParameterBinding, ParameterValue
 from twin.cosim.ssp.structure import Connection, Connector, End, SspComponent, SspSystem, Structure
 from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
@@ -95,6 +96,7 @@ class _Flat:
         self._assigned: dict[str, dict[str, Assigned]] = {}
         self._ignored: dict[str, None] = {}
         self._count = 0
+        self._patience = Patience(where)
         self._visit(outermost, "")
 
     def system(self) -> FlatSystem:
@@ -114,6 +116,7 @@ class _Flat:
             else:
                 self._components[below] = part
         for connection in system.connections:
+            self._patience.spend()
             start, end = self._directed(connection, path, system)
             if end in self._into:
                 first, second = _text(self._into[end][0]), _text(start)
@@ -139,7 +142,8 @@ class _Flat:
         """Whether values leave a connector here; None: nobody says."""
         within = self._systems.get(node.element)
         owner = within or self._components[node.element]
-        kind = next((one.kind for one in owner.connectors if one.name == node.connector), "")
+        found = owner.connector_of.get(node.connector)
+        kind = found.kind if found else ""
         if kind not in (*SOURCES, *SINKS):
             return None
         # a system's own connector, seen from inside
@@ -149,7 +153,7 @@ class _Flat:
         if not end.element:
             self._known(system, end.connector, path)
             return End(path, end.connector)
-        part = next((part for part in system.elements if part.name == end.element), None)
+        part = system.element_of.get(end.element)
         if part is None:
             known = ", ".join(part.name for part in system.elements)
             raise InputRefused(
@@ -162,7 +166,7 @@ class _Flat:
         return End(below, end.connector)
 
     def _known(self, system: SspSystem, connector: str, path: str) -> Connector:
-        found = next((one for one in system.connectors if one.name == connector), None)
+        found = system.connector_of.get(connector)
         if found is None:
             raise InputRefused(
                 f"{self._where}: a connection with '{connector}', which is no connector of the system "
@@ -175,8 +179,9 @@ class _Flat:
         hops: list[Hop] = []
         node, seen = end, {end}
         while node in self._into:
+            self._patience.spend()
             start, connection = self._into[node]
-            hops.insert(0, self._hop(node, connection))
+            hops.append(self._hop(node, connection))
             if start in seen:
                 raise InputRefused(
                     f"{self._where}: what feeds {_text(end)} leads in a circle through {_text(start)}, a connector of "
@@ -185,7 +190,7 @@ class _Flat:
             seen.add(start)
             node = start
             if node.element in self._components:
-                return Lead(node, end, tuple(hops))
+                return Lead(node, end, tuple(reversed(hops)))
         return None
 
     def _hop(self, end: End, connection: Connection) -> Hop:
@@ -207,8 +212,9 @@ class _Flat:
     def _bind(self, bindings: tuple[ParameterBinding, ...], path: str) -> None:
         for binding in bindings:
             for value in binding.parameters.parameters:
+                self._patience.spend()
                 name = binding.prefix + value.name
-                entries = [one for one in binding.mapping.entries if one.source == name] if binding.mapping else []
+                entries = binding.mapping.entries_of.get(name, []) if binding.mapping else []
                 targets: list[tuple[str, tuple[Hop, ...]]] = [
                     (one.target, (Hop(one.transformation, one.suppress_unit_conversion),)) for one in entries
                 ]
@@ -229,23 +235,30 @@ class _Flat:
             yield End(path, name), hops
             return
         system = self._systems[path]
-        own = next((one for one in system.connectors if one.name == name), None)
+        own = system.connector_of.get(name)
         if own is not None:
             led = (*hops[:-1], hops[-1]._replace(unit=own.unit)) if hops else (Hop(unit=own.unit),)
-            yield from self._forward(End(path, name), led, {End(path, name)})
+            yield from self._forward(End(path, name), led)
             return
         # names of elements may have dots themselves
-        inner = max((p.name for p in system.elements if name.startswith(f"{p.name}.")), key=len, default="")
+        inner = next((name[:n] for n in system.lengths if name[n : n + 1] == "." and name[:n] in system.element_of), "")
         if inner:
             yield from self._resolved(name[len(inner) + 1 :], f"{path}.{inner}" if path else inner, hops)
 
-    def _forward(self, node: End, hops: tuple[Hop, ...], seen: set[End]) -> Iterator[tuple[End, tuple[Hop, ...]]]:
-        for end, connection in self._out.get(node, []):
-            way = (*hops, self._hop(end, connection))
-            if end.element in self._components:
-                yield end, way
-            elif end not in seen:
-                yield from self._forward(end, way, seen | {end})
+    def _forward(self, start: End, hops: tuple[Hop, ...]) -> Iterator[tuple[End, tuple[Hop, ...]]]:
+        """Where a value gets from a connector of a system; on one way at most, as nothing is fed twice."""
+        seen, ahead = {start}, [(start, hops)]
+        while ahead:
+            self._patience.spend()
+            node, way = ahead.pop()
+            if node.element in self._components:
+                yield node, way
+                continue
+            # the first of them comes next
+            for end, connection in reversed(self._out.get(node, [])):
+                if end not in seen:
+                    seen.add(end)
+                    ahead.append((end, (*way, self._hop(end, connection))))
 
 
 def _text(end: End) -> str:

@@ -1,6 +1,7 @@
 """Values of parameters (SSV) and what they are called elsewhere (SSM)."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 from twin.cosim.ssp.metadata import Annotation, Metadata
 from twin.cosim.ssp.unit import NONE, Transformation, UnitDefinition
@@ -65,6 +66,14 @@ class ParameterMapping:
     entries: tuple[MappingEntry, ...]
     source: str = ""
     metadata: Metadata = Metadata()  # noqa: RUF009, it is frozen
+
+    @cached_property
+    def entries_of(self) -> dict[str, list[MappingEntry]]:
+        """By source: a value may go to several places."""
+        found: dict[str, list[MappingEntry]] = {}
+        for entry in self.entries:
+            found.setdefault(entry.source, []).append(entry)
+        return found
 
 
 @dataclass(frozen=True)

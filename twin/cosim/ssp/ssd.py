@@ -6,6 +6,7 @@ from collections.abc import Callable
 from typing import NamedTuple, TypeVar, cast, get_args
 
 from twin.cosim.ssp.elements import (
+    Patience,
     annotations_of,
     inside,
     listed,
@@ -109,6 +110,8 @@ class _Reader:
     def __init__(self, where: str, bring: Bring):
         self._where, self._bring = where, bring
         self._parts = 0
+        self._patience = Patience(where)
+        self._known: dict[tuple[str, str], object] = {}
 
     def experiment(self, element: ET.Element) -> DefaultExperiment:
         start, stop = (
@@ -166,6 +169,7 @@ class _Reader:
         return tuple(found)
 
     def _connector(self, element: ET.Element, owner: str) -> Connector:
+        self._patience.spend()
         name, kind = named(element, "name", self._where), named(element, "kind", self._where)
         if kind not in get_args(ConnectorKind):
             known = ", ".join(get_args(ConnectorKind))
@@ -185,6 +189,7 @@ class _Reader:
         )
 
     def _connection(self, element: ET.Element) -> Connection:
+        self._patience.spend()
         start, end = (
             End(element.get(f"{side}Element", ""), named(element, f"{side}Connector", self._where))
             for side in ("start", "end")
@@ -204,6 +209,7 @@ class _Reader:
         )
 
     def _binding(self, element: ET.Element, what: str) -> ParameterBinding:
+        self._patience.spend()
         inline = next(iter(inside(element, "ParameterValues")), None)
         values = self._stated(element, inline, PARAMETER_SET, what, parameter_set, parameter_set_of)
         if values is None:
@@ -230,7 +236,10 @@ class _Reader:
                     f"{self._where}: {what}: {source} is to be found in the component itself (sourceBase), which is "
                     "not read here; put it into the archive"
                 )
-            content, entry, where = self._bring(source, what)
-            return of_file(content, where, entry)
+            # many components may name one file
+            if (type_, source) not in self._known:
+                content, entry, where = self._bring(source, what)
+                self._known[type_, source] = of_file(content, where, entry)
+            return cast(_T, self._known[type_, source])
         stated = [one for name in ("ParameterSet", "ParameterMapping") for one in inside(inline, name)]
         return of_element(stated[0], f"{self._where}: {what}") if stated else None

@@ -1,6 +1,7 @@
 """The structure of a system (SSD): its components, and what leads where."""
 
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Literal, NamedTuple
 
 from twin.cosim.ssp.metadata import Annotation, Metadata
@@ -61,6 +62,11 @@ class SspComponent:
     description: str = ""
     annotations: tuple[Annotation, ...] = ()
 
+    @cached_property
+    def connector_of(self) -> dict[str, Connector]:
+        """Its connectors by name."""
+        return {one.name: one for one in self.connectors}
+
 
 class End(NamedTuple):
     """Where a connection begins or ends; `element` is a component or system, "" for the system it stands in."""
@@ -99,6 +105,21 @@ class SspSystem:
     bindings: tuple[ParameterBinding, ...] = ()
     description: str = ""
     annotations: tuple[Annotation, ...] = ()
+
+    @cached_property
+    def connector_of(self) -> dict[str, Connector]:
+        """Its own connectors by name."""
+        return {one.name: one for one in self.connectors}
+
+    @cached_property
+    def element_of(self) -> dict[str, "SspComponent | SspSystem"]:
+        """What is in it by name."""
+        return {one.name: one for one in self.elements}
+
+    @cached_property
+    def lengths(self) -> list[int]:
+        """Of the names of what is in it, the longest first."""
+        return sorted({len(name) for name in self.element_of}, reverse=True)
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,8 @@
 
 import sys
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import groupby
 from typing import Any
 
 from twin.errors import ComponentFailed, InputRefused, TwinError, visible
@@ -82,12 +83,19 @@ def _followed(
             elif "finished" in report:
                 process.end()
                 # whatever an FMU has printed is shown, and never obeyed
-                sys.stderr.write("".join(f"{visible(line)}\n" for line in process.printed.splitlines()))
+                sys.stderr.write("".join(f"{line}\n" for line in _shown(process.printed)))
                 return report["finished"]
         stepped = watch.account.stepped
         if stepped:
             show(process.box.mark()[0], stepped.last_tick)
         watch.raise_if_over()
+
+
+def _shown(printed: str) -> Iterator[str]:
+    """The lines of it; one that comes several times in a row, as from each instance of an FMU, once."""
+    for line, same in groupby(printed.splitlines()):
+        count = len(list(same))
+        yield visible(line) + (f"  ({count} times)" if count > 1 and line.strip() else "")
 
 
 def raise_failure(report: dict[str, Any]) -> None:

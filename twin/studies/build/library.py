@@ -56,6 +56,8 @@ def build_c(
     layout = laid_out(part, offered)
     layout = replace(layout, rows=tuple(row._replace(symbol=OURS + row.symbol) for row in layout.rows))
     closed = fixed(part, offered)
+    # before what takes long
+    made_folder(folder)
     steps = emitted_steps(layout, targets, say)
     source = tables(layout, layout.variables).encode()
     shared = c_files("part.h", "part.c", "computer.c", "main.c") | {

@@ -12,7 +12,7 @@ from twin.studies.build.linking import refuse_platform
 from twin.studies.build.parameters import Parameter, parameters
 from twin.studies.build.part import RobotPart, part_of
 from twin.studies.build.platforms import Platform, platforms_named
-from twin.writing import made_folder, write_bytes
+from twin.writing import made_folder, refuse_unwritable, write_bytes
 
 HOME = Path("results/build")
 
@@ -44,6 +44,8 @@ def build_fmu(
     targets = platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings)
     file = out or HOME / loaded.name / f"{part}.fmu"
+    if out is not None:
+        refuse_unwritable(file)
     found = part_of(loaded, part)
     refuse_platform(file, targets)
     offered = parameters(found)

@@ -31,7 +31,7 @@ from twin.studies.build.structure import Member, structure
 from twin.studies.build.study import HOME, about, readme
 from twin.studies.build.system_readme import system_readme
 from twin.studies.build.theirs import foreign_connectors, foreign_values
-from twin.writing import json_text, made_folder, write_bytes
+from twin.writing import json_text, made_folder, refuse_unwritable, write_bytes
 
 COMPUTER, BUS, PLANT = "computer", "bus", "plant"
 
@@ -63,6 +63,8 @@ def build_ssp(
     targets = platforms_named(platforms, fmi)
     loaded = load_experiment(experiment, settings, drive)
     file = out or HOME / loaded.name / f"{loaded.name}.ssp"
+    if out is not None:
+        refuse_unwritable(file)
     _refuse_bound(loaded)
     # a tick of the bus is what Jacobi masters make by themselves
     bus = [BUS] if loaded.controller.bus_delay_ticks and loaded.cosim.scheme != "jacobi" else []

@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
-from twin.drive.candidates import candidates, likely_command
+from twin.drive.candidates import candidates, likely_command, score
 from twin.drive.contract import COMMANDS, Command, Role, contract
 from twin.drive.description import FmuDescription, Variable
 from twin.drive.mapping import Choice, Wiring, bindings, choice
@@ -47,10 +47,18 @@ def understood(file: str, variables: Mapping[str, Variable]) -> tuple[Command, C
         file: what an error would call it.
         variables: by the name the user knows them by.
     """
+    fitting: list[Command] = []
     for command in COMMANDS:
         with suppress(InputRefused):
             bindings(file, variables, Wiring(command))
-            return command, _choice(file, variables, command), True
+            found = _choice(file, variables, command)
+            name = found.chosen[COMMANDS[command].port.name]
+            # a lone torque beside a voltage may be another load
+            if score(name, variables[name], COMMANDS[command]) > 0:
+                return command, found, True
+            fitting.append(command)
+    if fitting:
+        return fitting[0], _choice(file, variables, fitting[0]), len(fitting) == 1
     command = likely_command(variables, _choice(file, variables, "velocity").chosen.values())
     return command, _choice(file, variables, command), False
 

@@ -198,10 +198,11 @@ class _Planner:
         )
 
     def wires(self) -> Iterator[tuple[str, str]]:
+        sources = {(path, p.variable.name): p for path, ports in self._outputs.items() for p in ports}
         for path, leads in self._leads.items():
             for (lead, _), port in zip(leads, self._ports[path], strict=True):
                 start = lead.start.element
-                source = next(p for p in self._outputs[start] if p.variable.name == lead.start.connector)
+                source = sources[start, lead.start.connector]
                 yield f"{self._names[start]}.{source.port.name}", f"{self._names[path]}.{port.port.name}"
 
     def _refuse_second_instances(self) -> None:
@@ -245,7 +246,7 @@ class _Planner:
         return numbers[0] if len(numbers) == 1 else numbers
 
     def _connector(self, path: str, name: str) -> Connector | None:
-        return next((one for one in self._flat.components[path].connectors if one.name == name), None)
+        return self._flat.components[path].connector_of.get(name)
 
     def _variable(self, path: str, name: str, causes: Sequence[str], what: str) -> Variable:
         description = self._descriptions[path]
