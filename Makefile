@@ -61,7 +61,8 @@ tasks: $(VENV)/.run  ## the four massage tasks of Fig. 5, scored
 
 # the theme advertises its successor in the build
 docs: export NO_MKDOCS_2_WARNING := 1
-docs: $(VENV)/.test-$(EXTRAS)  ## the site: site/index.html
+# of what tests need nothing; where it is all there, it is not installed again
+docs: $(or $(wildcard $(VENV)/.test-$(EXTRAS)),$(VENV)/.test-docs)  ## the site: site/index.html
 	$(VENV)/bin/python -m mkdocs build --strict
 
 picture: $(VENV)/.test-$(EXTRAS) run tasks  ## redraw the README's pictures

@@ -36,6 +36,7 @@ class Commands(LazyGroup):
         "sweep",
         "drive",
         "component",
+        "log",
     )
 
 

@@ -16,6 +16,10 @@ BLUE, ORANGE, GREEN, PINK, VERMILION, SKY = "#0072b2", "#e69f00", "#009e73", "#c
 PAPER_BLUE, PAPER_YELLOW, PAPER_ORANGE = "#2f6db5", "#eab308", "#e2661a"
 """As the caption of Fig. 4 names them; their lightness also tells them apart in print."""
 JOINTS = (PAPER_BLUE, "#8e44ad", "#2e7d32")
+LESS_IS_BETTER = "cividis_r"
+"""Colours of a map of something of which less is better. In every map light is good, so that they read alike, also in
+print; made for colour-blind readers."""
+LIGHT_IS_GOOD = "(light is better)"
 INK, GREY, RED = "#1c1c1c", "#8c8c8c", "#c62828"
 Look = Mapping[Any, bool | float]
 LOOK: Look = {

@@ -14,6 +14,8 @@ from twin.recording.recording import Recording
 from twin.report.page.page import report_page, write_report
 from twin.report.page.panels import commanded_speed
 from twin.report.page.run import ReportRun
+from twin.report.page.sections import verdict_section
+from twin.report.page.verdict import verdict
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 
@@ -35,6 +37,27 @@ def test_the_verdict_comes_before_everything_else(page: str):
     titles = re.findall(r"<h2[^>]*>([^<]*)</h2>", page)
     assert titles[:2] == ["Verdict", "Replay"]
     assert "5 of 5 claims hold" in page[: page.index("Replay</h2>")]
+
+
+def test_three_numbers_of_what_truly_happened_stand_beside_the_verdict(page: str, force_position: Recording):
+    first = page[: page.index("Replay</h2>")]
+    boxes = re.findall(r'<div class="box"><strong>([^<]*)</strong><span>([^<]*)</span></div>', first)
+    assert [name for _, name in boxes] == ["force error", "largest pressing force", "settling"]
+    assert boxes[1][0] == f"{-force_position['plant.F_ee_B'][:, 2].min():.4g} N"
+
+
+def test_of_several_runs_the_same_three_numbers_stand_side_by_side(force_position: Recording, position: Recording):
+    runs = [ReportRun("fp", force_position), ReportRun("p", position)]
+    names = re.findall(r"</strong><span>([^<]*)</span>", verdict_section(runs, verdict(runs)))
+    # without a force loop there is no force error
+    assert names == 2 * ["largest pressing force", "settling", "settled force error"]
+
+
+def test_of_several_runs_each_has_its_numbers_and_of_many_none(force_position: Recording):
+    runs = [ReportRun(f"run {number}", force_position) for number in range(5)]
+    two, many = (verdict_section(some, verdict(some)) for some in (runs[:2], runs))
+    assert two.count('class="box"') == 6 and two.count('class="whose"') == 2
+    assert 'class="box"' not in many
 
 
 def test_the_same_recording_gives_the_same_page(page: str, force_position: Recording):

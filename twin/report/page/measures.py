@@ -1,7 +1,7 @@
 """Measures of any run, whatever it was for: of what truly happened, with what the robot believed beside it."""
 
 import math
-from collections.abc import Callable, Container
+from collections.abc import Callable, Container, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,6 +17,11 @@ if TYPE_CHECKING:
 BAND = 0.05
 """Share of the reference within which a force has settled, as in the paper's Fig. 4."""
 MM = 1e3
+KEYS = (
+    "force error", "largest pressing force", "settling", "settled force error", "distance from the path",
+    "the estimated position", "largest motor speed",
+)  # fmt: skip
+"""Names of measures, the one that says most about a run first."""
 END = "force at the end, mean of the last second"
 
 
@@ -68,6 +73,15 @@ def measures(run: "ReportRun") -> list[Measure]:
 def scored(run: "ReportRun") -> dict[str, float]:
     """What is judged of the truth, by short name; only what has a number, or never happened."""
     return {m.short: m.true for m in run.measures if m.short and not math.isnan(m.true)}
+
+
+def key_measures(runs: Sequence["ReportRun"]) -> list[list[Measure]]:
+    """Of each run the three that say most: the first of `KEYS` that all of them have; fewer if there are not three."""
+    found = [
+        {name: m for m in run.measures for name in (m.short, m.text) if name and not math.isnan(m.true)} for run in runs
+    ]
+    shared = [name for name in KEYS if all(name in own for own in found)][:3]
+    return [[own[name] for name in shared] for own in found]
 
 
 def unscored(run: "ReportRun", asked: Container[str]) -> dict[str, list[str]]:

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 from twin.report.page.markup import Markup, element, joined, section, table
-from twin.report.page.measures import Measure, number
+from twin.report.page.measures import Measure, key_measures, number
 from twin.report.page.parameters import differences, flat, parameters
 from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
@@ -26,6 +26,8 @@ MARKS = {
 }
 
 
+MOST_BOXED = 4
+"""Runs whose key numbers stand beside the verdict."""
 FEW = 5
 """Claims that are shown at once even if all of them hold."""
 LOOKS = {True: ("✓ ", "good"), False: ("✗ ", "bad"), None: ("", "plain")}
@@ -66,12 +68,28 @@ def _accuracies(runs: Sequence[ReportRun], budgets: Sequence["Budget"]) -> Marku
 
 
 def verdict_section(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:
-    """The first section: the sentence and the remarks. The numbers come after the player, which stands beside it."""
+    """The first section: the sentence, three numbers of each run, and the remarks. All other numbers come after the
+    player, which stands beside it."""
     mark, look = LOOKS[verdict.good]
     parts = [element("p", f"{mark}{verdict.headline}", class_=f"headline {look}")]
+    # of more runs the table of measures is the place
+    parts += [_boxes(runs)] if len(runs) <= MOST_BOXED else []
     if verdict.remarks:
         parts.append(element("ul", *(element("li", text) for text in verdict.remarks), class_="remarks"))
     return section("verdict", "Verdict", *parts)
+
+
+def _boxes(runs: Sequence[ReportRun]) -> Markup:
+    """Three numbers of what truly happened, the same of each run, under its name if there are several."""
+    groups = []
+    for run, found in zip(runs, key_measures(runs), strict=True):
+        boxes = [
+            element("div", element("strong", number(m.true, m.unit)), element("span", m.short or m.text), class_="box")
+            for m in found
+        ]
+        label = [element("span", run.label, class_="whose")] if len(runs) > 1 else []
+        groups.append(element("div", *label, *boxes, class_="boxes"))
+    return element("div", *groups, class_="runs")
 
 
 def numbers(runs: Sequence[ReportRun], verdict: PageVerdict) -> Markup:

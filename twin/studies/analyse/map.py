@@ -8,11 +8,12 @@ from matplotlib.colors import BoundaryNorm, ListedColormap
 
 from twin.studies.analyse.stability import Stability, StabilityMap
 from twin.studies.analyse.text import point_name
-from twin.studies.figure import INK, MAP, VERMILION, picture
+from twin.studies.figure import INK, LIGHT_IS_GOOD, MAP, VERMILION, picture
 
 LEVELS = (-1.0, 0.0, 0.02, 0.05, 0.1, 0.2, 0.4, 1.0)
 UNSTABLE, NO_POINT = VERMILION, "#d9d9d9"
-SHADES = ("#fde0c5", "#f4f0dc", "#cfe6df", "#9accc4", "#5aa6a9", "#2a788e")
+SHADES = ("#2a788e", "#5aa6a9", "#9accc4", "#cfe6df", "#f4f0dc", "#fdf9cf")
+"""From hardly damped to well damped: light is good, as in every map."""
 
 
 def draw_stability_maps(done: Stability, path: Path) -> None:
@@ -26,7 +27,7 @@ def draw_stability_maps(done: Stability, path: Path) -> None:
             gain = _gain(done, chart)
             drawn = axes.pcolormesh(chart.stiffness, gain, chart.zeta, cmap=shades, norm=norm, shading="nearest")
             _mark(axes, done, chart)
-        label = "smallest damping ratio of a closed-loop pole"
+        label = f"smallest damping ratio of a closed-loop pole {LIGHT_IS_GOOD}"
         bar = figure.colorbar(drawn, ax=list(panels), ticks=LEVELS, label=label)
         bar.ax.set_yticklabels(["unstable", *(f"{level:g}" for level in LEVELS[1:])])
 

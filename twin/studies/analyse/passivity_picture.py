@@ -11,7 +11,7 @@ from twin.studies.analyse.map import SHADES, UNSTABLE
 from twin.studies.analyse.passivity import Passivity
 from twin.studies.analyse.text import point_name
 from twin.studies.analyse.z_width import Width
-from twin.studies.figure import BLUE, GREEN, GREY, INK, ORANGE, picture
+from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, ORANGE, picture
 
 COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))
 LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
@@ -54,5 +54,5 @@ def _draw_width(axes: Axes, width: Width) -> None:
     axes.set(xscale="log", yscale="log", title="rendered along z; red: unstable in the air")
     axes.set(xlabel="virtual stiffness (N/m)", ylabel="virtual damping (N s/m)")
     assert axes.figure is not None
-    label = "least share of power; from 0 on passive"
+    label = f"least share of power; from 0 on passive {LIGHT_IS_GOOD}"
     axes.figure.colorbar(drawn, ax=axes, label=label, location="bottom", ticks=LEVELS[1:4])

@@ -14,10 +14,8 @@ from matplotlib.patches import Rectangle
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.studies.faults.row import ALLOWANCE, FaultRow
 from twin.studies.faults.text import magnitude_text
-from twin.studies.figure import BARE, INK, VERMILION, picture
+from twin.studies.figure import BARE, INK, LESS_IS_BETTER, LIGHT_IS_GOOD, VERMILION, picture
 
-COLORS = "cividis_r"
-"""Made for colour-blind readers; light is little force, so that it also reads in print."""
 BEYOND = VERMILION
 DARKEST = 2.0
 """Peak over limit at which the colours end."""
@@ -37,7 +35,7 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
     title = f"Faults in {experiment}: largest true contact force (N) from the onset on; limit {rows[0].limit:g} N"
     with picture(path, 5.0 + 2.8 * len(onsets), 2.2 + 0.31 * len(kinds), title, look=BARE) as figure:
         panels = figure.subplots(1, 2, sharey=True)
-        shade = ScalarMappable(Normalize(0.0, DARKEST), COLORS)
+        shade = ScalarMappable(Normalize(0.0, DARKEST), LESS_IS_BETTER)
         for axes, watched in zip(panels, (True, False), strict=True):
             for line, of_kind in enumerate(kinds):
                 for row in of_kind:
@@ -45,7 +43,8 @@ def draw_fault_matrix(experiment: str, rows: Sequence[FaultRow], path: Path) -> 
             _label(axes, rows, onsets, len(kinds))
             axes.set_title("with monitor" if watched else "without monitor", fontweight="bold", pad=22)
         panels[0].set_yticks(np.arange(len(kinds)) + 0.5, [_kind_text(of_kind) for of_kind in kinds], fontsize=8.5)
-        figure.colorbar(shade, ax=panels, extend="max", shrink=0.6, pad=0.01, label="largest true force / force limit")
+        label = f"largest true force / force limit {LIGHT_IS_GOOD}"
+        figure.colorbar(shade, ax=panels, extend="max", shrink=0.6, pad=0.01, label=label)
         marks = [
             Line2D([], [], ls="", marker="o", color=INK, ms=4, label="seen by the monitor"),
             Line2D([], [], ls="", marker="x", color=INK, ms=5, label="run ended there: a component failed"),

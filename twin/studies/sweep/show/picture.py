@@ -12,15 +12,13 @@ from matplotlib.patches import Rectangle
 from matplotlib.ticker import LogLocator, NullFormatter
 from numpy.typing import NDArray
 
-from twin.studies.figure import INK, MAP, VERMILION, picture
+from twin.studies.figure import INK, LESS_IS_BETTER, LIGHT_IS_GOOD, MAP, VERMILION, picture
 from twin.studies.sweep.columns import Numbers
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.crowd import visible
 from twin.studies.sweep.show.words import short
-from twin.studies.sweep.statistics.ranking import drives_in, of_drive, parameter, value
+from twin.studies.sweep.statistics.ranking import claims_in, drives_in, of_drive, parameter, value
 
-COLORS = "cividis_r"
-"""Made for colour-blind readers; light is little error."""
 FAILED = VERMILION
 MOST_NUMBERS = 2_500
 """Cells of a grid with a number in each; of more, in none of which one could be read, only the colours are drawn."""
@@ -46,7 +44,7 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
     with picture(path, 2.2 + 4.0 * across, 1.4 + 3.4 * lines, look=MAP) as figure:
         panels = figure.subplots(lines, across, squeeze=False, sharex=True, sharey=True).ravel()
         low, high, remark = shown_range(values)
-        shade = ScalarMappable(Normalize(low, high), COLORS)
+        shade = ScalarMappable(Normalize(low, high), LESS_IS_BETTER)
         for panel, drive in zip(panels, drives, strict=False):
             mine = on_map & of_drive(columns, drive)
             _draw_panel(panel, shade, x[mine], y[mine], numbers[mine])
@@ -60,7 +58,9 @@ def draw_sweep(kept: KeptRows, axes: tuple[str, str], metric: str, path: Path) -
         figure.supylabel(names[axes[1]], fontsize=10)
         beyond = {"max": values.max(initial=low) > high, "min": values.min(initial=high) < low}
         extend = "both" if all(beyond.values()) else next((end for end, is_so in beyond.items() if is_so), "neither")
-        figure.colorbar(shade, ax=panels.tolist(), label=metric, shrink=0.8, pad=0.02, extend=extend)
+        # of what a claim measures, less need not be better
+        label = f"{metric} {'(light is less)' if claims_in(columns) else LIGHT_IS_GOOD}"
+        figure.colorbar(shade, ax=panels.tolist(), label=label, shrink=0.8, pad=0.02, extend=extend)
         figure.suptitle(f"{kept.name}: {metric}, {len(columns)} of {kept.runs} runs", x=0.01, ha="left", fontsize=11)
 
 
