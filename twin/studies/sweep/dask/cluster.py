@@ -8,7 +8,7 @@ import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
@@ -80,15 +80,11 @@ def _begun(call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> "Futu
 
 def _result(answer: "Future[T]", limit: float, hear: Callable[[], None] = lambda: None) -> T:
     deadline = time.monotonic() + limit
-    while True:
-        try:
-            return answer.result(HEAR)
-        except TimeoutError:
-            if answer.done():
-                raise
-            hear()
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"no answer within {limit:g} s") from None
+    while not wait([answer], HEAR).done:
+        hear()
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"no answer within {limit:g} s")
+    return answer.result()
 
 
 @contextmanager
