@@ -133,7 +133,7 @@ def test_pages_that_hold_each_other_are_not_read_for_ever(tmp_path: Path, key: s
     assert re.search("damaged: (more rows|rows of more bytes) than it has", refusal(path, "F=/tool.F_N"))
 
 
-def _places(content: bytes, page: int, size: int) -> list[int]:
+def _places(content: bytearray, page: int, size: int) -> list[int]:
     """Where the pointers of an interior page stand (https://sqlite.org/fileformat2.html)."""
     start = (page - 1) * size
     assert content[start] == 5
@@ -142,7 +142,7 @@ def _places(content: bytes, page: int, size: int) -> list[int]:
     return [*(start + offset for offset in offsets), start + 8]
 
 
-def _children(content: bytes, page: int, size: int) -> list[int]:
+def _children(content: bytearray, page: int, size: int) -> list[int]:
     return [int.from_bytes(content[place : place + 4], "big") for place in _places(content, page, size)]
 
 

@@ -38,8 +38,10 @@ LARGEST_FILE = 2**36
 LARGEST_MESSAGE = 2**28
 """Bytes, as LARGEST_FILE is: 64 GB and 256 MB."""
 MOST_DEFINITIONS = 200
-TABLES = ("topics", "messages", "message_definitions")
-"""That are read; the last one came with ROS 2 Iron."""
+DEFINITIONS = "message_definitions"
+"""The table that came with ROS 2 Iron."""
+TABLES = ("topics", "messages", DEFINITIONS)
+"""That are read."""
 STEPS = 4
 """Steps of SQLite's machine for each byte of a file, at most, in one query; a message takes 30 and has 9 bytes."""
 LEAST_ROW = 8
@@ -180,6 +182,9 @@ class Rows:
     Args:
         file: what refusals are to name.
 
+    Attributes:
+        has_definitions: whether it has that table.
+
     Raises:
         LogRefused: it has something else than tables that are stored, their indexes and triggers, or not those of bags.
     """
@@ -187,21 +192,21 @@ class Rows:
     def __init__(self, bag: sqlite3.Connection, file: Path, size: int):
         self._bag, self._file, self._size = bag, file, size
         tables = []
-        for name, text in self.of("SELECT name, sql FROM sqlite_master"):
+        for kind, name, text in self.of("SELECT type, name, sql FROM sqlite_master"):
             # of what SQLite has made by itself there is no text. It makes of a text what the text says first
             if text is not None and not _STORED.match(str(text)):
                 raise LogRefused(f"{file}: has {str(text)[:40]!r}; bags of ROS 2 have stored tables only")
-            tables.append(str(name))
-        for table in TABLES:
-            columns = list(self.of(f"PRAGMA table_xinfo({table})"))
-            if not columns and table in TABLES[:2]:
+            tables += [str(name)] if kind == "table" else []
+        columns = {table: list(self.of(f"PRAGMA table_xinfo({table})")) for table in TABLES}
+        for table, described in columns.items():
+            if not described and table != DEFINITIONS:
                 raise LogRefused(
                     f"{file}: has no table {table} as bags of ROS 2 have; it has {', '.join(tables) or 'none'}"
                 )
-            for _, name, *_, hidden in columns:
+            for _, name, *_, hidden in described:
                 if hidden:
                     raise LogRefused(f"{file}: column {name} of table {table} is computed; expected a recorded one")
-        self.has_definitions = bool(columns)
+        self.has_definitions = bool(columns[DEFINITIONS])
 
     def of(self, query: str) -> Iterator[tuple[Any, ...]]:
         """Rows of `query`.

@@ -29,8 +29,12 @@ class Topics:
     def __init__(self, streams: Sequence[RowStream], scene: Scene, tick: float):
         self._encoder, self._scene, self._tick = Encoder(streams), scene, tick
         self._layouts = {form.name: form_filling(0, form) for form in scene.forms}
-        told = [*_streams(streams), *_forms(scene), *_events()]
-        self.channels = tuple(Channel(number, f"/{name}", *rest) for number, (name, *rest) in enumerate(told, start=1))
+        events: _Told = (EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False)
+        told = [*_streams(streams), *_forms(scene), events]
+        self.channels = tuple(
+            Channel(number, f"/{name}", kind, descriptors, meanings, constant)
+            for number, (name, kind, descriptors, meanings, constant) in enumerate(told, start=1)
+        )
         self._numbers = {channel.topic[1:]: channel.number for channel in self.channels}
         self._drawn = {self._numbers[name] for name in self._layouts}
 
@@ -77,10 +81,6 @@ def _forms(scene: Scene) -> Iterator[_Told]:
     for form in scene.forms:
         descriptor = form.example.DESCRIPTOR
         yield form.name, descriptor.full_name, descriptors_of(descriptor), {}, form.width == 0
-
-
-def _events() -> Iterator[_Told]:
-    yield EVENTS, Log.DESCRIPTOR.full_name, log_descriptor_set(), {}, False
 
 
 def _log(event: TickEvent, time: int) -> bytes:

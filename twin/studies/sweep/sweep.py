@@ -9,6 +9,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from twin.runs.guard.limits import Limits
+from twin.studies.sweep import left_behind
 from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.folder import claim
@@ -77,6 +78,7 @@ def run_sweep(
         DiskFailed, RecordingFailed: the disk is full.
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
+    left_behind.clear()
     refuse_unproved(plan, limits)
     claim(folder, plan)
     with Rows(folder / ROWS) as rows:

@@ -13,6 +13,7 @@ from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watch, raise_
 from twin.runs.guard.process import GuardedProcess
 from twin.studies.sweep import SERVED
 from twin.studies.sweep.engine import Job
+from twin.studies.sweep.left_behind import ORDERS, hold
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 
@@ -67,10 +68,9 @@ class WorkerProcess:
                 return facts
 
     def _started(self) -> GuardedProcess:
-        orders = Path(self._ends.enter_context(tempfile.TemporaryDirectory(prefix="twin_sweep_"))) / "orders"
-        os.mkfifo(orders)
-        # both ends, so that opening does not wait for the process, and a process that dies leaves no broken pipe
-        self._orders = os.open(orders, os.O_RDWR)
+        orders = Path(self._ends.enter_context(tempfile.TemporaryDirectory(prefix=ORDERS))) / "orders"
+        # both ends, so that a process that dies leaves no broken pipe
+        self._orders = hold(orders)
         self._ends.callback(os.close, self._orders)
         self._process = self._ends.enter_context(process_for(SERVED))
         self._watch = Watch(self._process, self._job.limits)

@@ -141,12 +141,15 @@ def test_ctrl_c_keeps_what_is_finished_ends_all_processes_and_says_how_to_go_on(
         start_new_session=True,
     )
     rows = tmp_path / "out" / "rows.jsonl"
-    while process.poll() is None and not (rows.exists() and rows.stat().st_size):
-        time.sleep(0.05)
-    # a terminal sends it to all of them; and some press twice
-    os.killpg(process.pid, signal.SIGINT)
-    os.killpg(process.pid, signal.SIGINT)
-    said = process.communicate(timeout=60)[1]
+    try:
+        while process.poll() is None and not (rows.exists() and rows.stat().st_size):
+            time.sleep(0.05)
+        # a terminal sends it to all of them; and some press twice
+        os.killpg(process.pid, signal.SIGINT)
+        os.killpg(process.pid, signal.SIGINT)
+        said = process.communicate(timeout=60)[1]
+    finally:
+        process.kill()
     finished = len(rows.read_text().splitlines())
     assert process.returncode == 130
     assert 0 < finished < 4000

@@ -4,12 +4,11 @@ workers that are like this machine and have the files; and of its answers, for w
 import asyncio
 import logging
 import signal
-import tempfile
 import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import Future, wait
 from contextlib import ExitStack, contextmanager, suppress
 from multiprocessing import resource_tracker
 from typing import TYPE_CHECKING, ParamSpec, TypeVar
@@ -20,6 +19,7 @@ from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.runner import Reply, SweepJob, lack
 from twin.studies.sweep.dask.versions import difference, versions
 from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
+from twin.studies.sweep.left_behind import dask_folder
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -80,15 +80,11 @@ def _begun(call: Callable[P, T], *arguments: P.args, **named: P.kwargs) -> "Futu
 
 def _result(answer: "Future[T]", limit: float, hear: Callable[[], None] = lambda: None) -> T:
     deadline = time.monotonic() + limit
-    while True:
-        try:
-            return answer.result(HEAR)
-        except TimeoutError:
-            if answer.done():
-                raise
-            hear()
-            if time.monotonic() > deadline:
-                raise TimeoutError(f"no answer within {limit:g} s") from None
+    while not wait([answer], HEAR).done:
+        hear()
+        if time.monotonic() > deadline:
+            raise TimeoutError(f"no answer within {limit:g} s")
+    return answer.result()
 
 
 @contextmanager
@@ -197,9 +193,8 @@ def _refuse_no_scheduler(address: str) -> None:
             comm.abort()
 
     try:
-        # in a thread of its own: in this one a notebook's event loop may be running already
-        with ThreadPoolExecutor(1) as thread:
-            found = thread.submit(asyncio.run, asyncio.wait_for(role(), PATIENCE)).result()
+        # not in this thread, where a notebook's event loop may be running; and to look up a name has no limit of ours
+        found = within(2.0 * PATIENCE, lambda: asyncio.run(asyncio.wait_for(role(), PATIENCE)))
         if found == "Scheduler":
             return
         reason = f"a {found} does"
@@ -217,7 +212,7 @@ def _local_cluster(processes: int) -> Iterator[object]:
     """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
     # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
     resource_tracker.ensure_running()
-    with others_safe(), tempfile.TemporaryDirectory(prefix="twin_dask_", ignore_cleanup_errors=True) as folder:
+    with others_safe(), dask_folder() as folder:
         starting = _begun(_started, processes, folder)
         try:
             # Ctrl-C is answered when it is there, because half a cluster cannot be ended
