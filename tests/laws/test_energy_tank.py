@@ -4,6 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import example, given
+from hypothesis import settings as examples
+from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from tests.laws.runs import EXPERIMENTS
@@ -74,6 +77,119 @@ def test_no_body_gets_more_than_the_tank_holds(body: str, fault: str):
     assert most_given(pressed(TANK, ALONE, fault, body=body)) <= SIZE
 
 
+TASKS = {"pressing": 13.0, "tapping": 16.0, "rolling": 40.0, "pushing": 36.0}
+"""With their durations (s)."""
+SURFACES: list[str | None] = [None, *BODIES]
+"""None: the scale that stands fixed."""
+SIZES = (0.005, 0.01, 0.03, 0.06, 0.1)
+
+
+def surfaces(task: str) -> list[str | None]:
+    """Those on which `task` runs: friction cannot hold a head that rolls or pushes on a shoulder."""
+    return [body for body in SURFACES if body != "shoulder" or task in ("pressing", "tapping")]
+
+
+def sized(size: float) -> str:
+    return f"controller.energy_tank.size_J={size}"
+
+
+def strokes(force: float, count: int) -> list[str]:
+    """Pushes to and fro with `force` (N), lighter than what counts as touching elsewhere."""
+    ends = ([0.0, 15.0], [0.0, -15.0])
+    pushes = (
+        f'{{kind="push",point_mm={ends[i % 2]},to_mm={ends[1 - i % 2]},speed_mm_per_s=20,'
+        f"force_N={force},build_up_s=0.5}}"
+        for i in range(count)
+    )
+    return [f"task=[{','.join(pushes)}]", "controller.touch.contact_N=0.25", f"duration_s={5 * count}"]
+
+
+@pytest.mark.parametrize("size", [pytest.param(s, marks=[] if s == 0.01 else pytest.mark.endurance) for s in SIZES])
+@pytest.mark.parametrize("task", TASKS)
+def test_in_no_task_any_body_gets_more_than_the_tank_holds(task: str, size: float):
+    found = {body: most_given(pressed(sized(size), ALONE, body=body, name=task)) for body in surfaces(task)}
+    assert {body: given for body, given in found.items() if given > size} == {}
+    # it is not held by standing still
+    assert max(found.values()) > 0.5 * min(size, 0.02)
+
+
+@pytest.mark.parametrize(
+    "belief", [(), ("controller.dead_zone_deg=0",), ("controller.dead_zone_deg=0", "drive.parameters.droop=0")]
+)
+@pytest.mark.parametrize("body", ["forearm", None])
+def test_a_light_stroke_gets_no_more_than_the_tank_holds(body: str | None, belief: tuple[str, ...]):
+    # for ever lighter than touch_N was, and with a backlash that the controller does not know
+    light = strokes(0.45, 12)
+    assert most_given(pressed(sized(0.005), ALONE, *light, *belief, body=body, name="pushing")) <= 0.005
+
+
+def test_without_a_tank_a_light_stroke_takes_far_more():
+    assert most_given(pressed(ALONE, *strokes(0.45, 12), body="forearm", name="pushing")) > 0.07
+
+
+@pytest.mark.parametrize("size", SIZES)
+def test_nor_does_a_push_with_a_backlash_that_is_not_known(size: float):
+    for droop in ("drive.parameters.droop=0", "drive.parameters.droop=0.6"):
+        run = pressed(sized(size), ALONE, "controller.dead_zone_deg=0", droop, body="forearm", name="pushing")
+        assert most_given(run) <= size
+
+
+def test_full_again_after_each_touch_it_bounds_each():
+    light = strokes(0.45, 6)
+    run = pressed(sized(0.005), "controller.energy_tank.release_s=0.5", ALONE, *light, body="forearm", name="pushing")
+    assert 0.010 < most_given(run) <= 6 * 0.005
+
+
+@st.composite
+def combinations(draw: st.DrawFn) -> tuple[str, str | None, float, list[str]]:
+    """A task, a body, a tank, and up to four faults of commands, messages and gains at once."""
+    task = draw(st.sampled_from([*TASKS, "light"]))
+    name = "pushing" if task == "light" else task
+    own = strokes(0.45, 4) if task == "light" else []
+    end = 20.0 if task == "light" else TASKS[task]
+    faults, changes = [], []
+    for _ in range(draw(st.integers(0, 4))):
+        onset = draw(st.integers(1, int(6 * end))) / 10
+        kind = draw(st.sampled_from([*COMMANDS_AND_MESSAGES, *GAINS]))
+        if kind in GAINS:
+            changes.append(f'{{t_s={onset},key="{kind}",value={draw(st.sampled_from(GAINS[kind]))}}}')
+        else:
+            known = CATALOGUE[kind]
+            # if all messages are lost the drives let the robot sink, see below
+            magnitude = draw(st.sampled_from([m for m in known.magnitudes or () if kind != "sample_loss" or m < 1.0]))
+            target = draw(st.sampled_from(known.targets))
+            faults.append(f'{{kind="{kind}",target="{target}",onset_s={onset},{known.magnitude_key}={magnitude}}}')
+    body, size = draw(st.sampled_from(surfaces(name))), draw(st.sampled_from(SIZES))
+    return name, body, size, [*own, f"fault=[{','.join(faults)}]", f"change=[{','.join(changes)}]"]
+
+
+# the worst that were found while the tank was made: a motor that cannot follow, a gain that is far too high
+@example(("pushing", "upper_arm", 0.02, [
+    'fault=[{kind="drive_saturation",target="drive_1",onset_s=21.55,magnitude_rad_per_s=0.05},'
+    '{kind="sample_delay",target="encoder",onset_s=16.64,magnitude_ms=10}]',
+]))  # fmt: skip
+@example(("pushing", None, 0.01, [
+    'fault=[{kind="sample_delay",target="encoder",onset_s=13.75,magnitude_ms=10},'
+    '{kind="controller_overrun",onset_s=18.55,magnitude_ms=50}]',
+    'change=[{t_s=6.61,key="controller.position.kp_per_s",value=200}]',
+]))  # fmt: skip
+@examples(max_examples=examples.default.max_examples // 5)
+@given(combinations())
+def test_no_body_gets_more_than_the_tank_holds_whatever_fails_at_once(drawn: tuple[str, str | None, float, list[str]]):
+    name, body, size, failing = drawn
+    assert most_given(pressed(sized(size), ALONE, *failing, body=body, name=name)) <= size
+
+
+@pytest.mark.parametrize(("task", "body", "onset"), [("rolling", "belly", 10.86), ("pushing", "belly", 13.77)])
+def test_without_messages_it_gets_besides_no_more_than_the_weight_does_that_sinks(task: str, body: str, onset: float):
+    lost = f'fault=[{{kind="sample_loss",onset_s={onset},magnitude_share=1.0}}]'
+    run = pressed(sized(0.005), ALONE, lost, body=body, name=task)
+    z = run.held("plant.p_B")[round(onset / 1e-3) :, 2]
+    weight = 2.2  # N, at home (docs/physics.md)
+    sunk = float(np.max(np.maximum.accumulate(z) - z))
+    assert most_given(run) <= 0.005 + weight * sunk
+
+
 @pytest.mark.endurance
 @pytest.mark.parametrize("body", BODIES)
 def test_no_body_gets_more_than_the_tank_holds_with_any_fault_of_commands_messages_and_gains(body: str):
@@ -133,8 +249,8 @@ def test_a_drive_that_fails_gives_no_more_because_of_the_tank(kind: str, body: s
 def test_friction_empties_it_and_then_the_robot_stops(name: str):
     run = pressed(TANK, ALONE, name=name)
     assert 0.8 * SIZE < most_given(run) <= SIZE
-    # as it believes itself; where a head that has lagged behind lifts off, the platform's inertia counts as force
-    assert most_given(run) - 0.003 < run["tank.given"].max() < most_given(run) + 0.006
+    # as it believes itself, which counts what the joints' own friction and the motion take as given, too
+    assert most_given(run) - 0.001 < run["tank.given"].max() < most_given(run) + 0.008
     assert run["tank.share"].min() < 0.02
 
 
