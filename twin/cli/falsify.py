@@ -48,7 +48,9 @@ def falsify(
     ] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Search for the fault that violates a requirement most: kind, onset, size, body, seed.
+    """Search for the fault that violates a requirement most.
+
+    Which kind, at which joint, when, how large, with which sign, body and seed.
 
     A requirement is a formula over recorded signals, such as
     always (|plant.F_ee_B| <= 18 N). What violates it is written as an experiment

@@ -62,6 +62,20 @@ def test_few_stretches_have_intervals_that_hold_as_well():
     assert inside >= 0.90 * repetitions
 
 
+def test_a_wrong_length_moves_every_log_alike_and_their_mean_as_much():
+    """Intervals know of chance only, and so does the scatter between logs."""
+    x, rng = true_parameters(), np.random.default_rng(5)
+    wrong = belief()._replace(l_a=belief().l_a + 5e-4)
+    found = []
+    for _ in range(3):
+        seen = windows_of_statics(x, rng, noise=np.radians(0.003))
+        found.append(fit(seen, wrong, parameters(wrong, -0.1012), STEP, LEVEL).x[KAPPA] / x[KAPPA] - 1.0)
+    # 0.28 % per 0.1 mm in the calibration (docs/identification_method.md), 0.23 % in these windows
+    assert np.abs(found) == pytest.approx(0.0115, rel=0.1)
+    # by their scatter the mean of three would be far better known than that
+    assert abs(np.mean(found)) > 10.0 * np.std(found, ddof=1) / np.sqrt(3)
+
+
 def test_a_search_that_is_cut_short_says_so(monkeypatch: pytest.MonkeyPatch):
     seen = windows_of_statics(true_parameters(), np.random.default_rng(8))
     assert fitted(seen).converged

@@ -60,7 +60,7 @@ def test_intervals_hold_the_true_indices_and_narrow_with_the_root_of_the_blocks(
         assert index.first_interval[0] - 0.02 <= first <= index.first_interval[1] + 0.02
         assert index.total_interval[0] - 0.02 <= total <= index.total_interval[1] + 0.02
     narrower = [width(a) / width(b) for a, b in zip(few, many, strict=True)]
-    # four times the blocks: half the width, as well as resampling knows it
+    # four times the blocks: half the width, as well as the jackknife knows it
     assert np.mean(narrower) == pytest.approx(2.0, rel=0.3)
 
 
