@@ -28,6 +28,8 @@ def repository(
     for run in (force_position, position):
         name = run.metadata["experiment"]["name"]
         shutil.copytree(run.path.parent, folder / "results" / name / "2026-01-01_120000")
+    head = [f"{side}{joint}_deg" for side in ("motor", "link") for joint in (1, 2, 3)]
+    (folder / "robot.csv").write_text(f"t_s,{','.join(head)},Fz_N\n0,1,2,3,4,5,6,0\n0.01,1,2,3,4,5,6,5\n")
     shaft = structure(system([component("shaft", "shaft.fmu")]), 0.1)
     archive(folder / "system.ssp", shaft, {"shaft.fmu": root / "fmus/ideal_velocity/ideal_velocity.fmu"})
     return folder

@@ -51,7 +51,9 @@ def _shift(comparison: Comparison) -> str:
 def _table(comparison: Comparison) -> list[str]:
     outside = [row for row in comparison.rows if row.first_exit]
     inside = [row for row in comparison.rows if not row.first_exit]
-    rows = [*outside[:MOST_OUTSIDE], *inside[:MOST_INSIDE]]
+    # the one that the answer names is among them
+    first = [row for row in comparison.outside[:1] if row not in outside[:MOST_OUTSIDE]]
+    rows = [*outside[: MOST_OUTSIDE - len(first)], *first, *inside[:MOST_INSIDE]]
     width = max(6, *(len(row.signal) for row in rows))
     lines = [f"     {'signal':{width}} {'unit':5}{'max error':>9}{'at s':>8}{'rms':>9}{'mean':>10}{'of tube':>8}"]
     for row in rows:
