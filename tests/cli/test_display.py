@@ -9,7 +9,7 @@ import pytest
 from tests.report.test_run_text import RUN
 from twin.cli import compiling, display, progress
 from twin.cli.compiling import PIECES
-from twin.cli.display import Display
+from twin.cli.display import Display, program
 from twin.cli.progress import Progress, Speed, clock
 from twin.cli.progress import compiling as compiling_text
 
@@ -153,3 +153,22 @@ def test_speed_is_simulated_over_wall_time(monkeypatch: pytest.MonkeyPatch):
 def test_what_is_compiled_leaves_room_for_a_bar():
     assert compiling_text(12, 13, 9.2) == "compiling, once: 12 of about 13, 9 s"
     assert compiling_text(12, 0, 9.2) == "compiling, once: 12, 9 s"
+
+
+def test_a_command_to_copy_begins_with_what_a_shell_finds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    programs = {name: tmp_path / name / "twin" for name in ("here", "other")}
+    for file in programs.values():
+        file.parent.mkdir()
+        file.write_text("")
+        file.chmod(0o755)
+    called = str(programs["here"])
+    for path, argument, said in (
+        ("nowhere", called, called),
+        ("here", called, "twin"),
+        ("other", called, called),
+        ("here", "twin", "twin"),
+        ("here", "/x/twin/__main__.py", "twin"),
+    ):
+        monkeypatch.setenv("PATH", str(tmp_path / path))
+        monkeypatch.setattr("sys.argv", [argument, "run"])
+        assert program() == said

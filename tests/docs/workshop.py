@@ -26,7 +26,9 @@ PLAIN = re.compile(r"twin ([^|;&$<>`*?~{}()!\\'\"]|'[^']*')*$")
 """A command that a shell would only split into words."""
 ISOLATION = "docs/isolation.md"
 LATEST = ": the latest run, "
-SETUP = re.compile(r"^(make\b|python3 -m venv|\S*python -m pip install|\S*pip install|pipx |uv tool )")
+SETUP = re.compile(
+    r"^(make\b|python3 -m venv|\S*python -m pip install|\S*pip install|pipx |uv tool |\. \.venv/bin/activate$)"
+)
 
 
 class Workshop:

@@ -1,6 +1,8 @@
 """twin installed from its wheel, away from any clone: everything is there, and works from an empty folder."""
 
 import json
+import shutil
+import subprocess
 import tarfile
 import zipfile
 from pathlib import Path
@@ -9,7 +11,7 @@ import pytest
 
 from tests.installed.environments import Environment, built, installed
 
-CARRIED = ("experiments", "fmus", "tests/baselines")
+CARRIED = ("examples", "experiments", "fmus", "tests/baselines")
 BUILDING = ("build.py", "builder", "fmi2", "fmi3", "__pycache__")
 """Of fmus/: what makes the drives, which a wheel has no use for."""
 REPOSITORY = (
@@ -19,6 +21,7 @@ REPOSITORY = (
         "LICENSE",
         "Makefile",
         "constraints.txt",
+        "hatch_build.py",
         "set_up.py",
         "benchmarks/__main__.py",
     ),
@@ -37,6 +40,18 @@ loaded = load_experiment("fig4_force_position", ["duration_s=1"], drive="pmsm_fo
 stored = pairs([], [], baselines_here())
 print(json.dumps([str(HOME), [drive.fmu for drive in loaded.drives], loaded.values["contact"]["body"],
                   all(pair.file.startswith(str(HOME)) for pair in stored), len(stored)]))
+"""
+
+PROJECT = """
+[build-system]
+requires = ["hatchling"]
+build-backend = "hatchling.build"
+[project]
+name = "x"
+version = "1"
+[tool.hatch.build.targets.wheel]
+only-include = ["experiments"]
+[tool.hatch.build.targets.wheel.hooks.custom]
 """
 
 pytestmark = pytest.mark.skipif("sys.platform == 'win32'", reason="programs of an environment lie elsewhere there")
@@ -59,6 +74,24 @@ def test_the_wheel_carries_every_experiment_drive_and_baseline(root: Path, wheel
     assert len(wanted) > 200
     assert {name for name in inside if name.startswith("twin/carried/")} == wanted
     assert {"twin/report/page/assets/page.css", "twin-0.1.0.dist-info/licenses/LICENSE"} <= inside
+
+
+def test_what_git_does_not_know_is_not_carried(root: Path, tmp_path: Path):
+    shutil.copy(root / "hatch_build.py", tmp_path)
+    (tmp_path / "pyproject.toml").write_text(PROJECT)
+    (tmp_path / "experiments").mkdir()
+    for name in ("known", "mine", "mine too [1]"):
+        (tmp_path / "experiments" / f"{name}.toml").touch()
+
+    def carried() -> set[str]:
+        inside = zipfile.ZipFile(built(tmp_path, "build_wheel", tmp_path)).namelist()
+        return {Path(name).stem for name in inside if name.startswith("experiments/")}
+
+    # in a folder that is no repository everything is taken
+    assert carried() == {"known", "mine", "mine too [1]"}
+    for words in (["init", "--quiet"], ["add", "experiments/known.toml"]):
+        subprocess.run(["git", *words], cwd=tmp_path, check=True)
+    assert carried() == {"known"}
 
 
 def test_the_source_distribution_carries_the_repository(root: Path, tmp_path: Path):
@@ -94,6 +127,21 @@ def test_names_lead_to_what_the_package_carries(away: Environment, tmp_path: Pat
     assert body == "back" and of_home and baselines > 100
     said = away.run("twin", "run", "fig4_forc_position", cwd=tmp_path, code=2)
     assert said == "fig4_forc_position: no such experiment; did you mean 'fig4_force_position'?\n"
+
+
+def test_what_pages_say_of_paths_and_names_works_from_an_empty_folder(away: Environment, tmp_path: Path):
+    for sweep in ("stiffness_and_gain", "experiments/sweeps/stiffness_and_gain.toml"):
+        assert "not begun" in away.run("twin", "sweep", "show", sweep, cwd=tmp_path)
+    said = away.run("twin", "sweep", "run", "stiffness_and_gan", cwd=tmp_path, code=2)
+    assert said == "stiffness_and_gan: no such sweep file; did you mean 'stiffness_and_gain'?\n"
+    controller = ("--set", "controller.python=examples/my_controller.py:Controller")
+    refused = away.run("twin", "run", "fig4_position", *controller, "--set", "duration_s=0", cwd=tmp_path, code=2)
+    assert refused.splitlines()[-1].startswith(f"{away.folder}") and ": duration_s = 0: " in refused
+    # the installation stays as it was installed
+    written = away.run("twin", "drive", "new", "velocity_servo", cwd=tmp_path)
+    assert written.splitlines()[0] == "velocity_servo/mapping.toml"
+    assert not list(away.folder.rglob("velocity_servo/mapping.toml"))
+    assert away.run("twin", "drive", "info", "./velocity_servo", cwd=tmp_path).startswith("velocity_servo.fmu  ")
 
 
 @pytest.mark.endurance

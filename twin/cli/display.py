@@ -1,5 +1,6 @@
 """What `twin run` shows while it runs and says when it is done."""
 
+import os
 import shlex
 import sys
 from pathlib import Path
@@ -37,7 +38,7 @@ class Display:
     def __exit__(self, *failure: object) -> None:
         self.clear()
         if self._done and not self._as_json:
-            print(f"  next       {shlex.join(['twin', 'report', *map(str, self._done)])}")
+            print(f"  next       {shlex.join([program(), 'report', *map(str, self._done)])}")
 
     def hear(self, note: dict[str, Any]) -> None:
         """Take a note of `recorded_runs`."""
@@ -69,6 +70,18 @@ class Display:
             return
         self._watch.end()
         self._progress.move(done / total)
+
+
+def program() -> str:
+    """What a shell finds this program by: `twin`, or the path by which it was called, of `make run` say."""
+    called = sys.argv[0]
+    if os.path.basename(called) != "twin" or os.sep not in called:
+        return "twin"
+    for folder in os.get_exec_path():
+        found = os.path.join(folder, "twin")
+        if os.access(found, os.X_OK):
+            return "twin" if os.path.samefile(found, called) else called
+    return called
 
 
 def _shortest(folder: Path) -> Path:

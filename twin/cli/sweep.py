@@ -56,7 +56,7 @@ class Record(StrEnum):
 
 app = typer.Typer(cls=Sweeps)
 
-Sweep = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep file (TOML).")]
+Sweep = Annotated[Path, typer.Argument(metavar="SWEEP", help="A sweep file (TOML), or its name: stiffness_and_gain.")]
 
 
 @app.callback()
@@ -102,10 +102,12 @@ def run(
 
     Example: twin sweep run experiments/sweeps/stiffness_and_gain.toml --dry-run
     """
+    from twin.experiment.named import sweep_file
     from twin.studies.sweep.definition import read_definition
     from twin.studies.sweep.folder import HOME
     from twin.studies.sweep.plan import planned
 
+    sweep = sweep_file(sweep)
     definition, _ = read_definition(sweep)
     check_start(str(sweep), definition, yes or dry)
     folder = out or HOME / sweep.stem

@@ -1,5 +1,6 @@
 """`twin sweep show`: what a sweep came to."""
 
+import os
 import shlex
 from dataclasses import asdict
 from pathlib import Path
@@ -46,8 +47,12 @@ def show(
 
     Example: twin sweep show experiments/sweeps/stiffness_and_gain.toml
     """
+    from twin.experiment.named import sweep_file
     from twin.studies.sweep.folder import HOME, kept
 
+    # a sweep by its file or its name; else its folder
+    if not sweep.is_dir() and os.path.isfile(file := sweep_file(sweep)):
+        sweep = file
     folder = HOME / sweep.stem if sweep.suffix == ".toml" and sweep.is_file() else sweep
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")

@@ -6,6 +6,8 @@ from pathlib import Path
 from twin.errors import InputRefused, nearest
 from twin.places import HOME, located
 
+SWEEPS = "experiments/sweeps"
+
 
 def known_experiments() -> dict[str, Path]:
     """The files of the experiments that come with twin, by name."""
@@ -23,15 +25,33 @@ def experiment_file(experiment: str | Path) -> Path:
         InputRefused: nothing has that name. Else a path that leads nowhere is returned, for whoever reads it to refuse.
     """
     path = Path(experiment)
+    found = _file(path, "experiments")
+    if found:
+        return found
+    if os.path.isdir(path):
+        return path
+    raise InputRefused(f"{path}: no such experiment; {nearest(path.name, known_experiments())}")
+
+
+def sweep_file(sweep: Path) -> Path:
+    """The file of a sweep: a path or a name, looked up as `experiment_file` does, names in experiments/sweeps/.
+
+    Raises:
+        InputRefused: nothing has that name. Else a path that leads nowhere is returned, for whoever reads it to refuse.
+    """
+    found = _file(sweep, SWEEPS)
+    if found:
+        return found
+    known = [path.stem for path in sorted(HOME.glob(f"{SWEEPS}/*.toml"))]
+    raise InputRefused(f"{sweep}: no such sweep file; {nearest(sweep.name, known)}")
+
+
+def _file(path: Path, shelf: str) -> Path | None:
+    """The file meant by `path`; of a name that of `shelf`, None if there is none."""
     # not Path.is_file, which raises where a name is too long
     if os.path.isfile(path):
         return path
     if path.suffix == ".toml" or len(path.parts) > 1:
         return HOME / path if os.path.isfile(HOME / path) else path
-    candidates = (Path(f"{path}.toml"), located(f"experiments/{path}.toml", Path.cwd()))
-    for candidate in candidates:
-        if os.path.isfile(candidate):
-            return candidate
-    if os.path.isdir(path):
-        return path
-    raise InputRefused(f"{path}: no such experiment; {nearest(path.name, known_experiments())}")
+    candidates = (Path(f"{path}.toml"), located(f"{shelf}/{path}.toml", Path.cwd()))
+    return next((candidate for candidate in candidates if os.path.isfile(candidate)), None)

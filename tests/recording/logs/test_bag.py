@@ -271,5 +271,5 @@ def test_without_rosbags_the_extra_is_named(lab: Path, monkeypatch: pytest.Monke
     for name in ("rosbags.serde", "rosbags.typesys"):
         monkeypatch.setitem(sys.modules, name, None)
     text = refusal(lab, "F=/ft.wrench.force.z")
-    assert text.endswith("which needs rosbags; install it with: pip install 'twin[ros2]'")
+    assert text.endswith("which needs rosbags; install it with: pip install 'rosbags>=0.11'")
     assert "\n" not in text

@@ -61,7 +61,7 @@ def write_parquet(path: Path, table: Table, metadata: Mapping[str, Mapping[str, 
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'twin[parquet]'") from None
+        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
     fields = [pa.field("t", pa.float64(), False, {"unit": "s", "meaning": "simulation time"})]
     arrays = [pa.array(table.t)]
     for column in table.columns:

@@ -12,7 +12,7 @@ from typing import Any
 import zstandard
 
 ENCODINGS = ("ros2msg", "ros2idl")
-EXTRA = "its messages are those of ROS 2 (CDR), which needs rosbags; install it with: pip install 'twin[ros2]'"
+EXTRA = "its messages are those of ROS 2 (CDR), which needs rosbags; install it with: pip install 'rosbags>=0.11'"
 ABSENT = (
     "is lacking, and ROS 2 itself has no such type; put its file into the bag's folder as PACKAGE/msg/NAME.msg, with "
     "those of the types in it"

@@ -26,7 +26,7 @@ def served_runs(reporter: Reporter, port: int, origins: list[str], **arguments: 
     except ImportError as missing:
         if not (missing.name or "").startswith("websockets"):
             raise
-        raise InputRefused("--live: websockets is not installed; pip install 'twin[live]'") from None
+        raise InputRefused("--live: websockets is not installed; pip install 'websockets>=14'") from None
 
     def announce(address: str) -> None:
         reporter.note(serving=address)

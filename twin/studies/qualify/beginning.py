@@ -12,6 +12,7 @@ from twin.drive.description import described
 from twin.errors import InputRefused
 from twin.experiment.drive_files import MAPPING, lone_drive
 from twin.files import open_regular
+from twin.places import CARRIED
 from twin.studies.qualify.parts_proposal import KnownWire, part_names, parts_proposal
 from twin.studies.qualify.proposal import proposal
 from twin.writing import made_folder, write_bytes, write_text
@@ -30,7 +31,8 @@ class Begun(NamedTuple):
 def begun(named: Sequence[str], start: Path) -> Begun:
     """Write the mapping of an FMU, of several that make one drive, or of the system in an SSP archive.
 
-    It stands beside the first FMU; what is in an SSP is put into a folder of its name beside it.
+    It stands beside the first FMU; what is in an SSP is put into a folder of its name beside it. Of a drive that an
+    installed twin carries a copy is put into a folder of its name here.
 
     Args:
         named: FMUs, as `lone_drive` takes them, or one SSP.
@@ -44,7 +46,7 @@ def begun(named: Sequence[str], start: Path) -> Begun:
         if len(named) > 1:
             raise InputRefused(f"{' '.join(named)}: an SSP is a whole drive; name it alone")
         return _from_system(Path(named[0]))
-    files = [_fmu(name, start) for name in named]
+    files = [_own(_fmu(name, start)) for name in named]
     folder = files[0].parent
     mapping = _unwritten(folder)
     if len(files) == 1:
@@ -110,6 +112,17 @@ def _fmu(name: str, start: Path) -> Path:
     if file is None:
         raise InputRefused(f"{name}: is made of several FMUs already; name .fmu files")
     return Path(file)
+
+
+def _own(fmu: Path) -> Path:
+    """`fmu`, or a copy of it in the current folder if it is part of an installation, which is not to be changed."""
+    if not fmu.is_relative_to(CARRIED):
+        return fmu
+    copy = Path.cwd() / fmu.stem / fmu.name
+    _unwritten(copy.parent)
+    made_folder(copy.parent)
+    _put(copy, fmu.read_bytes())
+    return copy
 
 
 def _unwritten(folder: Path) -> Path:

@@ -25,7 +25,7 @@ def write_parquet(kept: KeptRows, path: Path) -> None:
         import pyarrow as pa
         import pyarrow.parquet as pq
     except ImportError:
-        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'twin[parquet]'") from None
+        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
     columns = kept.columns
     table = {"run": pa.array(columns.numbers("run").astype(int))}
     named = [("drive", "drive"), *((label, f"parameters/{label}") for label in kept.labels)]

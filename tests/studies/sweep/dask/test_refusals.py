@@ -107,7 +107,7 @@ def test_a_worker_that_comes_later_with_another_version_runs_nothing(
 
 def test_without_dask_the_extra_is_named(plan: Plan, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
-    assert "pip install 'twin[dask]'" in refusal(plan, tmp_path / "out", None)
+    assert "pip install 'dask>=2024.8' 'distributed>=2024.8'" in refusal(plan, tmp_path / "out", None)
 
 
 @pytest.mark.parametrize(

@@ -98,7 +98,9 @@ def connected(scheduler: str | None, processes: int) -> Iterator["Client"]:
     try:
         import distributed
     except ImportError:
-        raise InputRefused("--engine dask: needs dask.distributed; install it with pip install 'twin[dask]'") from None
+        raise InputRefused(
+            "--engine dask: needs dask.distributed; install it with pip install 'dask>=2024.8' 'distributed>=2024.8'"
+        ) from None
     with ExitStack() as ends:
         ends.enter_context(_quiet())
         if scheduler:
