@@ -209,7 +209,7 @@ def past_it(root: Path) -> list[list[str]]:
 @pytest.mark.endurance
 def test_what_gets_past_it_is_what_the_page_says(root: Path):
     rows = past_it(root)
-    assert len(rows) == 8
+    assert len(rows) == 7
     for kind, magnitude, onset, body, *stated in rows:
         name = kind.strip("`")
         fault = f'fault=[{{kind="{name}", onset_s={onset}, {CATALOGUE[name].magnitude_key}={magnitude}}}]'
