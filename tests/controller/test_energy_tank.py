@@ -172,41 +172,47 @@ MOST = 1.0 / (SETTINGS.k_s * SETTINGS.N * SETTINGS.eta * SETTINGS.horizon)
 
 
 def overdrawn(by: float, F_z: float = 4.0, **settings) -> Sampled:
-    """A tank out of which `by` (J) more is gone than there was, springs included; the head is at 0 again by call 3."""
+    """A tank out of which `by` (J) more is gone than there was, springs included; the head is at 0 again by call 5."""
     of = tank(size=0.015 * F_z + 0.5 * F_z**2 / 400.0 - by, **settings)
-    # pressed down and, without force, up again: half of it comes back
-    for sample, (z, F) in enumerate([(0.0, F_z), (-0.03, F_z), (0.0, 0.0)], start=1):
+    # from above, pressed down and, without force, up again: half of it comes back
+    for sample, (z, F) in enumerate([(0.05, 0.0), (0.0, 0.0), (0.0, F_z), (-0.03, F_z), (0.0, 0.0)], start=1):
         told(of, sample, z, F)
     return of
 
 
 def test_overdrawn_it_gives_way_even_if_it_is_not_told_to():
     # 4 N are 0.4 N m; what is gone comes back within the horizon
-    found = told(overdrawn(4e-4), 4, 0.0, 4.0)
+    found = told(overdrawn(4e-4), 6, 0.0, 4.0)
     assert found["omega_ref"] == pytest.approx([0.0, 0.0, -4e-4 * SETTINGS.N / (SETTINGS.horizon * 0.4)])
+    # a command that takes more does not change that
+    held = told(overdrawn(1e-3), 6, 0.0, 4.0, (0.0, 0.0, 4.0))
+    assert held["omega_ref"] == pytest.approx([0.0, 0.0, -1e-3 * SETTINGS.N / (SETTINGS.horizon * 0.4)])
     # far overdrawn no faster than motor and spring are stable
-    assert told(overdrawn(0.04), 4, 0.0, 4.0)["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN * MOST * 0.4])
+    assert told(overdrawn(0.04), 6, 0.0, 4.0)["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN * MOST * 0.4])
     # of what may be an error nobody gives way
-    unsure = told(overdrawn(0.03, bias=0.1), 4, 0.0, 4.0)
+    unsure = told(overdrawn(0.03, bias=0.1), 6, 0.0, 4.0)
     assert unsure["omega_ref"] == pytest.approx([0.0, 0.0, -RETURN * MOST * 0.3])
-    assert np.array_equal(told(overdrawn(0.03, bias=0.5), 4, 0.0, 4.0)["omega_ref"], np.zeros(3))
+    # 0.03 J of it are charged for 0.3 rad on the way down
+    little = told(overdrawn(4e-4 - 0.03, bias=0.1), 6, 0.0, 4.0)
+    assert little["omega_ref"] == pytest.approx([0.0, 0.0, -4e-4 * SETTINGS.N / (SETTINGS.horizon * 0.3)])
+    assert np.array_equal(told(overdrawn(0.03, bias=0.5), 6, 0.0, 4.0)["omega_ref"], np.zeros(3))
 
 
 def test_overdrawn_a_motor_that_is_told_to_give_way_does_so_in_proportion_to_its_torque_and_no_other_moves():
-    found = told(overdrawn(0.04), 4, 0.0, 4.0, (1.0, -2.0, -8.0))
+    found = told(overdrawn(0.04), 6, 0.0, 4.0, (1.0, -2.0, -8.0))
     assert found["omega_ref"] == pytest.approx([0.0, 0.0, -MOST * 0.4])
     assert found["share"] == pytest.approx(MOST * 0.4 / 11.0)
-    slow = told(overdrawn(0.04), 4, 0.0, 4.0, (1.0, -2.0, -1.5))
+    slow = told(overdrawn(0.04), 6, 0.0, 4.0, (1.0, -2.0, -1.5))
     assert slow["omega_ref"] == pytest.approx([0.0, 0.0, -1.5])
     assert slow["share"] == pytest.approx(1.5 / 4.5)
-    assert told(overdrawn(0.04), 4, 0.0, 4.0, (1.0, 2.0, 8.0))["share"] == 0.0
+    assert told(overdrawn(0.04), 6, 0.0, 4.0, (1.0, 2.0, 8.0))["share"] == 0.0
 
 
 def test_overdrawn_it_does_not_let_itself_down_again():
     of = overdrawn(0.065)
-    assert told(of, 4, 0.010, 0.0)["omega_ref"][2] == 0.0
+    assert told(of, 6, 0.010, 0.0)["omega_ref"][2] == 0.0
     # 1 mm below where it has been, on 10 rad/m
-    found = told(of, 5, 0.009, 0.0)
+    found = told(of, 7, 0.009, 0.0)
     assert found["omega_ref"] == pytest.approx([0.0, 0.0, -SETTINGS.N * 10.0 * RETURN / SETTINGS.horizon * 0.001])
     enough = tank()
     told(enough, 1, 0.0, 0.0)

@@ -1,27 +1,27 @@
 """An energy tank behind the controller: what the robot gives to whatever it touches comes out of a store of known size.
 
-The observer adds up F_ee.dp as the estimator feels it (Hannaford and Ryu 2002), at every force: below a threshold a light
-stroke would get what it likes. That is the energy given, plus what moves, plus what the joints' own friction takes; the
+The observer adds up F_ee.dp as the estimator feels it (Hannaford and Ryu 2002), at every force: below a threshold a
+light stroke would get what it likes. That is the energy given, what moves, and what the joints' own friction takes; the
 motion comes back when it ends. As long as something is touched, `bias` along the way of each joint is charged besides,
-which is more than what an error of the estimated torques can hide. What the springs hold of the force is as good as
-given, for the body gets it if it yields. All of it is taken from the store. In other words the store pays for what the
-motors put in, tau.omega/N with tau the joint torques of the force, and the body gets no more than that.
+which is more than an error of the estimated torques can hide. What the springs hold of the force is as good as given,
+for the body gets it if it yields. All of it is taken from the store. In other words the store pays for what the motors
+put in, tau.omega/N with tau the joint torques of the force, and the body gets no more than that.
 
-A valve then scales the commanded motor speeds so that the store lasts for another `horizon` T even against a wall, where
-the force grows by the springs' stiffness:
+A valve then scales the commanded motor speeds so that the store lasts for another `horizon` T even against a wall,
+where the force grows by the springs' stiffness:
 
     s P T + s^2 Q T^2/2 <= what is left,   P = tau.omega_ref/N,   Q = k_s eta |omega_ref|^2.
 
 What the motors still do because they lag is taken off before. So the closer the store is to empty the slower the robot
 presses on (tanks: Ferraguti, Secchi and Fantuzzi 2013).
 
-Where more is gone than there was, and no share of the command brings it back in time, to stand still is not enough, for
-drives that yield to load let the robot sink. Then each motor gives way to its torque, by itself and further if it is told
-to, always in proportion: what yields at full speed whenever a sign changes would swing, and feed the swing. What the head
-has sunk is taken back. That the body gets less by it holds for each motor: omega_i tau_i <= 0. As fast as all three
-motors are told to turn up they may, whatever is left: what lies below gets nothing by that. The controller is told the
-share. Energy that comes back fills the store, up to its size. A message that is late tells nothing of the energy that
-goes meanwhile: the motors stand still until the next one.
+Where more is gone than there was, and no share of the command brings it back in time, standing still is not enough: the
+weight pulls the robot down through drives that yield to load. Then each motor gives way to its torque, by itself, and
+further if it is told to; always in proportion, for full speed at each change of sign would swing. Each takes energy
+back by that, tau_i omega_i <= 0. What the head has sunk is taken back, too. As fast as all three motors are told to
+turn up they may, whatever is left: what lies below gets nothing by that. The controller is told the share. Energy that
+comes back fills the store, up to its size. A message that is late tells nothing of the energy that goes meanwhile: the
+motors stand still until the next one.
 """
 
 import math
