@@ -224,9 +224,12 @@ def test_what_takes_too_long_is_refused(tmp_path: Path, monkeypatch: pytest.Monk
 def test_a_file_of_values_for_many_components_is_read_once(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     brought: list[str] = []
     content_of = package.content_of
-    monkeypatch.setattr(
-        package, "content_of", lambda file, entry, limit: (brought.append(entry), content_of(file, entry, limit))[1]
-    )
+
+    def told(file: Path, entry: str, limit: int) -> bytes:
+        brought.append(entry)
+        return content_of(file, entry, limit)
+
+    monkeypatch.setattr(package, "content_of", told)
     named = bindings('<ssd:ParameterBinding source="v.ssv"/>')
     set_ = (
         f'<ssv:ParameterSet {NAMESPACES} version="1.0" name="v"><ssv:Parameters><ssv:Parameter name="k">'

@@ -141,15 +141,11 @@ class Watch:
         if doing != self._doing or not self.account.busy(process.box):
             self._doing = doing
             self._begin()
-        elif (passed := time.monotonic() - self._since) > limits.step:
-            used = process.processor_time - self._used
-            # nothing is known of the processor: the difference is no number
-            if not used <= limits.step or passed > WAITING * limits.step:
-                within = limits.step if not used <= limits.step else WAITING * limits.step
-                raise self._failure(
-                    f"did not return within {within:g} s",
-                    "If it is slow rather than stuck, raise --limit-step; else choose another one.",
-                )
+        elif self._is_over():
+            raise self._failure(
+                f"did not return within {limits.step:g} s",
+                "If it is slow rather than stuck, raise --limit-step; else choose another one.",
+            )
         if (seconds := self._expected()) > limits.expected:
             raise self._failure(
                 f"was at work when the whole run was seen to take about {duration_text(seconds)}",
@@ -175,7 +171,20 @@ class Watch:
 
     def _begin(self) -> None:
         """What is going on now has just begun."""
-        self._since, self._used = time.monotonic(), self.process.processor_time
+        self._since = self._looked = time.monotonic()
+        self._used, self._waited = self.process.processor_time, 0.0
+
+    def _is_over(self) -> bool:
+        """Whether what is going on takes longer than a call may."""
+        now, limit = time.monotonic(), self.limits.step
+        if self.process.waits:
+            self._waited += now - self._looked
+        self._looked = now
+        if now - self._since <= limit:
+            return False
+        used = self.process.processor_time - self._used
+        # nothing is known of the processor: the difference is no number
+        return not used <= limit or self._waited > WAITING * limit
 
     def _expected(self) -> float:
         """How long the simulation takes as a whole (s), from what its ticks have taken; 0 if nothing can be said."""

@@ -9,8 +9,7 @@ PATIENCE = 10.0
 """How long (s) what is stepped is watched before anything is said of how long it will take."""
 
 WAITING = 4.0
-"""How many times longer than on a processor a call may take on the clock. One of eight that share two processors gets a
-quarter of one."""
+"""How many times longer than on a processor a call may wait for something else, which may want a processor itself."""
 
 
 @dataclass(frozen=True)

@@ -86,6 +86,16 @@ class GuardedProcess:
         return processor_time(self.pid)
 
     @property
+    def waits(self) -> bool:
+        """Whether it is not even ready for a processor; so it is where the system does not tell."""
+        try:
+            # pid (name) state ..; a name may have brackets
+            with open(f"/proc/{self.pid}/stat", "rb", buffering=0) as file:
+                return not file.read().rpartition(b")")[2].lstrip().startswith(b"R")
+        except OSError:
+            return True
+
+    @property
     def printed(self) -> str:
         """The last kilobytes of what it wrote to standard output and standard error."""
         return self._tail.decode(errors="replace")
