@@ -8,6 +8,7 @@ from twin import __version__
 from twin.cli.modules import LazyGroup
 from twin.cli.options import as_spelt_now
 from twin.errors import InputRefused
+from twin.studies.left_behind import clear
 
 
 class Commands(LazyGroup):
@@ -67,6 +68,7 @@ def carried_out(words: list[str]) -> Any:
     Raises:
         InputRefused: a mistake in it, in one sentence.
     """
+    clear()
     try:
         return app(as_spelt_now(words), prog_name="twin", standalone_mode=False)
     except typer.TyperException as mistake:

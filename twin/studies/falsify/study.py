@@ -5,7 +5,6 @@ import os
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
@@ -22,6 +21,7 @@ from twin.studies.falsify.search import Search
 from twin.studies.falsify.space import Space, Wrong, settings_as_toml
 from twin.studies.falsify.text import Found, Requirement, falsify_text, header
 from twin.studies.faults.case import cases, known_kinds
+from twin.studies.left_behind import SCRATCH, held_folder
 from twin.studies.metrics.checked_requirement import checked_requirement
 from twin.studies.steps import Say
 from twin.studies.tune.fragment import findable
@@ -93,8 +93,8 @@ def falsify(
         loaded.plant.motor_noise > 0.0 or loaded.plant.joint_noise > 0.0,
     )
     folder = made_folder(out or HOME / path.stem).absolute()
-    with TemporaryDirectory(prefix="twin_falsify_") as scratch, crew(Path(scratch), processes) as workers:
-        judge = _Judge(space, wanted, workers, path.resolve(), Path(scratch), runs, say)
+    with held_folder(SCRATCH) as scratch, crew(scratch, processes) as workers:
+        judge = _Judge(space, wanted, workers, path.resolve(), scratch, runs, say)
         onsets = judge.healthy()
         search = Search(space, judge.shares, runs, onsets)
         search.go()

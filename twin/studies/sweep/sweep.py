@@ -5,11 +5,10 @@ from collections.abc import Callable
 from contextlib import closing
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 from twin.runs.guard.limits import Limits
-from twin.studies.sweep import left_behind
+from twin.studies.left_behind import SCRATCH, held_folder
 from twin.studies.sweep.columns import Columns, Row, columns_of
 from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.folder import claim
@@ -78,7 +77,6 @@ def run_sweep(
         DiskFailed, RecordingFailed: the disk is full.
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
-    left_behind.clear()
     refuse_unproved(plan, limits)
     claim(folder, plan)
     with Rows(folder / ROWS) as rows:
@@ -153,14 +151,14 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Sweep
         InputRefused: a drive must not be reset, and is to be.
     """
     refuse_unproved(plan, limits)
-    with TemporaryDirectory() as scratch:
+    with held_folder(SCRATCH) as scratch:
         began = time.monotonic()
-        job = _job(plan, Path(scratch), record, limits)
+        job = _job(plan, scratch, record, limits)
         times, rows = [], []
         for batch in Pool(1).results(job, [plan.tasks[0]] * 2):
             times.append(time.monotonic() - began)
             rows += [_row(plan, task, facts) for task, facts in batch]
-        size = sum(file.stat().st_size for file in Path(scratch).rglob("*") if file.is_file())
+        size = sum(file.stat().st_size for file in scratch.rglob("*") if file.is_file())
     recorded = size if record == "all" else 0
     return SweepEstimate(times[0], times[-1] - times[0], recorded + len(str(rows[0]))), rows[0]
 

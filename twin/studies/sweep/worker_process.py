@@ -11,9 +11,9 @@ from typing import Any
 from twin.runs.guard.ahead import process_for
 from twin.runs.guard.guard import POLL, JobEnded, JobEndedLoading, Watch, raise_failure
 from twin.runs.guard.process import GuardedProcess
+from twin.studies.left_behind import ORDERS, hold
 from twin.studies.sweep import SERVED
 from twin.studies.sweep.engine import Job
-from twin.studies.sweep.left_behind import ORDERS, hold
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
 

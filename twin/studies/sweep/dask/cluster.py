@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, ParamSpec, TypeVar
 
 from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.interpreter import others_safe
+from twin.studies.left_behind import dask_folder
 from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.runner import Reply, SweepJob, lack
 from twin.studies.sweep.dask.versions import difference, versions
 from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
-from twin.studies.sweep.left_behind import dask_folder
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster
@@ -215,7 +215,7 @@ def _local_cluster(processes: int) -> Iterator[object]:
     # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
     resource_tracker.ensure_running()
     with others_safe(), dask_folder() as folder:
-        starting = _begun(_started, processes, folder)
+        starting = _begun(_started, processes, str(folder))
         try:
             # Ctrl-C is answered when it is there, because half a cluster cannot be ended
             cluster = _result(starting, START)

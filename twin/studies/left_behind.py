@@ -1,10 +1,9 @@
-"""What a sweep keeps outside its folder while it runs, and what of it is left when it is killed.
+"""Temporary folders and semaphores of studies of many runs, and how those of a killed one are found and removed.
 
-Folders for temporary files have names that say whose they are, and a named pipe that their process holds open: one that
-nobody holds any more is left behind. Semaphores have the name of the folder that they belong to.
+A folder's name says what it is for, and its process holds a named pipe in it open: a folder whose pipe has no holder
+was left behind. Semaphores have the name of the folder that they belong to.
 """
 
-import multiprocessing
 import os
 import shutil
 import stat
@@ -14,8 +13,8 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-ORDERS, DASK = "twin_sweep_", "twin_dask_"
-"""Beginnings of the names of folders: of a worker's orders, and of a cluster of this machine."""
+ORDERS, SCRATCH, DASK = "twin_sweep_", "twin_scratch_", "twin_dask_"
+"""Beginnings of the names of folders: orders of a worker, recordings that are not kept, a cluster of this machine."""
 YOUNG = 60.0
 """s; a folder that is younger may not have its pipe yet."""
 SEMAPHORES = Path("/dev/shm")
@@ -23,9 +22,9 @@ SEMAPHORES = Path("/dev/shm")
 
 
 def clear() -> None:
-    """Remove what killed sweeps of this user have left."""
+    """Remove what killed studies of this user have left."""
     home = Path(tempfile.gettempdir())
-    for folder in (*home.glob(f"{ORDERS}*"), *home.glob(f"{DASK}*")):
+    for folder in (folder for kind in (ORDERS, SCRATCH, DASK) for folder in home.glob(f"{kind}*")):
         # others may clear, too
         with suppress(OSError):
             found = folder.lstat()
@@ -53,15 +52,27 @@ def _is_held(folder: Path) -> bool:
 
 
 @contextmanager
-def dask_folder() -> Iterator[str]:
+def held_folder(kind: str) -> Iterator[Path]:
+    """A temporary folder that is held until the end of the block, and is then removed."""
+    with tempfile.TemporaryDirectory(prefix=kind, ignore_cleanup_errors=True) as folder:
+        held = hold(Path(folder) / "held")
+        try:
+            yield Path(folder)
+        finally:
+            os.close(held)
+
+
+@contextmanager
+def dask_folder() -> Iterator[Path]:
     """A folder for a cluster of this machine, and its name for the semaphores that are made meanwhile."""
+    # here, for every command of twin clears
+    import multiprocessing
+
     config = multiprocessing.current_process()._config  # type: ignore[attr-defined]
     before = config.get("semprefix")
-    with tempfile.TemporaryDirectory(prefix=DASK, ignore_cleanup_errors=True) as folder:
-        held = hold(Path(folder) / "held")
-        config["semprefix"] = f"/{Path(folder).name}"
+    with held_folder(DASK) as folder:
+        config["semprefix"] = f"/{folder.name}"
         try:
             yield folder
         finally:
             config["semprefix"] = before
-            os.close(held)

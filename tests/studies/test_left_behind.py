@@ -1,4 +1,4 @@
-"""Folders and semaphores of sweeps that were killed: the next one clears them, and nothing else."""
+"""Folders and semaphores of studies that were killed: the next command clears them, and nothing else."""
 
 import multiprocessing
 import os
@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 
-from twin.studies.sweep import left_behind
-from twin.studies.sweep.left_behind import DASK, ORDERS, clear, dask_folder, hold
+from twin.cli.app import carried_out
+from twin.studies import left_behind
+from twin.studies.left_behind import DASK, ORDERS, SCRATCH, clear, dask_folder, held_folder, hold
 
 
 @pytest.fixture
@@ -35,7 +36,7 @@ def left(home: Path) -> set[str]:
     return {entry.name for entry in (*home.iterdir(), *(home / "shm").iterdir())} - {"shm"}
 
 
-@pytest.mark.parametrize("kind", [ORDERS, DASK])
+@pytest.mark.parametrize("kind", [ORDERS, SCRATCH, DASK])
 def test_what_nobody_holds_goes_with_its_semaphores(home: Path, kind: str):
     folder(home, f"{kind}a")
     # another one's, whose name begins alike
@@ -62,10 +63,24 @@ def test_a_cluster_at_work_is_left_alone_and_its_semaphores_have_its_name(home: 
     with dask_folder() as name:
         os.utime(name, (0.0, 0.0))
         clear()
-        assert Path(name).is_dir()
-        assert semaphore().startswith(f"/{Path(name).name}-")
-    assert not Path(name).exists()
+        assert name.is_dir()
+        assert semaphore().startswith(f"/{name.name}-")
+    assert not name.exists()
     assert not semaphore().startswith("/twin")
+
+
+def test_a_folder_is_held_until_the_end_of_its_block(home: Path):
+    with held_folder(SCRATCH) as name:
+        os.utime(name, (0.0, 0.0))
+        clear()
+        assert name.is_dir()
+    assert left(home) == set()
+
+
+def test_a_command_clears(home: Path):
+    folder(home, f"{SCRATCH}a")
+    assert carried_out(["--version"]) in (None, 0)
+    assert left(home) == set()
 
 
 def semaphore() -> str:
