@@ -37,7 +37,8 @@ def test_measures_are_what_twin_check_measures(root: Path, name: str):
     assert mine.keys() == {*METRICS, *found} <= set(metric_names(experiment.measures))
 
 
-REQUIRED = 'measure=[{name="low", kind="requirement", formula="always (plant.p_B[2] <= 0 mm)"}]'
+REQUIRED = '{name="low", kind="requirement", formula="always (plant.p_B[2] <= 0 mm)"}'
+SWING = '{name="swing", kind="oscillation", signal="plant.p_B[2]", lowest_Hz=300}'
 
 
 def test_every_metric_that_is_announced_for_a_kind_of_measure_is_made(root: Path):
@@ -45,7 +46,7 @@ def test_every_metric_that_is_announced_for_a_kind_of_measure_is_made(root: Path
     shipped: list[tuple[str, list[str]]] = [
         (name, []) for name in ("step_force_scale", "step_z_air", "track_chirp", "track_circle")
     ]
-    for name, settings in [*shipped, ("step_z_air", ["duration_s=0.02", REQUIRED])]:
+    for name, settings in [*shipped, ("step_z_air", ["duration_s=0.02", f"measure=[{REQUIRED}, {SWING}]"])]:
         path = root / f"experiments/{name}.toml"
         kinds = {measure.name: measure.kind for measure in load_experiment(path, settings).measures}
         for metric in trial(path, None, settings).metrics:

@@ -212,9 +212,9 @@ def _refuse_no_scheduler(address: str) -> None:
 @contextmanager
 def _local_cluster(processes: int) -> Iterator[object]:
     """Workers of one thread each, on the loopback interface; nothing of it is left in the end."""
-    # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
-    resource_tracker.ensure_running()
     with others_safe(), dask_folder() as folder:
+        # Python's resource tracker, if it is started on the way, unblocks what was blocked, so it is started before
+        resource_tracker.ensure_running()
         starting = _begun(_started, processes, str(folder))
         try:
             # Ctrl-C is answered when it is there, because half a cluster cannot be ended
