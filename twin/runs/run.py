@@ -181,8 +181,9 @@ def _with_remedy(experiment: Experiment, simulation: Simulation, assembly: Assem
         "drive": assembly.drives[0]
     }
     known = {component.name: component for component in simulation.system.components}
+    given = simulation.inputs(known[simulation.culprit])
     # an encoder fails by what it is given only
-    if simulation.culprit in ("plant", "encoder") or not np.isfinite(simulation.inputs(known[simulation.culprit])).all():
+    if simulation.culprit in ("plant", "encoder") or not np.isfinite(given).all():
         hint = too_fast(experiment)
         sentences += [hint] if hint else []
     elif simulation.culprit in culprits:
