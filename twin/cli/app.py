@@ -8,7 +8,6 @@ from twin import __version__
 from twin.cli.modules import LazyGroup
 from twin.cli.options import as_spelt_now
 from twin.errors import InputRefused
-from twin.studies.left_behind import clear
 
 
 class Commands(LazyGroup):
@@ -68,6 +67,9 @@ def carried_out(words: list[str]) -> Any:
     Raises:
         InputRefused: a mistake in it, in one sentence.
     """
+    # not needed to know what commands there are
+    from twin.studies.left_behind import clear
+
     clear()
     try:
         return app(as_spelt_now(words), prog_name="twin", standalone_mode=False)
