@@ -147,12 +147,14 @@ def combinations(draw: st.DrawFn) -> tuple[str, str | None, float, list[str]]:
     name = "pushing" if task == "light" else task
     own = strokes(0.45, 4) if task == "light" else []
     end = 20.0 if task == "light" else TASKS[task]
-    faults, changes = [], []
+    faults = []
+    # a key changes once at a time
+    changes: dict[tuple[float, str], str] = {}
     for _ in range(draw(st.integers(0, 4))):
         onset = draw(st.integers(1, int(6 * end))) / 10
         kind = draw(st.sampled_from([*COMMANDS_AND_MESSAGES, *GAINS]))
         if kind in GAINS:
-            changes.append(f'{{t_s={onset},key="{kind}",value={draw(st.sampled_from(GAINS[kind]))}}}')
+            changes[onset, kind] = f'{{t_s={onset},key="{kind}",value={draw(st.sampled_from(GAINS[kind]))}}}'
         else:
             known = CATALOGUE[kind]
             # if all messages are lost the drives let the robot sink, see below
@@ -160,7 +162,7 @@ def combinations(draw: st.DrawFn) -> tuple[str, str | None, float, list[str]]:
             target = draw(st.sampled_from(known.targets))
             faults.append(f'{{kind="{kind}",target="{target}",onset_s={onset},{known.magnitude_key}={magnitude}}}')
     body, size = draw(st.sampled_from(surfaces(name))), draw(st.sampled_from(SIZES))
-    return name, body, size, [*own, f"fault=[{','.join(faults)}]", f"change=[{','.join(changes)}]"]
+    return name, body, size, [*own, f"fault=[{','.join(faults)}]", f"change=[{','.join(changes.values())}]"]
 
 
 # the worst that were found while the tank was made: a motor that cannot follow, a gain that is far too high
