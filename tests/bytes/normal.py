@@ -1,0 +1,35 @@
+"""What may differ between two runs of the same command, and what is written in its place."""
+
+import re
+from collections.abc import Mapping
+
+RULES: tuple[tuple[str, str], ...] = (
+    # said only where code is not compiled yet
+    (r"compiling, once: [^\n]*\n?", ""),
+    # moments
+    (r"\d{4}-\d\d-\d\d[ _T]\d\d:?\d\d(:?\d\d(\.\d+)?)?(Z|[+-]\d\d:?\d\d)?", "TIME"),
+    # speeds
+    (r"\d+(\.\d+)?(e[+-]?\d+)? x real time", "N x real time"),
+    (r'("(stepping|writing|real_time_factor|seconds|elapsed|wall|wall_s|cost_us)": )[-+.\de]+', r"\1N"),
+)
+"""Regular expressions, and what stands for what they find."""
+
+
+class Normal:
+    """Writes a text so that it is the same whenever and wherever it is made.
+
+    Args:
+        places: names of folders, by their paths; they are as long in one tree as in the other, so that lines are
+            broken where they were.
+    """
+
+    def __init__(self, places: Mapping[str, str]):
+        self._places = sorted(places.items(), key=lambda item: -len(item[0]))
+
+    def text(self, text: str) -> str:
+        """`text` without what may differ."""
+        for path, name in self._places:
+            text = text.replace(path, name)
+        for pattern, instead in RULES:
+            text = re.sub(pattern, instead, text)
+        return text
