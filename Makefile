@@ -12,7 +12,7 @@ FAST   := robot plant controller monitor drive faults cosim recording experiment
           studies/metrics studies/compare
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test test-fast lint bench validation docs picture endurance mutants fmus shell clean
+.PHONY: help run tasks test test-fast lint bench validation docs picture endurance bytes house mutants fmus shell clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -44,6 +44,11 @@ endurance: $(VENV)/.test-$(EXTRAS)  ## the long tests, and new examples of every
 	@seed=$(or $(SEED),$$(date +%s)); echo "draws the same examples again: make endurance SEED=$$seed"; \
 	$(VENV)/bin/python -m pytest -n $(JOBS) --dist loadfile -m "endurance or hypothesis" \
 	  --hypothesis-profile endurance --hypothesis-seed $$seed || { echo "failed with SEED=$$seed"; exit 1; }
+
+# QUICK=1: a part of them; BASE=commit: another commit; ONLY='run pressing*': those cases; KEEP=folder: what they leave
+bytes: $(VENV)/.test-$(EXTRAS)  ## does the working tree record and say what a commit before it did, byte for byte?
+	@$(VENV)/bin/python -m tests.bytes --jobs $(JOBS) $(if $(BASE),--base $(BASE)) $(if $(QUICK),--quick) \
+	  $(if $(ONLY),--only '$(ONLY)') $(if $(KEEP),--keep '$(KEEP)')
 
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)

@@ -11,8 +11,8 @@ import os
 import platform
 import subprocess
 import sys
-import tempfile
 import time
+from contextlib import closing
 from dataclasses import asdict
 from importlib.metadata import distributions
 from pathlib import Path
@@ -24,7 +24,10 @@ from tests.bytes.tree import REPOSITORY, Tree
 
 BASE = "2e07c914"
 """The commit before the change that is to move no byte."""
-KEPT = REPOSITORY / "results" / "bytes"
+CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin-bytes"
+"""Of the user, for all worktrees."""
+WHAT_DECIDES = ("normal", "outputs", "recording", "tree", "worker")
+"""Modules that decide what a case comes to."""
 
 
 def main() -> int:
@@ -35,7 +38,9 @@ def main() -> int:
     parser.add_argument("--only", default="*", help="cases by name, such as 'run pressing*'")
     parser.add_argument("--jobs", type=int, default=2, help="workers side by side")
     parser.add_argument("--keep", default="", help="folder in which what the cases leave is kept, of both trees")
-    parser.add_argument("--cache", type=Path, default=KEPT, help="where what the commit came to is kept")
+    parser.add_argument(
+        "--cache", type=Path, default=CACHE, help="where both trees and what the commit came to are kept"
+    )
     parser.add_argument("--list", action="store_true", help="print the names of the cases and end")
     asked = parser.parse_args()
     began = time.monotonic()
@@ -45,10 +50,8 @@ def main() -> int:
     if commit.returncode:
         print(f"{asked.base}: no such commit here; fetch it, or name another with BASE=...", file=sys.stderr)
         return 2
-    store = asked.cache / f"{_machine(commit.stdout.strip())}.json"
-    base = Tree(commit.stdout.strip())
-    work = Tree("")
-    try:
+    home = asked.cache.resolve()
+    with closing(Tree(home, commit.stdout.strip())) as base:
         cases = [
             case
             for case in all_cases(base.root)
@@ -57,6 +60,7 @@ def main() -> int:
         if asked.list:
             print(*(case.name for case in cases), sep="\n")
             return 0
+        store = home / f"{_machine(base.root, commit.stdout.strip())}.json"
         known: dict[str, Any] = json.loads(store.read_text("utf-8")) if store.exists() else {}
         missing = [case for case in cases if asked.keep or _key(case) not in known]
         print(f"{len(cases)} cases; {len(missing)} of them not yet done by {asked.base}", flush=True)
@@ -65,11 +69,9 @@ def main() -> int:
         if new:
             known |= new
             _write(store, known)
-        found: dict[str, Any] = {}
+    found: dict[str, Any] = {}
+    with closing(Tree(home, "")) as work:
         work.do(cases, asked.jobs, asked.keep and f"{asked.keep}/after", _noted(found, len(cases), began))
-    finally:
-        base.close()
-        work.close()
     different = 0
     for case in cases:
         parts = differences(known[_key(case)], found[_key(case)])
@@ -93,11 +95,11 @@ def _key(case: Case) -> str:
     return hashlib.sha256(json.dumps(asdict(case)).encode()).hexdigest()
 
 
-def _machine(commit: str) -> str:
+def _machine(root: Path, commit: str) -> str:
     """The name under which what `commit` came to on this machine, with these packages and this code, is kept."""
-    code = [path.read_bytes() for path in sorted(Path(__file__).parent.glob("*.py")) if path.name != "cases.py"]
+    code = [Path(__file__).with_name(f"{name}.py").read_bytes() for name in WHAT_DECIDES]
     packages = sorted(f"{one.name} {one.version}" for one in distributions())
-    about = [platform.node(), platform.machine(), _processor(), sys.version, tempfile.gettempdir(), *packages]
+    about = [platform.node(), platform.machine(), _processor(), sys.version, str(root), *packages]
     digest = hashlib.sha256(b"\0".join([*code, *(text.encode() for text in about)])).hexdigest()
     return f"{commit[:12]}_{digest[:12]}"
 

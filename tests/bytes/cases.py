@@ -83,7 +83,9 @@ def _faults(tree: Path) -> list[Case]:
         text = f'extends = "pressing.toml"\n{table}'
         cases.append(Case(f"fault {kind}", True, {"broken.toml": text}, ("broken.toml", (), None, None)))
         unwatched = ("monitor.enabled=false",)
-        cases.append(Case(f"fault {kind} unwatched", False, {"broken.toml": text}, ("broken.toml", unwatched, None, None)))
+        cases.append(
+            Case(f"fault {kind} unwatched", False, {"broken.toml": text}, ("broken.toml", unwatched, None, None))
+        )
     return cases
 
 
@@ -167,7 +169,12 @@ VARIANTS = {
 
 def _variants() -> list[Case]:
     return [
-        Case(f"variant {name}", True, {"variant.toml": f'extends = "{under}.toml"\n{text}'}, ("variant.toml", (), None, None))
+        Case(
+            f"variant {name}",
+            True,
+            {"variant.toml": f'extends = "{under}.toml"\n{text}'},
+            ("variant.toml", (), None, None),
+        )
         for name, (under, text) in VARIANTS.items()
     ]
 
@@ -193,7 +200,7 @@ SLOW: dict[str, tuple[str, ...]] = {
         f"build {FIG4} --fmu plant --isolate none --out plant.fmu",
         f"build {FIG4} --fmu computer --fmi 3 --isolate none --out computer.fmu --json",
     ),
-    "build c": (f"build pressing --c --isolate none --out c",),
+    "build c": ("build pressing --c --isolate none --out c",),
     "build ssp": (
         f"build {FIG4} --ssp --isolate none --out robot.ssp",
         "cosim robot.ssp --stop-s 2 --isolate none --out gauss",
@@ -244,7 +251,7 @@ SLOW: dict[str, tuple[str, ...]] = {
         "sweep sweep.toml -j 1 --out rows --yes",
         "sweep show rows --html",
         "sweep run sweep.toml --out rows --json",
-        f"run step_z_air --sweep controller.position.kp_per_s=1:2:2 --yes",
+        "run step_z_air --sweep controller.position.kp_per_s=1:2:2 --yes",
     ),
     "component check": ("component check controller TREE/fmus/parts/paper_law --set duration_s=1 --isolate none",),
     "run tasks": ("run pressing --body back --json --report --out a",),
@@ -263,40 +270,69 @@ FAST: dict[str, tuple[str, ...]] = {
         f"run {FIG4} --isolat none",
         "run",
     ),
-    "run tripped": (f"run pressing --set monitor.force_limit_N=3 --isolate none --out a",),
+    "run tripped": ("run pressing --set monitor.force_limit_N=3 --isolate none --out a",),
     "run broken": ("run broken.toml --isolate none --out a", "run broken.toml --isolate none --json --out b"),
     "compare": (
-        SHORT_RUN, OTHER_RUN, "compare a b", "compare a b --json --signal plant.p_B --tol 0.1mm@10ms", "compare a nowhere",
+        SHORT_RUN,
+        OTHER_RUN,
+        "compare a b",
+        "compare a b --json --signal plant.p_B --tol 0.1mm@10ms",
+        "compare a nowhere",
         "compare a",
     ),
-    "check": ("check step_z_air --drive velocity_servo --isolate none", "check step_z_air --drive own --json -j 1", "check step_z_ar"),
+    "check": (
+        "check step_z_air --drive velocity_servo --isolate none",
+        "check step_z_air --drive own --json -j 1",
+        "check step_z_ar",
+    ),
     "faults refused": ("faults pressing --kind surface_jumps", "faults nowhere"),
     "falsify refused": ("falsify pressing --requirement 'always('", "falsify nowhere"),
     "runs": (SHORT_RUN.replace("--out a", ""), "runs", "runs --json", "runs nowhere"),
-    "report": (SHORT_RUN, OTHER_RUN, "report a --isolate none", "report a b --isolate none --out both.html --json", "report nowhere"),
+    "report": (
+        SHORT_RUN,
+        OTHER_RUN,
+        "report a --isolate none",
+        "report a b --isolate none --out both.html --json",
+        "report nowhere",
+    ),
     "replay": (SHORT_RUN, "replay a --plant --out x", "replay a --json --out y", "replay nowhere"),
     "converge refused": ("converge pressing", "converge nowhere"),
     "accuracy refused": ("accuracy step_z_air", "accuracy nowhere"),
     "identify refused": ("run step_z_air --isolate none --out a", "identify a", "identify nowhere"),
     "export": (
-        SHORT_RUN, "export a --csv --signals plant.p_B --rate 100", "export a --mat", "export a --ros2 --signals 'plant.*'",
-        "export a --parquet --rate 100", "export a --csv --signals plant.q_B", "export nowhere --csv",
+        SHORT_RUN,
+        "export a --csv --signals plant.p_B --rate 100",
+        "export a --mat",
+        "export a --ros2 --signals 'plant.*'",
+        "export a --parquet --rate 100",
+        "export a --csv --signals plant.q_B",
+        "export nowhere --csv",
     ),
     "build refused": (f"build {FIG4} --fmu plent", f"build {FIG4}", "build nowhere --c"),
     "cosim refused": ("cosim nowhere.ssp",),
     "analyse refused": ("analyse nowhere",),
     "tune refused": ("tune step_z_air --margin 0.5", "tune nowhere"),
-    "init": ("init", "init mine.toml --from pressing", "init mine.toml", "init --from nothing", "run mine.toml --isolate none --out a"),
+    "init": (
+        "init",
+        "init mine.toml --from pressing",
+        "init mine.toml",
+        "init --from nothing",
+        "run mine.toml --isolate none --out a",
+    ),
     "schema": ("schema", "schema --out s.json", "schema --out nowhere/s.json"),
     "doctor": ("doctor", "doctor --json", "doctor --jason"),
     "sweep refused": ("sweep nowhere", "sweep show nowhere", "sweep sweep.toml --by nothing --dry-run --yes -j 1"),
     "drive info": (
-        "drive info velocity_servo", "drive info pmsm_foc --json", "drive info xl330", "drive info torque_motor_fmi3",
+        "drive info velocity_servo",
+        "drive info pmsm_foc --json",
+        "drive info xl330",
+        "drive info torque_motor_fmi3",
         "drive info nothing",
     ),
     "drive list": ("drive list", "drive list --json", "drive list all"),
     "drive new": (
-        "drive new TREE/fmus/stepper/stepper.fmu", "drive new nothing.fmu",
+        "drive new TREE/fmus/stepper/stepper.fmu",
+        "drive new nothing.fmu",
     ),
     "drive refused": ("drive check nothing", "drive compare velocity_servo", "drive survey nowhere", "drive infos"),
     "component": ("component list", "component list --json", "component check controler", "component check"),

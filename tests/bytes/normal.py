@@ -3,14 +3,26 @@
 import re
 from collections.abc import Mapping
 
+NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+
 RULES: tuple[tuple[str, str], ...] = (
     # said only where code is not compiled yet
     (r"compiling, once: [^\n]*\n?", ""),
     # moments
     (r"\d{4}-\d\d-\d\d[ _T]\d\d:?\d\d(:?\d\d(\.\d+)?)?(Z|[+-]\d\d:?\d\d)?", "TIME"),
-    # speeds
-    (r"\d+(\.\d+)?(e[+-]?\d+)? x real time", "N x real time"),
-    (r'("(stepping|writing|real_time_factor|seconds|elapsed|wall|wall_s|cost_us)": )[-+.\de]+', r"\1N"),
+    # how long it took, in text, JSON and pages
+    (rf"{NUMBER} x real time", "N x real time"),
+    (rf'("(?:stepping|writing|stepping_s|recording_s|real_time_factor|cost_us\w*)": ){NUMBER}', r"\1N"),
+    (r'"microseconds": \{[^}]*\}', '"microseconds": {N}'),
+    (
+        r'(<th scope="row">(?:stepping|recording|times as fast as the real robot|[^<]*per tick)</th>)(\s*<td>[^<]*</td>)+',
+        r"\1<td>N</td>",
+    ),
+    # what a run takes on the disk, with durations in its summary
+    (r'"bytes": \d+', '"bytes": N'),
+    # of the machine: what is free, what caches hold
+    (rf"{NUMBER} (?=GB free)", "N "),
+    (r"\d+ (FMUs?|files?|folders?|functions?|pieces of code), \d+ MB", r"N \1, N MB"),
 )
 """Regular expressions, and what stands for what they find."""
 

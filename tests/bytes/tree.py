@@ -1,9 +1,11 @@
 """A tree of the repository in a folder of its own, and the workers that do cases in it.
 
-Both trees lie in folders with names of the same length, so that texts break their lines at the same places; and a file
-that is edited meanwhile is not half of one and half of the other.
+Both lie in folders with names of the same length, so that texts break their lines at the same places, and nobody edits
+a file while it is compared.
 """
 
+import fcntl
+import hashlib
 import json
 import os
 import queue
@@ -11,7 +13,6 @@ import shutil
 import subprocess
 import sys
 import tarfile
-import tempfile
 import threading
 from collections.abc import Callable, Iterable
 from dataclasses import asdict
@@ -27,33 +28,39 @@ ENVIRONMENT = {
     "OPENBLAS_NUM_THREADS": "1", "PYTHONHASHSEED": "0", "TERM": "dumb", "TZ": "UTC",
 }  # fmt: skip
 """By which a command says the same everywhere."""
-BOOT = "import sys; sys.path.insert(0, {root!r}); from tests.bytes.worker import main; sys.path.remove({root!r}); main()"
+UNSET = ("NUMBA_CACHE_DIR", "PYTHONDONTWRITEBYTECODE", "PYTHONSAFEPATH")
+"""What would let one tree use what the other compiled, or neither keep anything."""
+BOOT = (
+    "import sys; sys.path.insert(0, {root!r}); from tests.bytes.worker import main; sys.path.remove({root!r}); main()"
+)
 """Workers are of the working tree; what they drive is found by PYTHONPATH."""
 
 
 class Tree:
-    """A copy of the files of `commit`, or of the working tree if it is ""."""
+    """The files of `commit`, or of the working tree if it is "", in a folder of `home` that stays from run to run.
 
-    def __init__(self, commit: str):
-        # the same length, whichever
-        self._folder = Path(tempfile.mkdtemp(prefix="bytes-"))
+    So Python and the twin find again what they compiled. Nobody else uses it until it is closed.
+    """
+
+    def __init__(self, home: Path, commit: str):
+        known_by = commit or str(REPOSITORY)
+        self._folder = home / hashlib.sha256(known_by.encode()).hexdigest()[:12]
         self.root = self._folder / "tree"
+        self._folder.mkdir(parents=True, exist_ok=True)
+        self._lock = open(self._folder / "lock", "w")
+        fcntl.flock(self._lock, fcntl.LOCK_EX)
         if commit:
-            packed = _git("archive", commit)
-            with tarfile.open(fileobj=BytesIO(packed)) as archive:
-                archive.extractall(self.root, filter="tar")
+            if not self.root.exists():
+                _extract(commit, self.root)
         else:
-            for name in _git("ls-files", "-z", "--cached", "--others", "--exclude-standard").decode().split("\0"):
-                if name and (REPOSITORY / name).is_file():
-                    (self.root / name).parent.mkdir(parents=True, exist_ok=True)
-                    shutil.copy2(REPOSITORY / name, self.root / name)
+            _follow(self.root)
 
     def close(self) -> None:
-        shutil.rmtree(self._folder, ignore_errors=True)
+        for left in self._folder.glob("case-*"):
+            shutil.rmtree(left, ignore_errors=True)
+        self._lock.close()
 
-    def do(
-        self, cases: Iterable[Case], jobs: int, kept: str, done: Callable[[Case, dict[str, Any]], None]
-    ) -> None:
+    def do(self, cases: Iterable[Case], jobs: int, kept: str, done: Callable[[Case, dict[str, Any]], None]) -> None:
         """Do `cases` in `jobs` workers, and say `done` of each with what it came to.
 
         Args:
@@ -89,7 +96,8 @@ class Tree:
 
     def _worker(self, kept: str) -> "subprocess.Popen[str]":
         command = [sys.executable, "-P", "-c", BOOT.format(root=str(REPOSITORY)), str(self.root), kept]
-        env = os.environ | ENVIRONMENT | {"PYTHONPATH": str(self.root)}
+        inherited = {name: value for name, value in os.environ.items() if name not in UNSET}
+        env = inherited | ENVIRONMENT | {"PYTHONPATH": str(self.root)}
         return subprocess.Popen(
             command, cwd=self._folder, env=env, text=True, stdin=subprocess.PIPE, stdout=subprocess.PIPE
         )
@@ -106,6 +114,36 @@ def _asked(worker: "subprocess.Popen[str]", case: Case) -> dict[str, Any]:
     if answer:
         return json.loads(answer)
     return {"ended": f"the process ended with exit code {worker.wait()}"}
+
+
+def _extract(commit: str, root: Path) -> None:
+    """The files of `commit` at `root`, whole or not at all."""
+    beside = root.with_name("unfinished")
+    shutil.rmtree(beside, ignore_errors=True)
+    with tarfile.open(fileobj=BytesIO(_git("archive", commit))) as archive:
+        archive.extractall(beside, filter="tar")
+    beside.rename(root)
+
+
+def _follow(root: Path) -> None:
+    """Make the files at `root` those of the working tree; what is the same is left alone, with what is compiled of it."""
+    listed = _git("ls-files", "-z", "--cached", "--others", "--exclude-standard").decode().split("\0")
+    names = {name for name in listed if name and (REPOSITORY / name).is_file()}
+    for folder, _, files in os.walk(root, topdown=False):
+        place = Path(folder)
+        if "__pycache__" not in place.parts:
+            for name in files:
+                if str((place / name).relative_to(root)) not in names:
+                    (place / name).unlink()
+            # a folder without a file would be a package still
+            if {entry.name for entry in place.iterdir()} <= {"__pycache__"}:
+                shutil.rmtree(place)
+    for name in names:
+        ours, theirs = REPOSITORY / name, root / name
+        now = ours.stat()
+        if not theirs.exists() or (theirs.stat().st_mtime_ns, theirs.stat().st_size) != (now.st_mtime_ns, now.st_size):
+            theirs.parent.mkdir(parents=True, exist_ok=True)
+            shutil.copy2(ours, theirs)
 
 
 def _git(*words: str) -> bytes:
