@@ -50,6 +50,9 @@ bytes: $(VENV)/.test-$(EXTRAS)  ## does the working tree record and say what a c
 	@$(VENV)/bin/python -m tests.bytes --jobs $(JOBS) $(if $(BASE),--base $(BASE)) $(if $(QUICK),--quick) \
 	  $(if $(ONLY),--only '$(ONLY)') $(if $(KEEP),--keep '$(KEEP)')
 
+house: $(VENV)/.test-$(EXTRAS)  ## how large twin/ is and how its files hang together, beside what is asked
+	@$(VENV)/bin/python -m tests.house
+
 mutants: $(VENV)/.test-test,mutants  ## change the source in 400 places, one at a time: do the tests notice? (hours)
 	$(VENV)/bin/python -m tests.mutants --jobs $(JOBS) $(MUTANTS)
 

@@ -5,6 +5,7 @@ What the commit came to is kept, by commit and machine, so that it is done once.
 
 import argparse
 import fnmatch
+import gzip
 import hashlib
 import json
 import os
@@ -26,7 +27,7 @@ BASE = "2e07c914"
 """The commit before the change that is to move no byte."""
 CACHE = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "twin-bytes"
 """Of the user, for all worktrees."""
-WHAT_DECIDES = ("normal", "outputs", "recording", "tree", "worker")
+WHAT_DECIDES = ("outputs", "recording", "tree", "worker")
 """Modules that decide what a case comes to."""
 
 
@@ -60,8 +61,8 @@ def main() -> int:
         if asked.list:
             print(*(case.name for case in cases), sep="\n")
             return 0
-        store = home / f"{_machine(base.root, commit.stdout.strip())}.json"
-        known: dict[str, Any] = json.loads(store.read_text("utf-8")) if store.exists() else {}
+        store = home / f"{_machine(base.root, commit.stdout.strip())}.json.gz"
+        known: dict[str, Any] = _read(store)
         missing = [case for case in cases if asked.keep or _key(case) not in known]
         print(f"{len(cases)} cases; {len(missing)} of them not yet done by {asked.base}", flush=True)
         new: dict[str, Any] = {}
@@ -113,11 +114,18 @@ def _processor() -> str:
     return "\n".join(sorted({line for line in lines if line.startswith(("model name", "flags"))}))
 
 
+def _read(path: Path) -> dict[str, Any]:
+    if not path.exists():
+        return {}
+    with gzip.open(path, "rt", encoding="utf-8") as file:
+        return json.load(file)
+
+
 def _write(path: Path, content: dict[str, Any]) -> None:
     """Whole or not at all: several may compare at the same time."""
-    path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{path.name}.{os.getpid()}")
-    beside.write_text(json.dumps(content), encoding="utf-8")
+    with gzip.open(beside, "wt", 1, encoding="utf-8") as file:
+        json.dump(content, file)
     beside.rename(path)
 
 

@@ -1,4 +1,7 @@
-"""What is done in both trees. The list follows from the files of the tree before the change: what is new has no before."""
+"""What is done in both trees.
+
+The list follows from the files of the tree before the change: what is new has nothing to be compared with.
+"""
 
 import re
 from dataclasses import dataclass, field
@@ -79,7 +82,8 @@ def _faults(tree: Path) -> list[Case]:
     cases = []
     for kind, target, key, sizes in FAULT.findall((tree / "docs" / "faults_reference.md").read_text("utf-8")):
         magnitude = f"{key} = {sizes.split(',')[1].strip()}\n" if key else ""
-        table = f'[[fault]]\nkind = "{kind}"\ntarget = "{target}"\nonset_s = 6.0\nduration_s = 2.0\n{magnitude}'
+        more = "share = 0.01\n" if kind == "encoder_glitch" else ""
+        table = f'[[fault]]\nkind = "{kind}"\ntarget = "{target}"\nonset_s = 6.0\nduration_s = 2.0\n{magnitude}{more}'
         text = f'extends = "pressing.toml"\n{table}'
         cases.append(Case(f"fault {kind}", True, {"broken.toml": text}, ("broken.toml", (), None, None)))
         unwatched = ("monitor.enabled=false",)
@@ -138,8 +142,7 @@ VARIANTS = {
     ),
     "kelvin_voigt": (
         FIG4,
-        'duration_s = 8.0\n[contact]\nlaw = "kelvin_voigt"\ndamper_N_s_per_m = 5.0\ntouch_depth_mm = 0.5\n'
-        'shape = "sphere"\nradius_mm = 60.0\n',
+        'duration_s = 8.0\n[contact]\nbody = "belly"\nshape = "sphere"\nradius_mm = 60.0\n',
     ),
     "exponential": (
         FIG4,
@@ -148,7 +151,8 @@ VARIANTS = {
     ),
     "power": (
         FIG4,
-        'duration_s = 8.0\n[contact]\nexponent = 1.5\nreference_depth_mm = 4.0\nshape = "cylinder_y"\nradius_mm = 60.0\n',
+        'duration_s = 8.0\n[contact]\nexponent = 1.5\nreference_depth_mm = 4.0\n'
+        'shape = "cylinder_y"\nradius_mm = 60.0\n',
     ),
     "breathing and shift": (
         "pressing",
@@ -156,7 +160,7 @@ VARIANTS = {
         "[contact.shift]\nby_mm = [1.0, 0.0, 2.0]\nstart_s = 5.0\nrise_s = 0.5\nend_s = 7.0\n",
     ),
     "energy tank": ("pressing", "[controller.energy_tank]\nsize_J = 0.02\nrelease_s = 1.0\n"),
-    "own Python": (FIG4, 'duration_s = 8.0\n[controller]\npython = "examples/my_controller.py:MyController"\n'),
+    "own Python": (FIG4, 'duration_s = 8.0\n[controller]\npython = "examples/my_controller.py:Controller"\n'),
     "own FMU": (FIG4, 'duration_s = 8.0\n[controller]\nfmu = "fmus/parts/paper_law"\n'),
     "three drives": (
         FIG4,
@@ -181,8 +185,8 @@ def _variants() -> list[Case]:
 
 ALL_HELP = (
     "run", "compare", "check", "faults", "falsify", "runs", "report", "replay", "converge", "accuracy", "identify",
-    "export", "build", "cosim", "analyse", "tune", "init", "schema", "doctor", "sweep", "sweep run", "sweep show", "drive",
-    "drive survey", "drive info", "drive list", "drive new", "drive check", "drive compare", "component",
+    "export", "build", "cosim", "analyse", "tune", "init", "schema", "doctor", "sweep", "sweep run", "sweep show",
+    "drive", "drive survey", "drive info", "drive list", "drive new", "drive check", "drive compare", "component",
     "component list", "component check", "log", "log new",
 )  # fmt: skip
 
@@ -270,7 +274,7 @@ FAST: dict[str, tuple[str, ...]] = {
         f"run {FIG4} --isolat none",
         "run",
     ),
-    "run tripped": ("run pressing --set monitor.force_limit_N=3 --isolate none --out a",),
+    "run tripped": ("run pressing --set monitor.speed_limit_mm_per_s=20 --isolate none --out a",),
     "run broken": ("run broken.toml --isolate none --out a", "run broken.toml --isolate none --json --out b"),
     "compare": (
         SHORT_RUN,
@@ -344,7 +348,8 @@ BESIDE = {
     "sweep": {"sweep.toml": SWEEP},
     "sweep refused": {"sweep.toml": SWEEP},
     "run broken": {
-        "broken.toml": 'extends = "pressing.toml"\n[[fault]]\nkind = "drive_failure"\ntarget = "drive_2"\nonset_s = 6.0\n'
+        "broken.toml": 'extends = "pressing.toml"\n[[fault]]\nkind = "drive_failure"\n'
+        'target = "drive_2"\nonset_s = 6.0\n'
     },
 }
 """Files of those that need some."""

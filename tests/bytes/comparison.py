@@ -3,6 +3,8 @@
 import difflib
 from typing import Any
 
+from tests.bytes.normal import normal, normal_error
+from tests.bytes.outputs import ERROR
 from tests.bytes.recording import SHORT
 
 LINES = 12
@@ -12,11 +14,26 @@ MISSING = "nothing"
 
 def differences(before: dict[str, Any], after: dict[str, Any]) -> list[str]:
     """A sentence per part of a case that is not the same, with the lines of its texts that differ."""
+    ours, theirs = _normal(before), _normal(after)
     return [
-        f"{name}: {_difference(before.get(name, MISSING), after.get(name, MISSING))}"
-        for name in dict.fromkeys([*before, *after])
-        if before.get(name, MISSING) != after.get(name, MISSING)
+        f"{name}: {_difference(ours.get(name, MISSING), theirs.get(name, MISSING))}"
+        for name in dict.fromkeys([*ours, *theirs])
+        if ours.get(name, MISSING) != theirs.get(name, MISSING)
     ]
+
+
+def _normal(came_to: dict[str, Any]) -> dict[str, Any]:
+    """The same without what may differ, in names of files either."""
+    found: dict[str, Any] = {}
+    for name, value in came_to.items():
+        if isinstance(value, str):
+            value = normal_error(value) if name.endswith(ERROR) else normal(value)
+        place = normal(name)
+        # two runs of one case that were made at other moments
+        while place in found:
+            place += " again"
+        found[place] = value
+    return found
 
 
 def _difference(before: Any, after: Any) -> str:

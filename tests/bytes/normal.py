@@ -1,9 +1,9 @@
 """What may differ between two runs of the same command, and what is written in its place."""
 
 import re
-from collections.abc import Mapping
 
 NUMBER = r"[-+]?\d+(?:\.\d+)?(?:e[-+]?\d+)?"
+PER_RUN = r'(<th scope="row">(?:stepping|recording|times as fast as the real robot|[^<]*per tick)</th>)'
 
 RULES: tuple[tuple[str, str], ...] = (
     # said only where code is not compiled yet
@@ -14,10 +14,7 @@ RULES: tuple[tuple[str, str], ...] = (
     (rf"{NUMBER} x real time", "N x real time"),
     (rf'("(?:stepping|writing|stepping_s|recording_s|real_time_factor|cost_us\w*)": ){NUMBER}', r"\1N"),
     (r'"microseconds": \{[^}]*\}', '"microseconds": {N}'),
-    (
-        r'(<th scope="row">(?:stepping|recording|times as fast as the real robot|[^<]*per tick)</th>)(\s*<td>[^<]*</td>)+',
-        r"\1<td>N</td>",
-    ),
+    (rf"{PER_RUN}(\s*<td>[^<]*</td>)+", r"\1<td>N</td>"),
     # what a run takes on the disk, with durations in its summary
     (r'"bytes": \d+', '"bytes": N'),
     # of the machine: what is free, what caches hold
@@ -25,23 +22,22 @@ RULES: tuple[tuple[str, str], ...] = (
     (r"\d+ (FMUs?|files?|folders?|functions?|pieces of code), \d+ MB", r"N \1, N MB"),
 )
 """Regular expressions, and what stands for what they find."""
+PROGRESS: tuple[str, ...] = (
+    r"(?m)^\S+ +[\d.]+ / [\d.]+ s(, .*)?\n",
+    r"(?m)^(.+ )?\d+ of \d+ \w+(, .*)?\n",
+)
+"""Lines about how far it is, which a command without a terminal prints once a minute, to its error stream."""
 
 
-class Normal:
-    """Writes a text so that it is the same whenever and wherever it is made.
+def normal(text: str) -> str:
+    """`text` without what may differ."""
+    for pattern, instead in RULES:
+        text = re.sub(pattern, instead, text)
+    return text
 
-    Args:
-        places: names of folders, by their paths; they are as long in one tree as in the other, so that lines are
-            broken where they were.
-    """
 
-    def __init__(self, places: Mapping[str, str]):
-        self._places = sorted(places.items(), key=lambda item: -len(item[0]))
-
-    def text(self, text: str) -> str:
-        """`text` without what may differ."""
-        for path, name in self._places:
-            text = text.replace(path, name)
-        for pattern, instead in RULES:
-            text = re.sub(pattern, instead, text)
-        return text
+def normal_error(text: str) -> str:
+    """`text` of an error stream: likewise, and without what says how far it is."""
+    for pattern in PROGRESS:
+        text = re.sub(pattern, "", text)
+    return normal(text)

@@ -15,11 +15,11 @@ import shutil
 import sys
 import tempfile
 import traceback
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from tests.bytes.normal import Normal
-from tests.bytes.outputs import described
+from tests.bytes.outputs import ERROR, described
 
 
 def main() -> None:
@@ -35,8 +35,11 @@ def main() -> None:
         for name, text in case["files"].items():
             (folder / name).write_text(text, encoding="utf-8")
         os.chdir(folder)
-        normal = Normal({str(tree): "TREE", str(folder): "HERE"})
-        found = _run(case["load"], folder, normal) if case["load"] else _command_lines(case["commands"], tree, normal)
+
+        def placed(text: str, here: str = str(folder)) -> str:
+            return text.replace(str(tree), "TREE").replace(here, "HERE")
+
+        found = _run(case["load"], folder, placed) if case["load"] else _command_lines(case["commands"], tree, placed)
         print(json.dumps(found), file=answers, flush=True)
         os.chdir(tree)
         if kept:
@@ -65,7 +68,7 @@ def _import_all(tree: Path) -> None:
     import scipy.signal  # noqa: F401
 
 
-def _run(load: list[Any], folder: Path, normal: Normal) -> dict[str, Any]:
+def _run(load: list[Any], folder: Path, placed: Callable[[str], str]) -> dict[str, Any]:
     """What `twin.run` records of `twin.load(*load)`, topic by topic; or why it did not."""
     import twin
 
@@ -73,20 +76,20 @@ def _run(load: list[Any], folder: Path, normal: Normal) -> dict[str, Any]:
     try:
         twin.run(twin.load(*load), folder / "run")
     except Exception as mistake:
-        found["raised"] = normal.text(f"{type(mistake).__name__}: {mistake}")
-    return found | described(folder / "run", normal)
+        found["raised"] = placed(f"{type(mistake).__name__}: {mistake}")
+    return found | described(folder / "run", placed)
 
 
-def _command_lines(lines: list[str], tree: Path, normal: Normal) -> dict[str, Any]:
+def _command_lines(lines: list[str], tree: Path, placed: Callable[[str], str]) -> dict[str, Any]:
     """Text, exit code and files of each command line."""
     found: dict[str, Any] = {}
     for number, line in enumerate(lines, 1):
         code, out, err = _forked([word.replace("TREE", str(tree)) for word in shlex.split(line)])
         name = f"{number}: twin {line}"
         found[f"{name} [exit code]"] = str(code)
-        found[f"{name} [output]"] = normal.text(out)
-        found[f"{name} [error]"] = normal.text(err)
-    return found | described(Path.cwd(), normal)
+        found[f"{name} [output]"] = placed(out)
+        found[f"{name}{ERROR}"] = placed(err)
+    return found | described(Path.cwd(), placed)
 
 
 def _forked(words: list[str]) -> tuple[int, str, str]:
