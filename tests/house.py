@@ -2,7 +2,7 @@
 
 What is counted, and how:
 
-- lines, statements: of the Python files of `twin/`, which is what the wheel imports. Docstrings are lines, not statements.
+- lines, statements: of the Python files of `twin/`, which is what the wheel imports; docstrings are no statements.
 - files, and the median of their lines: those that are not called `__init__.py`.
 - one importer: modules that exactly one other module of `twin/` imports, wherever in it the import stands.
 - touched: files of `twin/` with a function that is called while `twin.run` runs the paper's experiment, in a process

@@ -36,7 +36,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.bytes", description=__doc__)
     parser.add_argument("--base", default=BASE, help="the commit to compare with; without it %(default)s")
     parser.add_argument("--quick", action="store_true", help="a part of the cases, in a minute")
-    parser.add_argument("--only", default="*", help="cases by name, such as 'run pressing*'")
+    parser.add_argument("--only", action="append", help="cases by name, such as 'run pressing*'; may be repeated")
     parser.add_argument("--jobs", type=int, default=2, help="workers side by side")
     parser.add_argument("--keep", default="", help="folder in which what the cases leave is kept, of both trees")
     parser.add_argument(
@@ -56,7 +56,8 @@ def main() -> int:
         cases = [
             case
             for case in all_cases(base.root)
-            if (case.quick or not asked.quick) and fnmatch.fnmatchcase(case.name, asked.only)
+            if (case.quick or not asked.quick)
+            and any(fnmatch.fnmatchcase(case.name, pattern) for pattern in asked.only or "*")
         ]
         if asked.list:
             print(*(case.name for case in cases), sep="\n")

@@ -151,7 +151,7 @@ VARIANTS = {
     ),
     "power": (
         FIG4,
-        'duration_s = 8.0\n[contact]\nexponent = 1.5\nreference_depth_mm = 4.0\n'
+        "duration_s = 8.0\n[contact]\nexponent = 1.5\nreference_depth_mm = 4.0\n"
         'shape = "cylinder_y"\nradius_mm = 60.0\n',
     ),
     "breathing and shift": (
@@ -334,10 +334,8 @@ FAST: dict[str, tuple[str, ...]] = {
         "drive info nothing",
     ),
     "drive list": ("drive list", "drive list --json", "drive list all"),
-    "drive new": (
-        "drive new TREE/fmus/stepper/stepper.fmu",
-        "drive new nothing.fmu",
-    ),
+    # a good one, which writes beside the FMU, is in "build ssp"
+    "drive new": ("drive new nothing.fmu", "drive new"),
     "drive refused": ("drive check nothing", "drive compare velocity_servo", "drive survey nowhere", "drive infos"),
     "component": ("component list", "component list --json", "component check controler", "component check"),
     "log": (SHORT_RUN, "export a --csv --rate 100 --out robot.csv", "log new robot.csv", "log new nowhere.csv"),

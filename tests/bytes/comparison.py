@@ -3,7 +3,7 @@
 import difflib
 from typing import Any
 
-from tests.bytes.normal import normal, normal_error
+from tests.bytes.normal import DRAWN_OF_DURATIONS, normal, normal_error
 from tests.bytes.outputs import ERROR
 from tests.bytes.recording import SHORT
 
@@ -29,6 +29,8 @@ def _normal(came_to: dict[str, Any]) -> dict[str, Any]:
         if isinstance(value, str):
             value = normal_error(value) if name.endswith(ERROR) else normal(value)
         place = normal(name)
+        if place.endswith(DRAWN_OF_DURATIONS):
+            continue
         # two runs of one case that were made at other moments
         while place in found:
             place += " again"

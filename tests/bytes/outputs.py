@@ -3,8 +3,8 @@
 import hashlib
 import io
 import zipfile
-from pathlib import Path
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 from tests.bytes.recording import digests

@@ -47,7 +47,7 @@ class Tree:
         self._folder = home / hashlib.sha256(known_by.encode()).hexdigest()[:12]
         self.root = self._folder / "tree"
         self._folder.mkdir(parents=True, exist_ok=True)
-        self._lock = open(self._folder / "lock", "w")
+        self._lock = open(self._folder / "lock", "w")  # noqa: SIM115
         fcntl.flock(self._lock, fcntl.LOCK_EX)
         if commit:
             if not self.root.exists():
@@ -56,6 +56,7 @@ class Tree:
             _follow(self.root)
 
     def close(self) -> None:
+        """Let others use it."""
         for left in self._folder.glob("case-*"):
             shutil.rmtree(left, ignore_errors=True)
         self._lock.close()
@@ -126,7 +127,7 @@ def _extract(commit: str, root: Path) -> None:
 
 
 def _follow(root: Path) -> None:
-    """Make the files at `root` those of the working tree; what is the same is left alone, with what is compiled of it."""
+    """Make the files at `root` those of the working tree; what is the same is left alone, and what is compiled of it."""
     listed = _git("ls-files", "-z", "--cached", "--others", "--exclude-standard").decode().split("\0")
     names = {name for name in listed if name and (REPOSITORY / name).is_file()}
     for folder, _, files in os.walk(root, topdown=False):
