@@ -86,8 +86,8 @@ class Tree:
                 with lock:
                     done(case, found)
             if worker:
-                worker.stdin.close()
-                worker.wait()
+                # which closes what it reads, so that it ends
+                worker.communicate()
 
         threads = [threading.Thread(target=work) for _ in range(jobs)]
         for thread in threads:
@@ -106,6 +106,7 @@ class Tree:
 
 def _asked(worker: "subprocess.Popen[str]", case: Case) -> dict[str, Any]:
     """What `worker` came to with `case`; that it ended, if it did."""
+    assert worker.stdin and worker.stdout
     try:
         worker.stdin.write(json.dumps(asdict(case)) + "\n")
         worker.stdin.flush()
@@ -127,7 +128,7 @@ def _extract(commit: str, root: Path) -> None:
 
 
 def _follow(root: Path) -> None:
-    """Make the files at `root` those of the working tree; what is the same is left alone, and what is compiled of it."""
+    """Make the files at `root` those of the working tree; what is the same is left alone, as what is compiled of it."""
     listed = _git("ls-files", "-z", "--cached", "--others", "--exclude-standard").decode().split("\0")
     names = {name for name in listed if name and (REPOSITORY / name).is_file()}
     for folder, _, files in os.walk(root, topdown=False):
