@@ -131,8 +131,7 @@ def _digest(messages: NDArray[np.uint8], offsets: NDArray[np.int64]) -> dict[str
         width = int(lengths[0]) - BEFORE_TIME
         rows = np.lib.stride_tricks.sliding_window_view(messages, width)[offsets + BEFORE_TIME]
         bounds = np.flatnonzero(np.diff(seconds)) + 1
-        parts = [memoryview(part) for part in np.split(rows, bounds)]
-        parts = [b"%d " % width, *parts]
+        parts: list[Any] = [b"%d " % width, *np.split(rows, bounds)]
     else:
         texts = [
             b"%d " % (length - BEFORE_TIME) + messages[at + BEFORE_TIME : at + length].tobytes()
