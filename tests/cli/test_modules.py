@@ -16,7 +16,7 @@ from twin.cli import main
 try:
     main()
 except SystemExit:
-    print(*sorted(name for name in {names!r} if "twin.cli." + name in sys.modules), file=sys.stderr)
+    print(*sorted(name for name in {names!r} if {{"twin.cli." + name, f"twin.studies.{{name}}.study"}} & {{*sys.modules}}), file=sys.stderr)
 """
 
 

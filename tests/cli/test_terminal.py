@@ -9,9 +9,9 @@ import pytest
 
 from tests.command_line import twin
 from twin.cli import ask
-from twin.studies.command import JobIsolation
 from twin.cli.progress import Bar, PlainLine, Progress
 from twin.cli.terminal import Harmless
+from twin.studies.command import JobIsolation
 
 NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
 

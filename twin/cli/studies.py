@@ -43,7 +43,7 @@ def study_command(name: str) -> Callable[..., None]:
             ask(f"{module}:{name}", asked, **{"isolate": JobIsolation.NONE, **shown})
         except ComponentFailed as failure:
             more = marked.on_failure(asked) if marked.on_failure else ""
-            raise ComponentFailed(f"{failure}\n{more}") from None if more else failure
+            raise ComponentFailed("\n".join(filter(None, [str(failure), more]))) from None
 
     own = list(inspect.signature(function, eval_str=True).parameters.values())
     parameters = [_parameter(one) for one in own if one.name != "say"]
