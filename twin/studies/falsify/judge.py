@@ -56,15 +56,15 @@ class Judge:
                 kind = SafetyTrip if facts.get("status") == "tripped" else ComponentFailed
                 raise kind(f"without any fault{on}: {facts.get('reason')}")
             onsets = onsets or facts["onsets"]
-            for requirement in self._requirements:
-                left = self._distance(facts, requirement.name)
+            for wanted in self._requirements:
+                left = self._distance(facts, wanted.name)
                 if left < 0.0:
                     raise InputRefused(
-                        f'"{requirement.formula}": violated without any fault{on}, by {-left:.3g} {requirement.unit}; '
+                        f'"{wanted.formula}": violated without any fault{on}, by {-left:.3g} {wanted.unit}; '
                         "require what the healthy robot keeps"
                     )
-                least = min(self._scales.get(requirement.name, math.inf), left)
-                self._scales[requirement.name] = least
+                least = min(self._scales.get(wanted.name, math.inf), left)
+                self._scales[wanted.name] = least
         # nothing but true and false, or a bound that is just kept: then metres and newtons are as good as shares
         self._scales = {name: s if 1e-9 < s < math.inf else 1.0 for name, s in self._scales.items()}
         return onsets
