@@ -1,3 +1,4 @@
+import inspect
 import json
 from pathlib import Path
 from typing import Any
@@ -8,7 +9,7 @@ from PIL import Image
 
 from tests.command_line import twin
 from tests.recording import samples
-from twin.cli.compare import compare
+from twin.cli.studies import study_command
 from twin.errors import InputRefused
 from twin.recording.recording import Recording
 
@@ -21,6 +22,15 @@ def digits(force_position: Recording, tmp_path: Path) -> Path:
     path = tmp_path / "robot.csv"
     path.write_text("\n".join(["stamp,Fz,state", *rows[::5]]) + "\n")
     return path
+
+
+COMPARE = study_command("compare")
+DEFAULTS = {name: one.default for name, one in inspect.signature(COMPARE).parameters.items()}
+
+
+def compare(runs: list[Path], **options: Any) -> None:
+    """The command, called as Typer calls it."""
+    COMPARE(**{**DEFAULTS, "runs": runs, **options})
 
 
 MAP = ("--map", "time=stamp[ms]", "--map", "controller.F_z=-Fz[mN]")
@@ -56,7 +66,7 @@ def test_the_same_run_is_identical(
     position: Recording, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ):
     monkeypatch.chdir(tmp_path)
-    compare([position.path, position.path], signal=["plant.p_B"], out=Path("out"), as_json=True)
+    compare([position.path, position.path], signals=["plant.p_B"], out=Path("out"), as_json=True)
     facts = json.loads(capsys.readouterr().out)
     assert facts["identical"] and facts["inside"]
     assert {row["max_error"] for row in facts["rows"]} == {0.0}
@@ -70,10 +80,10 @@ def test_the_same_run_is_identical(
         (["run.mcap", "empty.csv"], {}, "empty.csv: an empty file"),
         (["run.mcap", "damaged.mcap"], {}, "damaged.mcap: damaged at byte"),
         (["run.mcap", "robot.csv"], {}, "robot.csv: no column of time; it has stamp, Fz, state"),
-        (["run.mcap", "run.mcap"], {"column_map": ["F=x[N]"]}, "--map: both are recordings of twin"),
+        (["run.mcap", "run.mcap"], {"maps": ["F=x[N]"]}, "--map: both are recordings of twin"),
         (["run.mcap", "run.mcap"], {"align": "up"}, "--align up: expected one of none, start, event, fit"),
-        (["run.mcap", "run.mcap"], {"tol": ["plant.x=1N"]}, "tolerance of plant.x: no such signal"),
-        (["run.mcap", "run.mcap"], {"paper": "fig4", "tol": ["1%"]}, "--paper fig4: takes no --signal"),
+        (["run.mcap", "run.mcap"], {"tolerances": ["plant.x=1N"]}, "tolerance of plant.x: no such signal"),
+        (["run.mcap", "run.mcap"], {"paper": "fig4", "tolerances": ["1%"]}, "--paper fig4: takes no --signal"),
     ],
 )
 def test_what_cannot_be_compared_is_refused_in_one_sentence(
@@ -98,7 +108,7 @@ def test_an_unfinished_run_is_compared_as_far_as_it_goes_and_says_so(
     content = position.path.read_bytes()
     Path("half.mcap").write_bytes(content[: len(content) // 2])
     with pytest.raises(SystemExit) as ended:
-        compare([position.path, Path("half.mcap")], signal=["plant.p_B"])
+        compare([position.path, Path("half.mcap")], signals=["plant.p_B"])
     assert ended.value.code == 1
     answer, *_, notes = capsys.readouterr().out.partition("\n")
     share = float(answer.split()[3])
@@ -109,7 +119,7 @@ def test_an_unfinished_run_is_compared_as_far_as_it_goes_and_says_so(
     assert json.loads(Path("results/compare/compare.json").read_text())["covered"] == pytest.approx(
         share / 100, rel=0.01
     )
-    compare([position.path, Path("half.mcap")], signal=["plant.p_B"], partial=True)
+    compare([position.path, Path("half.mcap")], signals=["plant.p_B"], partial=True)
     assert f"within the tolerance tube of A: 3 signals, {share:.3g} % of A's time\n" in capsys.readouterr().out
 
 

@@ -16,7 +16,8 @@ from twin.cli import main
 try:
     main()
 except SystemExit:
-    print(*sorted(name for name in {names!r} if "twin.cli." + name in sys.modules), file=sys.stderr)
+    loaded = lambda name: {{"twin.cli." + name, f"twin.studies.{{name}}.study"}} & {{*sys.modules}}
+    print(*sorted(filter(loaded, {names!r})), file=sys.stderr)
 """
 
 

@@ -11,6 +11,7 @@ from tests.command_line import twin
 from twin.cli import ask
 from twin.cli.progress import Bar, PlainLine, Progress
 from twin.cli.terminal import Harmless
+from twin.studies.command import JobIsolation
 
 NAME = "\x1b]0;owned\x07[bold]x[/y]\x9b31m"
 
@@ -82,12 +83,11 @@ def test_checks_are_counted_on_a_line_that_is_gone_in_the_end(
     asked = {
         "experiments": [root / f"experiments/{name}.toml" for name in names],
         "drives": ["velocity_servo"],
-        "reason": "",
         "baselines": root / "tests/no_such_folder",
         "out": root / "results/check",
-        "processes": 0,
+        "isolate": JobIsolation.NONE,
     }
-    answer = ask.answer_of("twin.studies.check.study:check_all", asked)
+    answer = ask.answer_of("twin.studies.check.study:check", asked)
     # there is no baseline
     assert answer.exit_code == 2
     # a bar is drawn a few times a second only

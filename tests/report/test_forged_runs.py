@@ -43,7 +43,7 @@ def identify(good: Path, forged: Path, draw: Random) -> object:
 
 
 def replay(good: Path, forged: Path, draw: Random) -> object:
-    return replaying.replay(forged, plant=draw.random() < 0.3, baseline=(0.0, 0.05), out=forged / "replay")
+    return replaying.replay(forged, plant=draw.random() < 0.3, baseline="0.05", out=forged / "replay")
 
 
 def report(good: Path, forged: Path, draw: Random) -> object:
@@ -118,7 +118,7 @@ def test_a_run_cannot_choose_where_its_reports_go(
     data = with_metadata(data, lambda which, entries: entries | {"name": name} if which == "experiment" else entries)
     sealed(data, tmp_path / "forged" / "run.mcap")
     for command in (
-        lambda: replaying.replay(Path("forged"), baseline=(0.0, 0.05)),
+        lambda: replaying.replay(Path("forged"), baseline="0.05"),
         lambda: identification.identify(Path("forged")),
         lambda: write_report([Path("forged")]),
     ):

@@ -6,6 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
 from twin.report.page import DRAWN
+from twin.runs.guard.limits import cores
 from twin.studies.sweep import SERVED
 
 JOB = "twin.runs.guard.runs:recorded_runs"
@@ -50,8 +51,3 @@ def _job(words: list[str]) -> str:
     alone = command == "report" and (cores() == 1 or len(words) > FEW)
     begins = usual and command in JOBS and words and not alone and not _ELSEWHERE[command].intersection(words)
     return JOBS[command] if begins else ""
-
-
-def cores() -> int:
-    """Processors this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

@@ -7,9 +7,9 @@ import typer
 
 from twin.cli.ask import ask
 from twin.cli.completion import experiment_files, role_names
-from twin.cli.first_look import look_at_files
 from twin.cli.group import Group
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, Settings
+from twin.studies.first_look import find_experiments
 
 app = typer.Typer(cls=Group)
 
@@ -53,6 +53,6 @@ def check(
 
     Example: twin component check controller fmus/parts/paper_law
     """
-    look_at_files([experiment])
+    find_experiments({"experiment": experiment})
     asked = {"role": role, "part": part, "experiment": experiment, "settings": settings or []}
     ask("twin.studies.component.study:check", asked, as_json, isolate)

@@ -13,7 +13,6 @@ from twin.cli import drive_info
 from twin.cli.ask import answer_of, show
 from twin.cli.completion import drive_names, experiment_files
 from twin.cli.drive_survey import survey
-from twin.cli.first_look import look_at_experiments
 from twin.cli.group import Group
 from twin.cli.options import (
     JOB_ISOLATION,
@@ -30,6 +29,7 @@ from twin.cli.options import (
 )
 from twin.errors import InputRefused
 from twin.runs.guard.limits import Limits
+from twin.studies.first_look import load_experiments
 from twin.writing import json_text
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ def compare(
 
     Example: twin drive compare velocity_servo pmsm_foc --experiment experiments/pressing.toml
     """
-    look_at_experiments(experiments, settings, fmus, body)
+    load_experiments({"experiments": experiments, "settings": settings, "drives": fmus, "body": body})
     asked = {"fmus": fmus, "experiments": experiments, "settings": settings or [], "body": body, "out": out}
     limits = Limits(limit_step, limit_wall)
     answer = answer_of("twin.studies.qualify.study:compare_drives", asked, isolate, limits, formats, columns)

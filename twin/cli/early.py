@@ -10,7 +10,7 @@ from pathlib import Path
 from twin.errors import InputRefused
 from twin.kept import kept
 
-ROOMS = {"help": ("cli",), "schema": ("experiment",)}
+ROOMS = {"help": ("cli", "studies"), "schema": ("experiment",)}
 """Whose source these answers are made with."""
 
 

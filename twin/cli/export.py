@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from twin.cli.latest import tell_latest
 from twin.errors import InputRefused
+from twin.studies.first_look import print_latest
 
 
 class Format(StrEnum):
@@ -54,7 +54,7 @@ def export(
     if len(chosen) != 1:
         got = " and ".join(f"--{form.value}" for form in chosen) or "none"
         raise InputRefused(f"twin export: expected one of --csv, --parquet, --mat and --ros2, got {got}")
-    tell_latest([run])
+    print_latest({"run": run})
     from twin.recording.export.export import export_recording
 
     exported = export_recording(run, chosen[0].value, signals or (), rate, out, force, maps or ())

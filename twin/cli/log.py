@@ -6,8 +6,8 @@ from typing import Annotated
 
 import typer
 
-from twin.cli.first_look import look_at_logs
 from twin.cli.group import Group
+from twin.studies.first_look import find_logs
 
 app = typer.Typer(cls=Group)
 
@@ -31,7 +31,7 @@ def new(
 
     Example: twin log new robot.csv
     """
-    look_at_logs([file])
+    find_logs({"log": file})
     from twin.recording.logs.proposal import propose
 
     path, complete = propose(file)

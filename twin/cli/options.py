@@ -1,6 +1,5 @@
 """Options that several commands share: one meaning, one wording, one completion."""
 
-import os
 from enum import StrEnum
 from itertools import pairwise
 from typing import Annotated
@@ -8,6 +7,7 @@ from typing import Annotated
 import typer
 
 from twin.cli.completion import body_names, drive_names, setting_keys
+from twin.studies.command import JOB_ISOLATION, JobIsolation
 
 DriveName = Annotated[
     str | None,
@@ -68,16 +68,7 @@ class Isolation(StrEnum):
     NONE = "none"
 
 
-class JobIsolation(StrEnum):
-    """The same, of commands that have no drives apart."""
-
-    RUN = "run"
-    NONE = "none"
-
-
-ISOLATION = Isolation.RUN if os.name == "posix" else Isolation.NONE
-"""Where processes can be guarded they are, unless one says no."""
-JOB_ISOLATION = JobIsolation(ISOLATION)
+ISOLATION = Isolation(JOB_ISOLATION)
 Isolate = Annotated[
     JobIsolation,
     typer.Option("--isolate", help="Processes: one of its own for what steps FMUs; none, for debuggers, but this one."),

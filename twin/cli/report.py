@@ -8,9 +8,9 @@ from typing import Annotated, Any
 import typer
 
 from twin.cli.ask import ask, show
-from twin.cli.latest import tell_latest
 from twin.cli.options import JOB_ISOLATION, AsJson, Isolate, JobIsolation
 from twin.errors import InputRefused, plain
+from twin.studies.first_look import print_latest
 
 Listener = Callable[[dict[str, Any]], None]
 """Takes a note of `twin.runs.guard.runs.recorded_runs`."""
@@ -40,7 +40,7 @@ def report(
 
     Example: twin report results/fig4_force_position results/fig4_position
     """
-    tell_latest(runs)
+    print_latest({"runs": runs})
     asked: dict[str, Any] = {"runs": runs, "out": out, "budget": budget}
     # without a budget no FMU is loaded
     ask("twin.report.page.page:write_report", asked, as_json, isolate if budget else JobIsolation.NONE)

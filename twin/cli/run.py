@@ -152,8 +152,9 @@ def _sweep(
     as_json: bool,
     sure: bool,
 ) -> None:
-    from twin.cli.sweep import How, carry_out, check_start, cores
+    from twin.cli.sweep import How, carry_out, check_start
     from twin.experiment.named import experiment_file
+    from twin.runs.guard.limits import cores
     from twin.studies.sweep.definition import short_definition
     from twin.studies.sweep.folder import HOME
     from twin.studies.sweep.plan import plan_of

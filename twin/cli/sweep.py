@@ -11,12 +11,12 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from twin.cli.ahead import cores
 from twin.cli.group import Group
 from twin.cli.options import AsJson, LimitStep
 from twin.cli.progress import Progress, progress
 from twin.cli.sweep_show import By, as_facts, show
 from twin.errors import InputRefused
+from twin.runs.guard.limits import cores
 from twin.writing import json_text
 
 if TYPE_CHECKING:

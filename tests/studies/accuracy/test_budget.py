@@ -9,8 +9,7 @@ from twin.errors import InputRefused
 from twin.experiment.variation import with_model
 from twin.robot.gravity import G_ACCELERATION
 from twin.studies.accuracy.budget import Budget, Contribution, accuracy_budget
-from twin.studies.accuracy.study import accuracy_facts
-from twin.studies.accuracy.text import accuracy_text
+from twin.studies.accuracy.text import accuracy_facts, accuracy_text
 
 
 @pytest.fixture(scope="module")

@@ -31,7 +31,7 @@ from twin.studies.analyse.linear.sampled_law import LOOPS, linear_law
 from twin.studies.analyse.linear_point import Linearised
 from twin.studies.analyse.nudge import NUDGED, held, undisturbed
 from twin.studies.analyse.operating_point import OperatingPoint, resting_point
-from twin.studies.analyse.z_width import FREQUENCIES, RENDERED, largest_passive
+from twin.studies.analyse.z_width import RENDERED, WIDTH_FREQUENCIES, largest_passive
 
 DAMPING, MASS = 100.0, 0.5
 """Virtual damping (N s/m); of what is in the hand (kg)."""
@@ -79,7 +79,7 @@ def edge(shared: Linearised) -> float:
 
     def least(stiffness: float) -> float:
         hand = rendering(shared, stiffness, 0.0)
-        omega = 2.0 * np.pi * hertz(hand.period, FREQUENCIES)
+        omega = 2.0 * np.pi * hertz(hand.period, WIDTH_FREQUENCIES)
         return float(power_share(hand.admittance(omega)[:, 2:, 2:]).min()) if hand.growth < DRIFT else np.nan
 
     return largest_passive(least, np.array([least(stiffness) for stiffness in RENDERED]))

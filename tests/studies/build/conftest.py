@@ -8,8 +8,8 @@ import pytest
 from twin.compiled.emission import Module
 from twin.studies.build import emission
 from twin.studies.build.emission import Emitted, emitted
+from twin.studies.build.part_fmu import build_fmu
 from twin.studies.build.platforms import Form, Platform
-from twin.studies.build.study import build_fmu
 
 ROOT = Path(__file__).parents[3]
 FIG4 = ROOT / "experiments" / "fig4_force_position.toml"

@@ -22,8 +22,8 @@ from twin.studies.build.layout import laid_out
 from twin.studies.build.library import build_c
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import part_of
+from twin.studies.build.part_fmu import build_fmu
 from twin.studies.build.platforms import HERE
-from twin.studies.build.study import build_fmu
 from twin.studies.build.system import build_ssp
 
 SOFT = 'fault=[{kind="spring_broken", target="joint_1", onset_s=1.0}]'

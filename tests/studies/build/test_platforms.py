@@ -14,8 +14,8 @@ from twin.compiled.emission import MATHEMATICS
 from twin.compiled.native import Native
 from twin.errors import InputRefused
 from twin.studies.build.part import PARTS
+from twin.studies.build.part_fmu import build_fmu
 from twin.studies.build.platforms import PLATFORMS
-from twin.studies.build.study import build_fmu
 
 KINDS = {"so": "ELF", "dll": "PE", "dylib": "Mach-O"}
 # what an instance needs beside mathematics

@@ -15,8 +15,8 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.true_parameters import plant_parameters
 from twin.studies.build import fmu
 from twin.studies.build.linking import c_files
+from twin.studies.build.part_fmu import build_fmu
 from twin.studies.build.platforms import HERE
-from twin.studies.build.study import build_fmu
 
 FORCE = "plant.F_ee_B"
 

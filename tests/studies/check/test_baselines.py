@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 
 from tests.conftest import ROOT
+from twin import check
 from twin.runs.assembly.load import load_experiment
-from twin.studies.check import check
 from twin.studies.check.baseline import baseline_file, fingerprint, read_baseline, stored_drives
 
 FOLDER = ROOT / "tests" / "baselines"

@@ -11,8 +11,7 @@ from twin.runs.assembly.load import load_experiment
 from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint, convergence, recommended
 from twin.studies.converge.coupling import COUPLINGS
 from twin.studies.converge.picture import draw_convergence
-from twin.studies.converge.study import convergence_facts
-from twin.studies.converge.text import convergence_text
+from twin.studies.converge.text import convergence_facts, convergence_text
 
 
 @pytest.fixture(scope="module")

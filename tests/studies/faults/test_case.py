@@ -2,8 +2,8 @@ import pytest
 
 from tests.laws.runs import shipped
 from twin.errors import InputRefused
-from twin.experiment.fault import NEVER
 from twin.experiment.fault_catalogue import CATALOGUE
+from twin.experiment.fault_kind import NEVER
 from twin.studies.faults.case import GLITCH_SHARE, cases, known_kinds
 
 

@@ -69,7 +69,7 @@ def test_a_robots_own_file_with_a_map_gives_what_the_recording_gave(
     name: str, written: Callable[[Path, np.ndarray], list[str]], tmp_path: Path
 ):
     maps = written(tmp_path / name, table(ran("calibration", NINE_PRESSES)))
-    report = identify(tmp_path / name, maps, ROBOT, out=tmp_path / "out")
+    report = identify(tmp_path / name, ROBOT, maps, out=tmp_path / "out")
     assert report.text.startswith("monday: k_s eta = 1.0")
     facts = json.loads((tmp_path / "out" / "identify.json").read_text())["quantities"]
     of_run = identification("calibration", NINE_PRESSES)

@@ -112,7 +112,7 @@ def test_runs_that_cannot_be_scored_in_full_do_not_pass(root: Path, position: Re
     )
     (tmp_path / "mine").mkdir()
     recorded = execute(mine, tmp_path / "mine").recording
-    answer = score_fig4([recorded, position.path], tmp_path / "out", silent)
+    answer = score_fig4([recorded, position.path], tmp_path / "out")
     assert answer.exit_code == 1 and answer.text.startswith("Not scored: 14 claims")
 
 

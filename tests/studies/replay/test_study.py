@@ -21,7 +21,7 @@ def lines(report: Answer) -> list[str]:
 
 def test_a_healthy_robots_report_says_so_first_and_where_the_files_are_last(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4), angles=True)
-    report = replay(log, [*ANGLES, FORCE], ROBOT, plant=True, out=tmp_path / "out")
+    report = replay(log, ROBOT, [*ANGLES, FORCE], plant=True, out=tmp_path / "out")
     assert report.exit_code == 0
     assert lines(report)[0] == "monday: robot and twin match, 0 to 20 s"
     assert sorted(path.name for path in (tmp_path / "out").iterdir()) == ["replay.json", "replay.png", "run.mcap"]
@@ -34,7 +34,7 @@ def test_a_healthy_robots_report_says_so_first_and_where_the_files_are_last(tmp_
 
 def test_a_robot_that_drifts_is_told_with_time_size_and_side(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4, softened((1, 2, 3), 10.0)))
-    report = replay(log, (), ROBOT, out=tmp_path / "out")
+    report = replay(log, ROBOT, out=tmp_path / "out")
     assert report.exit_code == 1
     assert lines(report)[0] == "monday: robot and twin part since 10.000 s"
     assert "N above the measured force" in lines(report)[1]
@@ -45,7 +45,7 @@ def test_a_robot_that_drifts_is_told_with_time_size_and_side(tmp_path: Path):
 
 def test_with_nothing_independent_to_compare_the_report_claims_nothing(tmp_path: Path):
     log = write_log(tmp_path / "monday.csv", ran(FIG4), angles=True)
-    report = replay(log, ANGLES, ROBOT, out=tmp_path / "out")
+    report = replay(log, ROBOT, ANGLES, out=tmp_path / "out")
     assert report.exit_code == 0
     assert lines(report)[0] == "monday: cannot tell whether robot and twin match"
     assert report.facts["verdict"] == "cannot tell"

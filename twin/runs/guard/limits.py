@@ -1,6 +1,7 @@
 """How long and how large a guarded job may become."""
 
 import math
+import os
 from dataclasses import dataclass
 
 LONG = 3600.0
@@ -29,6 +30,11 @@ class Limits:
     wall: float = math.inf
     memory: float = 4e9
     expected: float = math.inf
+
+
+def cores() -> int:
+    """Processors this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 def duration_text(seconds: float) -> str:

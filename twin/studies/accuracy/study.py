@@ -1,40 +1,42 @@
-"""An accuracy budget, from an experiment's file to facts."""
+"""`twin accuracy`: where the error of the force comes from, in newtons."""
 
-from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from twin.runs.assembly.load import load_experiment
-from twin.studies.accuracy.budget import Budget, accuracy_budget
-from twin.studies.accuracy.effects import NOT_MODELLED
-from twin.studies.accuracy.text import accuracy_text
 from twin.studies.answer import Answer
+from twin.studies.command import Argument, DriveName, Option, Settings, study
+from twin.studies.first_look import load_experiments
 from twin.studies.steps import Say
-from twin.writing import made_folder, write_json
 
 HOME = Path("results") / "accuracy"
 FACTS = "accuracy.json"
 
 
-def budget(
-    experiment: Path,
-    settings: Sequence[str],
-    drive: str | None,
-    out: Path | None,
+@study(isolated=True, before=[load_experiments])
+def accuracy(
+    experiment: Annotated[Path, Argument("Experiment that presses (TOML).", "EXPERIMENT", complete="experiment")],
     say: Say,
+    drive: DriveName = None,
+    settings: Settings = (),
+    out: Annotated[Path | None, Option("Where accuracy.json goes: results/accuracy/EXPERIMENT.", "DIR")] = None,
 ) -> Answer:
-    """The budget of the force error of an experiment, and its facts in `out`, or results/accuracy/EXPERIMENT.
+    """Budget of the force error: encoders, backlash, statics, coupling, parameters.
 
-    Args:
-        experiment: its file or name.
-        settings: see `load_experiment`.
-        drive: see `load_experiment`.
-        out: folder; None: results/accuracy/EXPERIMENT.
-        say: told what is being run.
+    Runs the experiment without any imperfection and with each of them alone, and
+    says in newtons what each adds to the error of the estimated force.
+    Exit code: 0 done, 2 input refused, 3 a drive failed.
+
+    Example: twin accuracy experiments/fig4_force_position.toml
 
     Raises:
         InputRefused: the experiment, a drive or the folder cannot be used.
         ComponentFailed: a component failed.
     """
+    from twin.runs.assembly.load import load_experiment
+    from twin.studies.accuracy.budget import accuracy_budget
+    from twin.studies.accuracy.text import accuracy_facts, accuracy_text
+    from twin.writing import made_folder, write_json
+
     loaded = load_experiment(experiment, settings, drive)
     folder = made_folder(out or HOME / loaded.name)
     found = accuracy_budget(loaded, say)
@@ -42,24 +44,3 @@ def budget(
     file = str(folder / FACTS)
     write_json(folder / FACTS, facts)
     return Answer(accuracy_text(found, file), facts | {"facts": file})
-
-
-def accuracy_facts(budget: Budget) -> dict[str, object]:
-    """Everything that a budget says, N and s: what `accuracy.json` holds."""
-    return {
-        "experiment": budget.name,
-        "start_s": budget.start,
-        "end_s": budget.end,
-        "force_N": budget.force,
-        "contributions": [
-            {
-                "label": one.label, "group": one.group, "bias_N": one.bias, "std_N": one.std, "rms_N": one.rms,
-                "meaning": one.meaning,
-            }
-            for one in (*budget.contributions, budget.as_is)
-        ],
-        "not_modelled": [{"label": what, "at_most_N": most, "meaning": why} for what, most, why in NOT_MODELLED],
-        "bias_N": budget.bias,
-        "together_N": budget.together,
-        "parameters_N": budget.parameters,
-    }  # fmt: skip

@@ -58,3 +58,24 @@ def _line(one: Contribution) -> str:
     # a zero has no sign
     bias = round(one.bias, 4) + 0.0
     return f"  {one.label:<{NAME}}{bias:>+9.4f}{one.std:>9.4f}{one.rms:>9.4f}"
+
+
+def accuracy_facts(budget: Budget) -> dict[str, object]:
+    """Everything that a budget says, N and s: what `accuracy.json` holds."""
+    return {
+        "experiment": budget.name,
+        "start_s": budget.start,
+        "end_s": budget.end,
+        "force_N": budget.force,
+        "contributions": [
+            {
+                "label": one.label, "group": one.group, "bias_N": one.bias, "std_N": one.std, "rms_N": one.rms,
+                "meaning": one.meaning,
+            }
+            for one in (*budget.contributions, budget.as_is)
+        ],
+        "not_modelled": [{"label": what, "at_most_N": most, "meaning": why} for what, most, why in NOT_MODELLED],
+        "bias_N": budget.bias,
+        "together_N": budget.together,
+        "parameters_N": budget.parameters,
+    }  # fmt: skip

@@ -10,7 +10,7 @@ from twin.studies.analyse.stability import PointStability, Stability
 from twin.studies.analyse.text import point_name
 from twin.studies.figure import BLUE, GREEN, ORANGE, picture
 
-COLORS = {"laws": BLUE, "motors": ORANGE, "both": GREEN}
+DISK_COLORS = {"laws": BLUE, "motors": ORANGE, "both": GREEN}
 WIDEST = 24.0
 """dB that are drawn."""
 
@@ -22,8 +22,8 @@ def draw_disks(done: Stability, path: Path) -> None:
         for axes, point in zip(figure.subplots(1, len(shown), squeeze=False)[0], shown, strict=True):
             for where, disk in point.disks.items():
                 gain, phase = outline(disk)
-                axes.fill(gain, phase, color=COLORS[where], alpha=0.15, lw=0)
-                axes.plot(gain, phase, color=COLORS[where], lw=1.3, label=f"{where}: {disk.alpha:.2f}")
+                axes.fill(gain, phase, color=DISK_COLORS[where], alpha=0.15, lw=0)
+                axes.plot(gain, phase, color=DISK_COLORS[where], lw=1.3, label=f"{where}: {disk.alpha:.2f}")
             axes.set(xlim=(-WIDEST, WIDEST), ylim=(-100.0, 135.0), title=point_name(point.linear.point))
             axes.set(xlabel="gain of each loop, times (dB)", ylabel="phase of each loop, more by (degrees)")
             axes.legend(loc="upper center", ncols=3, title="inside, each as it likes", fontsize=9)

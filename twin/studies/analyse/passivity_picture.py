@@ -13,8 +13,8 @@ from twin.studies.analyse.text import point_name
 from twin.studies.analyse.z_width import Width
 from twin.studies.figure import BLUE, GREEN, GREY, INK, LIGHT_IS_GOOD, ORANGE, picture
 
-COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))
-LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
+PASSIVITY_COLORS = dict(zip(AXES, (BLUE, ORANGE, GREEN), strict=True))
+PASSIVITY_LEVELS = (-1.0, -0.3, -0.1, 0.0, 1.0)
 
 
 def draw_passivity(done: Passivity, path: Path) -> None:
@@ -29,10 +29,10 @@ def draw_passivity(done: Passivity, path: Path) -> None:
             omega = 2.0 * np.pi * point.frequency
             for i, axis in enumerate(AXES):
                 Y = point.admittance[:, i, i]
-                upper.loglog(point.frequency, omega / np.abs(Y), color=COLORS[axis], lw=1.3, label=axis)
+                upper.loglog(point.frequency, omega / np.abs(Y), color=PASSIVITY_COLORS[axis], lw=1.3, label=axis)
                 share = power_share(Y[:, None, None])
-                lower.semilogx(point.frequency, share, color=COLORS[axis], lw=1.3, label=axis)
-                upper.axhline(point.springs[i], color=COLORS[axis], lw=0.8, ls=":")
+                lower.semilogx(point.frequency, share, color=PASSIVITY_COLORS[axis], lw=1.3, label=axis)
+                upper.axhline(point.springs[i], color=PASSIVITY_COLORS[axis], lw=0.8, ls=":")
             lower.semilogx(point.frequency, power_share(point.admittance), color=INK, lw=1.0, ls="--", label="all")
             upper.set(title=point_name(point.point), ylabel="N per m; dotted: the springs", ylim=(30.0, 1e6))
             lower.axhline(0.0, color=GREY, lw=0.8)
@@ -45,7 +45,7 @@ def draw_passivity(done: Passivity, path: Path) -> None:
 
 def _draw_width(axes: Axes, width: Width) -> None:
     axes.set_facecolor(UNSTABLE)
-    shades, norm = ListedColormap([SHADES[0], SHADES[1], SHADES[2], SHADES[4]]), BoundaryNorm(LEVELS, 4)
+    shades, norm = ListedColormap([SHADES[0], SHADES[1], SHADES[2], SHADES[4]]), BoundaryNorm(PASSIVITY_LEVELS, 4)
     drawn = axes.pcolormesh(width.stiffness, width.damping, width.least, cmap=shades, norm=norm, shading="nearest")
     axes.axvline(width.spring, color=INK, lw=1.2, ls=":")
     axes.annotate("springs", (width.spring, width.damping[0]), (3, 4), textcoords="offset points", fontsize=9)
@@ -55,4 +55,4 @@ def _draw_width(axes: Axes, width: Width) -> None:
     axes.set(xlabel="virtual stiffness (N/m)", ylabel="virtual damping (N s/m)")
     assert axes.figure is not None
     label = f"least share of power; from 0 on passive {LIGHT_IS_GOOD}"
-    axes.figure.colorbar(drawn, ax=axes, label=label, location="bottom", ticks=LEVELS[1:4])
+    axes.figure.colorbar(drawn, ax=axes, label=label, location="bottom", ticks=PASSIVITY_LEVELS[1:4])

@@ -1,49 +1,69 @@
-"""An analysis, from an experiment's file to files: pictures, facts."""
+"""`twin analyse`: the loops of an experiment, linear; or what a hand feels of its robot."""
 
-from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
 
-from twin.runs.assembly.load import load_experiment
-from twin.studies.analyse.disk_picture import draw_disks
-from twin.studies.analyse.map import draw_stability_maps
-from twin.studies.analyse.picture import draw_analysis
-from twin.studies.analyse.stability import stability
-from twin.studies.analyse.text import analysis_text
 from twin.studies.answer import Answer
+from twin.studies.command import BodyName, DriveName, ExperimentName, Option, Settings, study
+from twin.studies.first_look import load_experiments
 from twin.studies.steps import Say
-from twin.writing import made_folder, write_json
+
+if TYPE_CHECKING:
+    from twin.experiment.experiment import Experiment
 
 HOME = Path("results") / "analysis"
 FACTS, PICTURE, DISKS, MAP = "analysis.json", "analysis.png", "disks.png", "map.png"
+PASSIVITY_FACTS, PASSIVITY_PICTURE = "passivity.json", "passivity.png"
 
 
+@study(draws=True, isolated=True, before=[load_experiments])
 def analyse(
-    experiment: Path,
-    drive: str | None,
-    body: str | None,
-    settings: Sequence[str],
-    tried: bool,
-    out: Path | None,
+    experiment: ExperimentName,
     say: Say,
+    drive: DriveName = None,
+    body: BodyName = None,
+    settings: Settings = (),
+    out: Annotated[Path | None, Option("Where pictures and JSON go: results/analysis/EXPERIMENT.", "DIR")] = None,
+    tried: Annotated[
+        bool,
+        Option(
+            "Try the gain limits in the co-simulation; look there for those that do not hold.", flags="--try/--no-try"
+        ),
+    ] = True,
+    passivity: Annotated[
+        bool, Option("Instead: what a hand feels of the robot, where it is passive, and the stiffness that it renders.")
+    ] = False,
 ) -> Answer:
-    """How stable the loops of an experiment are, and files in `out`, or results/analysis/EXPERIMENT.
+    """Tell how stable the loops are: margins, gain limits, damping, pictures.
 
-    Exit code 1: they are unstable at an operating point.
+    Drives are identified through their FMUs; the rest is linearised at rest,
+    in free air and pressing, and sampled as the co-simulation samples it.
+    The gain limits are then tried in the co-simulation, which decides.
+    Exit code: 0 stable at every operating point, 1 unstable at one, 2 input
+    refused or no linear model, 3 a drive failed, crashed or hung.
 
-    Args:
-        experiment: its file or name.
-        drive: see `load_experiment`.
-        body: see `load_experiment`.
-        settings: see `load_experiment`.
-        tried: whether gain limits are tried in the co-simulation.
-        out: folder; None: results/analysis/EXPERIMENT.
-        say: told what is being done.
+    Example: twin analyse experiments/fig4_force_position.toml
 
     Raises:
-        InputRefused, ComponentFailed: see `stability`; or the folder cannot be used.
+        InputRefused, ComponentFailed: see `stability` and `passivity`; or the folder cannot be used.
     """
+    from twin.runs.assembly.load import load_experiment
+    from twin.writing import made_folder
+
     folder = made_folder(out or HOME / experiment.stem)
-    done = stability(load_experiment(experiment, settings, drive, body), tried, say)
+    loaded = load_experiment(experiment, settings, drive, body)
+    return (_passivity if passivity else _stability)(loaded, tried, folder, say)
+
+
+def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Answer:
+    from twin.studies.analyse.disk_picture import draw_disks
+    from twin.studies.analyse.map import draw_stability_maps
+    from twin.studies.analyse.picture import draw_analysis
+    from twin.studies.analyse.stability import stability
+    from twin.studies.analyse.text import analysis_text
+    from twin.writing import write_json
+
+    done = stability(experiment, tried, say)
     draw_analysis(done, folder / PICTURE)
     pictures = [PICTURE]
     if any(point.disks for point in done.points):
@@ -57,3 +77,18 @@ def analyse(
     write_json(folder / FACTS, facts)
     text = "\n".join([analysis_text(done), "", *(f"  {file}" for file in files)])
     return Answer(text, facts, 0 if done.stable else 1)
+
+
+def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Answer:
+    from twin.studies.analyse.passivity import passivity
+    from twin.studies.analyse.passivity_picture import draw_passivity
+    from twin.studies.analyse.passivity_text import passivity_text
+    from twin.writing import write_json
+
+    done = passivity(experiment, tried, say)
+    draw_passivity(done, folder / PASSIVITY_PICTURE)
+    files = [str(folder / name) for name in (PASSIVITY_PICTURE, PASSIVITY_FACTS)]
+    facts = done.facts() | {"files": files}
+    write_json(folder / PASSIVITY_FACTS, facts)
+    text = "\n".join([passivity_text(done), "", *(f"  {file}" for file in files)])
+    return Answer(text, facts, 0 if all(point.stable for point in done.points) else 1)

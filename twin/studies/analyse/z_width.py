@@ -14,13 +14,13 @@ from twin.studies.analyse.linear.sampled_law import LOOPS, linear_law
 from twin.studies.analyse.linear_point import Linearised
 from twin.studies.analyse.operating_point import OperatingPoint
 
-FREQUENCIES = 70
+WIDTH_FREQUENCIES = 70
 """So many are looked at of a cell of the map."""
 RENDERED = np.geomspace(50.0, 8000.0, 28)
 """Virtual stiffness (N/m)."""
 DAMPED = np.geomspace(10.0, 3000.0, 22)
 """Virtual damping (N s/m)."""
-HALVINGS = 18
+WIDTH_HALVINGS = 18
 """Of the interval in which the largest stiffness is looked for."""
 
 
@@ -67,7 +67,7 @@ def z_width(shared: Linearised, point: OperatingPoint) -> Width:
     free = FreePlant(linear_plant(point.parameters, point.x, point.theta_m))
     robot = robot_with(free, NOTHING, shared.drives, shared.stepping)
     settings, estimation = shared.settings(True), shared.estimation(point)
-    omega = 2.0 * np.pi * hertz(shared.stepping.period * shared.stepping.tick, FREQUENCIES)
+    omega = 2.0 * np.pi * hertz(shared.stepping.period * shared.stepping.tick, WIDTH_FREQUENCIES)
 
     def rendering(stiffness: float, damping: float) -> Hand:
         position = Gains(stiffness / damping, 0.0, 0.0, settings.position.derivative_corner)
@@ -100,7 +100,7 @@ def largest_passive(least: Callable[[float], float], row: Matrix) -> float:
     if feeding[0] == 0:
         return 0.0
     low, high = RENDERED[feeding[0] - 1], RENDERED[feeding[0]]
-    for _ in range(HALVINGS):
+    for _ in range(WIDTH_HALVINGS):
         middle = np.sqrt(low * high)
         low, high = (middle, high) if least(middle) >= -NEUTRAL else (low, middle)
     return float(low)

@@ -16,8 +16,8 @@ from twin.studies.build.layout import laid_out
 from twin.studies.build.linking import c_files, guid_of, refuse_platform, static_library
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.part_fmu import HOME
 from twin.studies.build.platforms import HERE, PLATFORMS, Platform, platforms_named
-from twin.studies.build.study import HOME
 from twin.studies.build.tables import sizes, tables
 from twin.writing import made_folder, write_bytes
 

@@ -1,154 +1,78 @@
-"""A part of an experiment's robot, from what names it to an FMU that needs nothing of the twin."""
+"""`twin build`: parts of the robot for other people's masters."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from enum import StrEnum
 from pathlib import Path
+from typing import Annotated
 
-from twin.runs.assembly.load import load_experiment
+from twin.errors import InputRefused
 from twin.studies.answer import Answer
-from twin.studies.build.fixed import fixed
-from twin.studies.build.fmu import packed
-from twin.studies.build.layout import Layout, laid_out
-from twin.studies.build.linking import refuse_platform
-from twin.studies.build.parameters import Parameter, parameters
-from twin.studies.build.part import RobotPart, part_of
-from twin.studies.build.platforms import Platform, platforms_named
-from twin.writing import made_folder, refuse_unwritable, write_bytes
-
-HOME = Path("results/build")
+from twin.studies.command import Argument, Asked, DriveName, Option, Settings, study
+from twin.studies.first_look import load_experiments
+from twin.studies.steps import Say
 
 
-def build_fmu(
-    experiment: Path,
-    part: str,
-    fmi: str,
-    platforms: Sequence[str],
-    out: Path | None,
-    settings: Sequence[str],
-    say: Callable[[str], None],
+class Fmi(StrEnum):
+    """Versions of FMI that are written."""
+
+    TWO = "2"
+    THREE = "3"
+
+
+def _check_options(asked: Asked) -> None:
+    if asked["c"] + asked["ssp"] + (asked["fmu"] is not None) != 1:
+        raise InputRefused("twin build: expected one of --fmu PART, --c and --ssp: what shall be built")
+    if asked["drive"] is not None and not asked["ssp"]:
+        raise InputRefused("twin build: --drive is of a whole robot; leave it out, or say --ssp")
+    if asked["c"] and asked["fmi"] is not None:
+        raise InputRefused("twin build --c: --fmi is of an FMU; leave it out")
+
+
+@study(isolated=True, before=[_check_options, load_experiments])
+def build(
+    experiment: Annotated[Path, Argument("File or name.", "EXPERIMENT", complete="experiment")],
+    say: Say,
+    fmu: Annotated[str | None, Option("An FMU of plant, computer, or a component: encoder ..", "PART")] = None,
+    c: Annotated[bool, Option("C for the robot's own computer: counts in, speeds out.")] = False,
+    ssp: Annotated[bool, Option("The whole robot, drives too, as a system of FMUs.")] = False,
+    fmi: Annotated[Fmi | None, Option("Version of FMI; without it 2.")] = None,
+    platforms: Annotated[
+        Sequence[str], Option("Also for aarch64-linux, x86_64-windows .. or all; repeat it.", "NAME", "--platform")
+    ] = (),
+    out: Annotated[
+        Path | None, Option("Without it, results/build/EXPERIMENT/PART.fmu, c, or EXPERIMENT.ssp.", "PATH")
+    ] = None,
+    drive: DriveName = None,
+    settings: Settings = (),
 ) -> Answer:
-    """Write a part of the robot as a co-simulation FMU with native code.
+    """Build a part of the robot for other programs: native code without Python.
 
-    Args:
-        experiment: file or name.
-        part: "plant", "computer", or a component by its name.
-        fmi: "2.0" or "3.0".
-        platforms: for which beside x86-64 Linux, as FMI 3.0 calls them.
-        out: the file; None: results/build/EXPERIMENT/PART.fmu.
-        settings: laid over the experiment.
-        say: told what is being done.
+    --fmu plant: a co-simulation FMU of springs, mechanism, contact, body, scale.
+    --fmu computer: one of encoders, estimator, controller, delay, monitor.
+    --c: the same from the encoders' counts on, as C with static libraries.
+    --ssp: plant, computer and the drives as they came, joined: an SSP archive.
+
+    For x86-64 Linux, and whatever --platform adds. Its numbers stay open as
+    parameters, called as in the file.
+
+    Exit code: 0 written, 2 refused, 3 it could not be written.
+
+    Example: twin build fig4_force_position --fmu plant --fmi 3
 
     Raises:
         InputRefused: the experiment or the part cannot be used, or there is no compiler.
         NotWritten: the disk refuses.
     """
-    targets = platforms_named(platforms, fmi)
-    loaded = load_experiment(experiment, settings)
-    file = out or HOME / loaded.name / f"{part}.fmu"
-    if out is not None:
-        refuse_unwritable(file)
-    found = part_of(loaded, part)
-    refuse_platform(file, targets)
-    offered = parameters(found)
-    layout, closed = laid_out(found, offered), fixed(found, offered)
-    text = readme(found, layout, closed, targets)
-    content = packed(found, layout, fmi, targets, about(found), text, file, say)
-    if out is None:
-        made_folder(file.parent)
-    write_bytes(file, content)
-    return Answer(_text(found, file, fmi, targets, len(content), layout, offered, closed), {
-        "file": str(file),
-        "part": found.name,
-        "components": [component.name for component in found.components],
-        "fmi": fmi,
-        "platforms": [target.name for target in targets],
-        "bytes": len(content),
-        "parameters": [parameter.key for parameter in offered],
-        "fixed": closed,
-        "inputs": _names(layout, "input"),
-        "outputs": _names(layout, "output"),
-    })  # fmt: skip
+    version = f"{fmi or Fmi.TWO}.0"
+    if c:
+        from twin.studies.build.library import build_c
 
+        return build_c(experiment, platforms, out, settings, say)
+    if ssp:
+        from twin.studies.build.system import build_ssp
 
-def about(part: RobotPart) -> str:
-    """What the part is, and what its steps mean, in some sentences."""
-    experiment = part.experiment
-    names = ", ".join(component.name for component in part.components)
-    sampled = [component.name for component in part.components if component.sampled]
-    sentences = [
-        f"{part.name} of {experiment.title}: {names}. Steps are multiples of {1e3 * experiment.cosim.tick:g} ms, "
-        "inputs are held over a step."
-    ]
-    if sampled:
-        them = ", ".join(sampled)
-        sentences.append(
-            f"Sampled at the start of a step and published at its end: {them}. In a master in which all exchange "
-            "their values between steps (Jacobi) that is a delay of one step; in one that steps it before those it "
-            "feeds, and hands its values on at once (Gauss-Seidel), there is none."
-        )
-    for number, fault in enumerate(experiment.faults, start=1):
-        if part.component(f"fault_{number}"):
-            sentences.append(f"fault_{number}: {fault.kind} of {fault.target}.")
-    if part.component("controller") and experiment.controller.bus_delay_ticks:
-        sentences.append(
-            f"The delay of the bus, controller.bus_delay_ticks = {experiment.controller.bus_delay_ticks}, is not in "
-            "it: of these ticks a Jacobi master makes one."
-        )
-    return " ".join(sentences)
+        return build_ssp(experiment, version, platforms, out, drive, settings, say)
+    from twin.studies.build.part_fmu import build_fmu
 
-
-def _named(platforms: Sequence[Platform]) -> str:
-    return ", ".join(platform.name for platform in platforms)
-
-
-def _names(layout: Layout, kind: str) -> list[str]:
-    return [variable.name for variable in layout.variables if variable.kind == kind]
-
-
-def readme(part: RobotPart, layout: Layout, closed: Sequence[str], platforms: Sequence[Platform]) -> str:
-    rows = [
-        f"| `{v.name}` | {v.kind} | {v.text} | {', '.join(f'{x:g}' for x in v.start) if v.kind != 'output' else ''} | "
-        f"{v.meaning} |"
-        for v in layout.variables
-    ]
-    return "\n".join(
-        [
-            f"# {part.name}",
-            "",
-            about(part),
-            "",
-            f"Native code for {_named(platforms)}; it needs the C library with its mathematics and nothing else.",
-            "",
-            "| variable | | unit | start | |",
-            "|---|---|---|---|---|",
-            *rows,
-            "",
-            "Fixed, because something was worked out of it when this was built: " + ", ".join(closed) + ".",
-            "",
-        ]
-    )
-
-
-def _text(
-    part: RobotPart,
-    file: Path,
-    fmi: str,
-    platforms: Sequence[Platform],
-    size: int,
-    layout: Layout,
-    offered: Sequence[Parameter],
-    closed: Sequence[str],
-) -> str:
-    inputs, outputs = _names(layout, "input"), _names(layout, "output")
-    return "\n".join(
-        [
-            f"{part.name} of {part.experiment.name}, FMI {fmi} co-simulation, {size / 1000:.0f} KB",
-            f"  runs on  {_named(platforms)}",
-            f"  holds    {', '.join(component.name for component in part.components)}",
-            f"  step     multiples of {1e3 * part.experiment.cosim.tick:g} ms",
-            f"  inputs   {', '.join(inputs) or 'none'}",
-            f"  outputs  {len(outputs)}: {', '.join(outputs[:4])}{' ..' if len(outputs) > 4 else ''}",
-            f"  open     {len(offered)} parameters, as the experiment's file calls them",
-            f"  fixed    {', '.join(closed)}",
-            f"  written  {file}",
-        ]
-    )
+    assert fmu is not None
+    return build_fmu(experiment, fmu, version, platforms, out, settings, say)

@@ -26,9 +26,9 @@ from twin.studies.build.linking import refuse_platform
 from twin.studies.build.ours import own_connectors, own_values
 from twin.studies.build.parameters import parameters
 from twin.studies.build.part import RobotPart, part_of
+from twin.studies.build.part_fmu import HOME, about, readme
 from twin.studies.build.platforms import Platform, platforms_named
 from twin.studies.build.structure import Member, structure
-from twin.studies.build.study import HOME, about, readme
 from twin.studies.build.system_readme import system_readme
 from twin.studies.build.theirs import foreign_connectors, foreign_values
 from twin.writing import json_text, made_folder, refuse_unwritable, write_bytes

@@ -1,45 +1,78 @@
-"""Checks, from experiments' files to a verdict, pictures and, if asked for, new baselines."""
+"""`twin check`: experiments against their baselines."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from twin.errors import plain
+from twin.errors import InputRefused, plain
 from twin.studies.answer import Answer
-from twin.studies.check.baseline import baseline_file, write_baseline
-from twin.studies.check.job import pairs
-from twin.studies.check.picture import check_pictures
-from twin.studies.check.processes import outcomes
-from twin.studies.check.text import check_text
+from twin.studies.command import JOB_ISOLATION, Argument, Isolate, JobIsolation, Option, study
+from twin.studies.first_look import find_experiments
 from twin.studies.steps import Say
 
+PICTURES = Path("results/check")
 
-def check_all(
-    experiments: Sequence[Path],
-    drives: Sequence[str],
-    reason: str,
-    baselines: Path | None,
-    out: Path,
-    processes: int,
+
+@study(before=[find_experiments])
+def check(
     say: Say,
+    experiments: Annotated[
+        Sequence[Path],
+        Argument(
+            "Experiments that say what to measure, files or names; none: all that have baselines.",
+            "EXPERIMENT",
+            complete="experiment",
+        ),
+    ] = (),
+    drives: Annotated[
+        Sequence[str],
+        Option(
+            "Drive of fmus/ or .fmu file; own: the experiment's; all: those of fmus/. May be repeated. Without "
+            "it, those with a baseline.",
+            "FMU",
+            "--drive",
+            complete="drive",
+        ),
+    ] = (),
+    update: Annotated[bool, Option("Accept what is now as the baseline.")] = False,
+    reason: Annotated[str, Option("Why; kept in the baseline.", "TEXT")] = "",
+    baselines: Annotated[
+        Path | None,
+        Option(
+            "Where baselines are: tests/baselines here, else those that come with twin; in a clone of twin, "
+            "baselines/ beside an experiment of your own.",
+            "DIR",
+        ),
+    ] = None,
+    out: Annotated[Path, Option("Where pictures of curves outside their tubes go.", "DIR")] = PICTURES,
+    jobs: Annotated[int, Option("Processes that run experiments.", "N", "--jobs -j", least=1)] = 2,
+    isolate: Isolate = JOB_ISOLATION,
 ) -> Answer:
-    """Whether experiments come to what they came to before; with a reason, what they come to now is accepted.
+    """Check experiments against what they came to before, drive by drive.
 
-    Exit code 1: something deviates, and nobody accepts it; that of the first check that could not be done.
+    Numbers have bounds and curves have tubes, stored in tests/baselines as
+    docs/regression.md tells. --update shows the difference, then accepts it.
+    Of curves outside their tubes there are pictures.
 
-    Args:
-        experiments: see `pairs`.
-        drives: see `pairs`.
-        reason: of an update; "": nobody asked for one.
-        baselines: folder; None: see `baselines_of`.
-        out: folder for pictures of curves outside their tubes.
-        processes: see `outcomes`.
-        say: told how many are done.
+    Exit code: 0 all as it was, or updated; 1 something deviates; 2 input
+    refused, or no baseline; 3 a drive failed; 4 the safety monitor tripped.
+
+    Example: twin check experiments/step_z_air.toml --drive velocity_servo
 
     Raises:
-        InputRefused: see `pairs`.
+        InputRefused: see `pairs`; or an update has no reason.
         NotWritten: the disk refuses.
     """
-    done = outcomes(pairs(experiments, drives, baselines, bool(reason)), reason, processes, say)
+    from twin.studies.check.baseline import baseline_file, write_baseline
+    from twin.studies.check.job import pairs
+    from twin.studies.check.picture import check_pictures
+    from twin.studies.check.processes import outcomes
+    from twin.studies.check.text import check_text
+
+    if update != bool(reason.strip()):
+        raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')
+    processes = jobs if isolate == JobIsolation.RUN else 0
+    done = outcomes(pairs(experiments, drives, baselines, update), reason, processes, say)
     verdicts = [outcome.verdict for outcome in done if outcome.verdict]
     failures = [outcome for outcome in done if outcome.failure]
     told = [{"experiment": Path(o.pair.file).stem, "drive": o.pair.drive, "failure": o.failure} for o in failures]
@@ -49,14 +82,14 @@ def check_all(
         write_baseline(
             baseline_file(Path(outcome.pair.folder), Path(outcome.pair.file).stem, outcome.pair.drive), outcome.text
         )
-    if reason and verdicts:
+    if update and verdicts:
         folders = dict.fromkeys(outcome.pair.folder for outcome in done if outcome.verdict)
         places.append(f"  written  {len(moved)} of {len(verdicts)} baselines in {', '.join(folders)}")
     say("drawing and writing", 1.0)
     if any(verdict.outside for verdict in verdicts):
         places += [f"  picture  {picture}" for picture in check_pictures(verdicts, out)]
     text = check_text(verdicts, [plain(outcome.failure) for outcome in failures])
-    deviates = not reason and any(verdict.deviations for verdict in verdicts)
+    deviates = not update and any(verdict.deviations for verdict in verdicts)
     return Answer(
         "\n".join([text, *([""] if places else []), *places]),
         {"verdicts": [verdict.facts() for verdict in verdicts], "failures": told},

@@ -1,55 +1,94 @@
-"""A comparison, from two logs to files: picture, facts."""
+"""`twin compare`: two logs within a tolerance tube, or recordings beside the paper's claims."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
 from twin.errors import InputRefused
 from twin.studies.answer import Answer, judged
-from twin.studies.compare.alignment import alignment
-from twin.studies.compare.comparison import compared
-from twin.studies.compare.experiments import differences_text, experiments_differ
-from twin.studies.compare.inputs import both
-from twin.studies.compare.picture import draw_comparison
-from twin.studies.compare.text import comparison_text
-from twin.studies.compare.tolerance import rules
+from twin.studies.command import Argument, Asked, Option, study
+from twin.studies.first_look import find_logs, print_latest
 from twin.studies.steps import Say
 
 HOME = Path("results") / "compare"
+FIGURES = ("fig4", "fig5")
 
 
+def _print_latest(asked: Asked) -> None:
+    """Say which runs are meant also where none is named."""
+    if asked["paper"] is not None and not asked["runs"]:
+        from twin.studies.paper.study import FIGURE_EXPERIMENTS
+        from twin.studies.paper.study import HOME as RESULTS
+
+        asked = {"runs": [RESULTS / name for name in FIGURE_EXPERIMENTS.get(asked["paper"], ())]}
+    print_latest(asked)
+
+
+@study(draws=True, before=[find_logs, _print_latest])
 def compare(
-    paths: Sequence[Path],
-    signals: Sequence[str],
-    tolerances: Sequence[str],
-    maps: Sequence[str],
-    align: tuple[str, str, float],
-    partial: bool,
-    out: Path | None,
     say: Say,
+    runs: Annotated[
+        Sequence[Path],
+        Argument(
+            "A recording (its folder, its .mcap file, results/EXPERIMENT), another MCAP file or a CSV file. With "
+            "--paper: fig4: the run with force control, then the one without, then the same two of the imperfect robot "
+            "for the forces in x; fig5: any runs of tasks; none: the latest of the figure's experiments in results/.",
+            "A B",
+        ),
+    ] = (),
+    paper: Annotated[str | None, Option("Score runs against the paper: fig4 or fig5.", "FIGURE")] = None,
+    signals: Annotated[Sequence[str], Option("Compare only these; * and ? fit any.", "NAME", "--signal")] = (),
+    tolerances: Annotated[
+        Sequence[str], Option("2%@4ms (the default), NAME=0.05N, NAME=0.1mm@10ms, FILE.toml.", "RULE", "--tol")
+    ] = (),
+    maps: Annotated[
+        Sequence[str], Option("Column of a foreign file: NAME=[-]COLUMN[UNIT], FILE.toml.", "MAP", "--map")
+    ] = (),
+    align: Annotated[str, Option("Time of B: none, start, event or fit.", "HOW")] = "none",
+    by: Annotated[str, Option("Signal to align by, for event and fit.", "NAME")] = "",
+    max_shift: Annotated[float, Option("Largest shift of fit, in s.", "S")] = 1.0,
+    partial: Annotated[bool, Option("Let B cover only a part of A's time; what it covers is compared.")] = False,
+    out: Annotated[Path | None, Option("Where picture and JSON go; results/compare, or results/FIGURE.", "DIR")] = None,
 ) -> Answer:
-    """Whether the second of two logs stays within a tube around the first, and files in `out`, or results/compare.
+    """Compare B with A within a tolerance tube, or runs with a figure of the paper.
 
-    Exit code 1: it does not, or it lacks a part of the first one's time.
+    B is right where it is, at some instant no more than the tolerance in time
+    away, no farther from A than the tolerance in value. docs/compare.md
+    tells how, docs/compare_reference.md of columns, units, tolerances, alignment.
 
-    Args:
-        paths: two logs, see `read_log`.
-        signals: see `compared`.
-        tolerances: see `rules`.
-        maps: see `column_map`.
-        align: see `alignment`.
-        partial: the second may cover a part of the time only.
-        out: folder; None: results/compare.
-        say: told what is being done.
+    Exit code: 0 inside, or no claim fails; 1 outside, or B lacks a part of A's
+    time (without --partial), or a claim fails or cannot be scored; 2 refused;
+    3 not written.
+
+    Example: twin compare --paper fig4 results/fig4_force_position results/fig4_position
 
     Raises:
         InputRefused: not two logs, or one of them, the options or the folder cannot be used.
         NotWritten: the disk refuses.
     """
-    if len(paths) != 2:
+    if paper is not None:
+        if paper not in FIGURES:
+            raise InputRefused(f"--paper {paper}: expected one of {', '.join(FIGURES)}")
+        if signals or tolerances or maps or partial or align != "none":
+            raise InputRefused(
+                f"--paper {paper}: takes no --signal, --tol, --map, --align, --partial; claims have bounds"
+            )
+        from twin.studies.paper.study import score_fig4, score_fig5
+
+        return (score_fig4 if paper == "fig4" else score_fig5)(runs, out)
+    if len(runs) != 2:
         raise InputRefused(
-            f"twin compare: got {len(paths)} path{'s' * (len(paths) != 1)}, expected A and B, or --paper FIGURE"
+            f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    found = compared(*both(paths[0], paths[1], maps), rules(tolerances), signals, alignment(*align))
+    from twin.studies.compare.alignment import alignment
+    from twin.studies.compare.comparison import compared
+    from twin.studies.compare.experiments import differences_text, experiments_differ
+    from twin.studies.compare.inputs import both
+    from twin.studies.compare.picture import draw_comparison
+    from twin.studies.compare.text import comparison_text
+    from twin.studies.compare.tolerance import rules
+
+    found = compared(*both(runs[0], runs[1], maps), rules(tolerances), signals, alignment(align, by, max_shift))
     covered = partial or found.least_covered[1] == 1.0
     differ = experiments_differ(found.a, found.b)
     text = "\n".join([comparison_text(found, partial), *differences_text(differ)])

@@ -1,12 +1,14 @@
 """A study of the coupling as text of at most 80 columns: what to use first, then why, then where the files are."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from math import isfinite
 
 from twin.studies.converge.convergence import CouplingSeries, Study, TickPoint
 from twin.studies.converge.order import Order, OrderFinding
 from twin.studies.converge.signals import FORCE, SIGNALS
 from twin.studies.lines import labelled, wrapped
+from twin.writing import finite
 
 NAME = 31
 COLUMN = 9
@@ -160,3 +162,44 @@ def _number(value: float) -> str:
 def _order(order: Order) -> str:
     mark = REMARKS[order.finding][0] if order.finding in REMARKS else ""
     return mark if order.slope is None else f"{mark}{order.slope:.2f}"
+
+
+def convergence_facts(study: Study) -> dict[str, object]:
+    """Everything that a study says in numbers, SI; what does not exist is None."""
+    choice = study.choice
+    return {
+        "experiment": study.name,
+        "duration_s": study.duration,
+        "tick_s": study.tick,
+        "coupling": asdict(study.coupling),
+        "changes": list(study.changes),
+        "reference": study.reference.meaning,
+        "floor": study.reference.floor,
+        "tolerance_N": study.tolerance,
+        "recommended": choice
+        and {"coupling": asdict(choice.coupling), "tick_s": choice.point.tick, "error_N": choice.point.errors["F_z"]},
+        "series": [finite(_series_facts(one)) for one in study.series],
+        "left_out": dict(study.left_out),
+    }
+
+
+def _series_facts(one: CouplingSeries) -> dict[str, object]:
+    return {
+        "coupling": asdict(one.coupling),
+        "points": [
+            {
+                "tick_s": point.tick,
+                "cost_s_per_s": point.cost,
+                "largest_error": point.errors,
+            }
+            for point in one.points
+        ],
+        "order": {name: {"slope": order.slope, "finding": order.finding.value} for name, order in one.orders.items()},
+        "power": [
+            {
+                "mean_W": joint.mean, "peak_W": joint.peak, "created_J": joint.energy,
+                "throughput_J": joint.throughput,
+            }
+            for joint in one.residuals
+        ],
+    }  # fmt: skip

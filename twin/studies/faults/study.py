@@ -1,58 +1,69 @@
-"""The matrix of faults, from an experiment's file to files: rows, picture, facts."""
+"""`twin faults`: the matrix of faults of an experiment."""
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Annotated
 
-from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
-from twin.studies.faults.case import cases, known_kinds
-from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
-from twin.studies.faults.picture import draw_fault_matrix
-from twin.studies.faults.text import fault_matrix_text
+from twin.studies.command import Argument, Asked, BodyName, DriveName, Option, Settings, study
+from twin.studies.first_look import load_experiments
 from twin.studies.steps import Say
-from twin.writing import growing, json_text, made_folder, write_json
 
 HOME = Path("results") / "faults"
 ROWS, MATRIX, PICTURE = "rows.jsonl", "matrix.json", "matrix.png"
 
 
-def break_everything(
-    experiment: Path,
-    kinds: Sequence[str],
-    onsets: Sequence[float],
-    duration: float | None,
-    drive: str | None,
-    body: str | None,
-    settings: Sequence[str],
-    out: Path | None,
+def _rows_until_then(asked: Asked) -> str:
+    rows: Path = (asked["out"] or HOME / asked["experiment"].stem) / ROWS
+    count = rows.read_text().count("\n") if rows.exists() else 0
+    return f"Kept until then: {rows} ({count} rows)." if count else ""
+
+
+@study(draws=True, isolated=True, before=[load_experiments], on_failure=_rows_until_then)
+def faults(
+    experiment: Annotated[
+        Path, Argument("Experiment with a safety monitor (TOML).", "EXPERIMENT", complete="experiment")
+    ],
     say: Say,
+    kinds: Annotated[Sequence[str], Option("Only this kind of fault; may be repeated.", "KIND", "--kind")] = (),
+    onsets: Annotated[
+        Sequence[float],
+        Option("When; may be repeated. Without it once free, once in contact.", "S", "--onset"),
+    ] = (),
+    duration: Annotated[float | None, Option("How long each fault lasts; without it, to the end.", "S")] = None,
+    drive: DriveName = None,
+    body: BodyName = None,
+    settings: Settings = (),
+    out: Annotated[Path | None, Option("Where rows, picture and JSON go: results/faults/EXPERIMENT.", "DIR")] = None,
 ) -> Answer:
-    """What each fault does to an experiment, and files in `out`, or results/faults/EXPERIMENT.
+    """Break everything once: each kind of fault, with the safety monitor and without.
 
-    Each row is written as soon as there is one, so that a drive that crashes costs none of them. Exit code 1: a fault
-    is missed, or the force goes beyond the bound, without having been said to.
+    The catalogue of faults says before the run which ones the monitor sees, and
+    where the force goes beyond the force limit plus 20 % all the same.
+    Exit code: 0 it is so, 1 one is missed or goes beyond without having been
+    said to, 2 input refused, 3 a drive crashed or hung (the rows until then are
+    kept), 4 the monitor tripped without any fault.
 
-    Args:
-        experiment: its file or name.
-        kinds: see `known_kinds`.
-        onsets: see `onsets_of` (s).
-        duration: of each fault (s); None: to the end.
-        drive: see `load_experiment`.
-        body: see `load_experiment`.
-        settings: see `load_experiment`.
-        out: folder; None: results/faults/EXPERIMENT.
-        say: told how many cases are done.
+    Example: twin faults experiments/pressing.toml --kind drive_runaway --onset 6
 
     Raises:
         InputRefused: experiment, kinds, onsets or the folder cannot be used.
         SafetyTrip, ComponentFailed: without any fault, see `healthy_trial`.
         NotWritten: the disk refuses.
     """
+    from twin.runs.assembly.load import load_experiment
+    from twin.studies.faults.case import cases, known_kinds
+    from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
+    from twin.studies.faults.picture import draw_fault_matrix
+    from twin.studies.faults.text import fault_matrix_text
+    from twin.writing import growing, json_text, made_folder, write_json
+
     folder = made_folder(out or HOME / experiment.stem)
     name, picture = experiment.stem, folder / PICTURE
     # absolute: an FMU may change the working directory
     home = folder.absolute()
     say("without any fault", 0.0)
+    # a row is written as soon as there is one, so that a drive that crashes costs none of them
     with growing(home / ROWS) as append:
         chosen = known_kinds(kinds)
         loaded = load_experiment(experiment, settings, drive, body)

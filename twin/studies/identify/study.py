@@ -1,56 +1,60 @@
-"""An identification, from a log to files: picture, model to paste, facts."""
+"""`twin identify`: springs, zeros, backlash and scale from a calibration."""
 
-from collections.abc import Mapping, Sequence
-from datetime import datetime
 from pathlib import Path
+from typing import Annotated
 
-from twin.recording.folder import claim_run_folder, create_run_folder
-from twin.recording.logs.column_map import column_map
-from twin.recording.logs.reader import is_recording, read_log
 from twin.studies.answer import Answer
-from twin.studies.identify.identification import Identification, identified
-from twin.studies.identify.model_file import model_fragment
-from twin.studies.identify.picture import draw_identification
-from twin.studies.identify.text import identification_text
-from twin.studies.identify.truth import truth
-from twin.studies.replay.model import model_for
+from twin.studies.command import Argument, ColumnMaps, Option, Settings, study
+from twin.studies.first_look import find_experiments, find_logs, print_latest
 from twin.studies.steps import Say, silent
-from twin.writing import write_json, write_text
 
 HOME = Path("results") / "identify"
 PICTURE, MODEL, FACTS = "identify.png", "model.toml", "identify.json"
 
 
+@study(draws=True, before=[find_logs, find_experiments, print_latest])
 def identify(
-    log: Path,
-    maps: Sequence[str] = (),
-    experiment: Path | None = None,
-    settings: Sequence[str] = (),
-    height: float | None = None,
-    motor_torque: bool = False,
-    out: Path | None = None,
+    log: Annotated[Path, Argument("A run of twin, or a CSV or MCAP file of a robot.", "LOG")],
+    experiment: Annotated[
+        Path | None, Option("Experiment that describes the robot; without it, that of the run.", "FILE")
+    ] = None,
+    maps: ColumnMaps = (),
+    settings: Settings = (),
+    height: Annotated[float | None, Option("Height of a level scale, if you measured it: for the zeros.", "MM")] = None,
+    motor_torque: Annotated[bool, Option("Take drive/n.tau_motor as measured: parts k_s from eta.")] = False,
+    out: Annotated[Path | None, Option("Where files go; without it, results/identify/NAME/TIME.", "DIR")] = None,
     say: Say = silent,
 ) -> Answer:
-    """What a log of presses on a scale says of its robot, and files: picture, model to paste, facts.
+    """Identify a robot from presses on a scale: k_s eta, zeros, backlash, friction.
 
-    Args:
-        log: a recording, another MCAP file or a CSV file.
-        maps: see `column_map`.
-        experiment: that describes the robot; None: the one the recording carries.
-        settings: laid over it.
-        height: of the scale (m), if measured.
-        motor_torque: whether drive/n.tau_motor is measured.
-        out: folder; None: a new one in results/identify/NAME.
-        say: told what is being done.
+    Each number has its 95 % interval; what the log does not say is named, and the
+    paper's own procedure stands beside it. The log has encoders (as for twin
+    replay) and scale.F_z, pressing positive. docs/identification.md tells more.
+    Exit code: 0 done, 1 k_s eta cannot be had from this log, 2 input refused.
+
+    Example: twin identify results/fig4_force_position
 
     Raises:
         InputRefused: log, map, experiment or folder cannot be used.
         NotIdentifiable: k_s eta cannot be had from the log.
     """
+    from datetime import datetime
+
+    from twin.recording.folder import claim_run_folder, create_run_folder
+    from twin.recording.logs.column_map import column_map
+    from twin.recording.logs.reader import is_recording, read_log
+    from twin.studies.identify.identification import identified
+    from twin.studies.identify.model_file import model_fragment
+    from twin.studies.identify.picture import draw_identification
+    from twin.studies.identify.text import identification_facts, identification_text
+    from twin.studies.identify.truth import truth
+    from twin.studies.replay.model import model_for
+    from twin.writing import write_json, write_text
+
     say("reading", 0.0)
     curves = read_log(log, column_map(maps))
     model, own = model_for(curves.path, experiment, settings), is_recording(curves.path)
-    one = identified(curves, model, height, motor_torque, say)
+    one = identified(curves, model, None if height is None else 1e-3 * height, motor_torque, say)
     # only a run of the twin that is taken for what it was has a truth to be scored by
     true = truth(model) if own and experiment is None else {}
     name = model.name if own else curves.path.stem
@@ -62,26 +66,3 @@ def identify(
     write_json(files["facts"], facts)
     named = {kind: str(path) for kind, path in files.items()}
     return Answer(identification_text(one, name, named, true), facts | named)
-
-
-def identification_facts(one: Identification, log: str, true: Mapping[str, float]) -> dict[str, object]:
-    """Everything in numbers, SI; what was not found is None."""
-    quantities: dict[str, object] = {}
-    for name, quantity in one.quantities.items():
-        found = quantity.found
-        quantities[name] = {
-            "value": found.value if found else None, "half_width_95": found.half_width if found else None,
-            "unit": found.unit if found else None, "believed": quantity.believed, "true": true.get(name),
-        }  # fmt: skip
-    press = one.one_pose
-    return {
-        "log": log,
-        "experiment": one.model.name,
-        "quantities": quantities,
-        "only_together": [list(group) for group in one.alike],
-        "singular_values": one.fit.singular.tolist(),
-        "windows": len(one.fit.seen.t),
-        "clusters": one.fit.clusters,
-        "one_pose": {step.name: step.k_s_eta for step in press.steps} if press else None,
-        "notes": list(one.notes),
-    }

@@ -134,3 +134,26 @@ def _item(text: str) -> list[str]:
 
 
 _labelled = partial(labelled, whole=True)
+
+
+def identification_facts(one: Identification, log: str, true: Mapping[str, float]) -> dict[str, object]:
+    """Everything in numbers, SI; what was not found is None."""
+    quantities: dict[str, object] = {}
+    for name, quantity in one.quantities.items():
+        found = quantity.found
+        quantities[name] = {
+            "value": found.value if found else None, "half_width_95": found.half_width if found else None,
+            "unit": found.unit if found else None, "believed": quantity.believed, "true": true.get(name),
+        }  # fmt: skip
+    press = one.one_pose
+    return {
+        "log": log,
+        "experiment": one.model.name,
+        "quantities": quantities,
+        "only_together": [list(group) for group in one.alike],
+        "singular_values": one.fit.singular.tolist(),
+        "windows": len(one.fit.seen.t),
+        "clusters": one.fit.clusters,
+        "one_pose": {step.name: step.k_s_eta for step in press.steps} if press else None,
+        "notes": list(one.notes),
+    }

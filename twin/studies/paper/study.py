@@ -14,7 +14,6 @@ from twin.studies.paper.fig5_picture import draw_fig5
 from twin.studies.paper.fig5_score import fig5_score
 from twin.studies.paper.score import fig4_score
 from twin.studies.paper.text import fig4_text, fig5_text
-from twin.studies.steps import Say
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 FIG5_EXPERIMENTS = ("pressing", "tapping", "rolling", "pushing")
@@ -22,7 +21,7 @@ FIGURE_EXPERIMENTS = {"fig4": FIG4_EXPERIMENTS, "fig5": FIG5_EXPERIMENTS}
 HOME = Path("results")
 
 
-def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
+def score_fig4(paths: Sequence[Path], out: Path | None) -> Answer:
     """Which claims of Fig. 4 hold in recordings, and files in `out`, or results/fig4.
 
     Exit code 1: a claim fails, or cannot be scored because a run lacks a series.
@@ -30,7 +29,6 @@ def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     Args:
         paths: runs, in the order of `FIG4_EXPERIMENTS`, the first two or all; none: the latest in results/.
         out: folder; None: results/fig4.
-        say: told what is being done.
 
     Raises:
         InputRefused: other runs, or what they hold or the folder cannot be used.
@@ -50,7 +48,7 @@ def score_fig4(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
                   holds=not score.failed and not score.unscored, notes=notes)  # fmt: skip
 
 
-def score_fig5(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
+def score_fig5(paths: Sequence[Path], out: Path | None) -> Answer:
     """Which claims of Fig. 5 hold in recordings, and files in `out`, or results/fig5.
 
     Exit code 1: a claim fails.
@@ -58,7 +56,6 @@ def score_fig5(paths: Sequence[Path], out: Path | None, say: Say) -> Answer:
     Args:
         paths: runs of tasks; none: the latest of `FIG5_EXPERIMENTS` in results/.
         out: folder; None: results/fig5.
-        say: told what is being done.
 
     Raises:
         InputRefused: what the runs hold or the folder cannot be used.

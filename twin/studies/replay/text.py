@@ -1,11 +1,13 @@
 """A replay as text of at most 80 columns: the verdict first, then why, then where the files are."""
 
 from collections.abc import Mapping
+from dataclasses import asdict
 from enum import StrEnum
 from math import degrees, isnan
 
 from twin.studies.lines import labelled, wrapped
 from twin.studies.replay.replay import Indicator, Replay
+from twin.writing import finite
 
 ROWS = {"estimator": "estimate", "twin": "dead zone off", "plant": "plant model"}
 
@@ -108,3 +110,39 @@ def _samples(replay: Replay) -> list[str]:
     for note in log.notes:
         told += labelled("note", note, whole=True)
     return told
+
+
+def next_command(replay: Replay, log: str) -> list[str]:
+    """What finds out which part has changed, or, without a measured force, whether one has; then nothing."""
+    if replay.log.force is not None:
+        return ["twin", "identify", log]
+    return [] if replay.plant else ["twin", "replay", log, "--plant"]
+
+
+def replay_facts(replay: Replay) -> dict[str, object]:
+    """Everything that a replay says in numbers; keys carry units, what does not exist is None."""
+    log = replay.log
+    return {
+        "log": log.path.name,
+        "experiment": replay.model.name,
+        "verdict": verdict(replay).value,
+        "start_s": float(log.t[0]),
+        "end_s": float(log.t[-1]),
+        "samples": len(log.t),
+        "missing": log.missing,
+        "gaps_s": log.gaps.tolist(),
+        "force_N": {name: finite(asdict(one)) for name, one in replay.statistics.items()},
+        "indicators": [_indicator_facts(one) for one in replay.indicators],
+        "notes": list(log.notes),
+    }
+
+
+def _indicator_facts(one: Indicator) -> dict[str, object]:
+    d = one.drift
+    return finite(
+        {
+            "name": one.name, "unit": one.unit, "matches": d.matches, "since_s": d.since, "alarm_s": d.alarm,
+            "size": d.size, "baseline": d.baseline, "sigma": d.sigma, "tolerance": d.tolerance, "slack": d.slack,
+            "threshold": d.threshold, "block_s": d.block,
+        }
+    )  # fmt: skip

@@ -1,69 +1,77 @@
-"""Tuning, from an experiment's file to files: gains to run with, picture, facts."""
+"""`twin tune`: gains for given goals."""
 
+import math
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Annotated
 
-from twin.experiment.named import experiment_file
-from twin.runs.assembly.load import load_experiment
 from twin.studies.answer import Answer
+from twin.studies.command import BodyName, ExperimentName, Option, Settings, study
+from twin.studies.first_look import load_experiments
 from twin.studies.steps import Say
-from twin.studies.tune.fragment import fragment
-from twin.studies.tune.goals import Goals, stiffness_range
-from twin.studies.tune.picture import draw_tuning
-from twin.studies.tune.schedule import RANGE, scheduled
-from twin.studies.tune.schedule_text import schedule_lines, schedule_text
-from twin.studies.tune.text import tuning_text
-from twin.studies.tune.tuned import tuned
-from twin.writing import made_folder, write_json, write_text
 
 HOME = Path("results") / "tuning"
 NO_SCHEDULE = "controller.force.schedule=[]"
 FACTS, PICTURE, GAINS = "tuning.json", "tuning.png", "tuned.toml"
 
 
+@study(draws=True, isolated=True, before=[load_experiments])
 def tune(
-    experiment: Path,
-    goals: dict[str, Any],
-    stiffness: str | None,
-    drives: Sequence[str | None],
-    body: str | None,
-    settings: Sequence[str],
-    out: Path | None,
-    schedule: bool,
+    experiment: ExperimentName,
     say: Say,
+    margin: Annotated[float, Option("Largest |1/(1+L)| of any loop.", "M_S")] = 1.6,
+    overshoot: Annotated[float, Option("Largest overshoot of a step.", "PERCENT", "--overshoot-percent")] = 5.0,
+    bandwidth: Annotated[
+        float | None, Option("Least bandwidth, of force if it is controlled.", "HZ", "--bandwidth-Hz")
+    ] = None,
+    stiffness: Annotated[
+        str | None, Option("Stiffness of what is pressed on.", "LOW:HIGH", "--stiffness-N-per-m")
+    ] = None,
+    schedule: Annotated[bool, Option("Gains over the stiffness besides, 300:5000 if none is given.")] = False,
+    drives: Annotated[Sequence[str], Option("A drive they have to do for; may be repeated.", "FMU", "--drive")] = (),
+    body: BodyName = None,
+    settings: Settings = (),
+    out: Annotated[Path | None, Option("Where gains, picture, JSON go: results/tuning/EXPERIMENT.", "DIR")] = None,
 ) -> Answer:
-    """The gains of the laws of an experiment that meet goals, and files in `out`, or results/tuning/EXPERIMENT.
+    """Find the fastest gains that keep a margin and an overshoot everywhere.
 
-    Exit code 1: they are not met.
+    Searched on the linear model at every place, stiffness and drive, then
+    tried in the co-simulation. The experiment's file is left as it is:
+    tuned.toml extends it. Exit code: 0 goals met and confirmed, 1 they are
+    not (the best found is told), 2 input refused or no linear model, 3 a
+    drive failed, crashed or hung.
 
-    Args:
-        experiment: its file or name.
-        goals: fields of `Goals`.
-        stiffness: see `stiffness_range`.
-        drives: with each of which the gains have to do; None: the experiment's own.
-        body: see `load_experiment`.
-        settings: see `load_experiment`.
-        out: folder; None: results/tuning/EXPERIMENT.
-        schedule: whether gains over the stiffness are wanted besides, which replace those the experiment has.
-        say: told what is being done.
+    Example: twin tune experiments/fig4_force_position.toml
 
     Raises:
         InputRefused, ComponentFailed: see `tuned`; or the folder cannot be used.
     """
+    from twin.experiment.named import experiment_file
+    from twin.runs.assembly.load import load_experiment
+    from twin.studies.tune.fragment import fragment
+    from twin.studies.tune.goals import Goals, stiffness_range
+    from twin.studies.tune.picture import draw_tuning
+    from twin.studies.tune.schedule import RANGE, scheduled
+    from twin.studies.tune.schedule_text import schedule_lines, schedule_text
+    from twin.studies.tune.text import tuning_text
+    from twin.studies.tune.tuned import tuned
+    from twin.writing import made_folder, write_json, write_text
+
+    goals = Goals(margin, overshoot / 100.0, None if bandwidth is None else 2.0 * math.pi * bandwidth)
     folder = made_folder(out or HOME / experiment.stem)
     file = experiment_file(experiment)
-    wanted, span = Goals(**goals), None if stiffness is None else stiffness_range(stiffness)
+    span = None if stiffness is None else stiffness_range(stiffness)
     # of several drives the file's own stays
-    one = [] if len(drives) > 1 else [("--drive", drives[0])]
+    one = [("--drive", drives[0])] if len(drives) == 1 else []
     given = [*one, ("--body", body), *(("--set", setting) for setting in settings)]
     options = [word for option, value in given if value is not None for word in (option, value)]
     if schedule:
         span = span or RANGE
         # one set first, which is then the safe one
         settings = [*settings, NO_SCHEDULE]
-    done = tuned([load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives)], wanted, span, say)
+    models = [load_experiment(file, settings, drive, body) for drive in dict.fromkeys(drives or (None,))]
+    done = tuned(models, goals, span, say)
     if schedule:
         say("designing the schedule")
     over = scheduled(done) if schedule else None

@@ -1,0 +1,89 @@
+"""Early checks of what a command line names, before a study is loaded, which takes a second or two.
+
+Whatever is refused here the study would refuse, too, in the same sentence. Each function takes the values of a study's
+arguments by name: `experiment` or `experiments`, `drive` or `drives`, `settings`, `body`, `log` or `runs`.
+"""
+
+import os
+import shlex
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from twin.errors import InputRefused, plain
+from twin.studies.command import Asked
+
+
+def load_experiments(asked: Asked) -> None:
+    """See whether each experiment can be loaded with each drive, the settings and the body; see `load_experiment`.
+
+    Raises:
+        InputRefused: it cannot.
+    """
+    from twin.runs.assembly.load import load_experiment
+
+    for experiment in _named(asked, "experiment"):
+        for drive in _named(asked, "drive") or (None,):
+            load_experiment(experiment, asked.get("settings") or (), drive, asked.get("body"))
+
+
+def find_experiments(asked: Asked) -> None:
+    """See whether the files of experiments are there, and those that they extend; what they say is the study's.
+
+    Raises:
+        InputRefused: one is not, or is no TOML.
+    """
+    from twin.experiment.named import experiment_file
+    from twin.experiment.source import read_source
+
+    for experiment in _named(asked, "experiment"):
+        read_source(experiment_file(experiment))
+
+
+def find_logs(asked: Asked) -> None:
+    """See whether there is anything at the path of each log: recordings, bags, files of others.
+
+    Raises:
+        InputRefused: there is not.
+    """
+    from twin.files import open_regular
+    from twin.recording.folder import recording_in
+
+    for log in _logs(asked):
+        # not Path.exists, which raises for a name that is too long
+        if os.path.lexists(log):
+            continue
+        if log.suffix:
+            open_regular(log, sys.maxsize)
+        recording_in(log)
+
+
+def print_latest(asked: Asked) -> None:
+    """Print to standard error which run each log means, and with which options it was made.
+
+    Nothing is said of a file or of a run's own folder, nor of what is no folder of runs: whoever reads it refuses it.
+    """
+    from twin.recording.folder import recording_in
+
+    for path in _logs(asked):
+        try:
+            recording = recording_in(path)
+        except InputRefused:
+            continue
+        if path.is_dir() and recording.parent != path:
+            # takes half a second to load
+            from twin.studies.results.kept import kept_run
+
+            run = kept_run(recording)
+            made = f", made with {shlex.join(run.typed)}" if run.typed else ""
+            print(plain(f"{path}: the latest run, {run.folder.name}{made}"), file=sys.stderr)
+
+
+def _logs(asked: Asked) -> Sequence[Path]:
+    return _named(asked, "log") or _named(asked, "run")
+
+
+def _named(asked: Asked, name: str) -> Sequence:
+    """Values of an argument, or of that of several such."""
+    one = asked.get(name)
+    return asked.get(f"{name}s") or () if one is None else [one]
