@@ -9,7 +9,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.native import address_of, step_function
 from twin.drive.calls import access_2, access_3, do_step_2, do_step_3
-from twin.drive.ramp import begin_ramp, done_within, end_ramp, set_ramp
+from twin.drive.ramp import begin_ramp, set_ramp
 from twin.drive.shorter import go_on
 from twin.drive.status import DISCARD, DO_STEP, EARLY, GET, SET, TERMINATE
 
@@ -187,15 +187,8 @@ def step(m, t, h, u, y):
             if status != 0:
                 return status
     else:
-        if m.ramp != 0:
-            begin_ramp(m.ramp, address_of(u), t, h)
+        # an FMU of 3.0 that takes lines is stepped as one with events
         status = do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
-        if m.ramp != 0:
-            bad = done_within(m.ramp, status)
-            if bad == 0 and status <= 1:
-                bad = end_ramp(m.ramp)
-            if bad != 0:
-                return bad
         if status <= 1:
             flags = carray(_u8(m.returned), 16)
             if flags[9]:

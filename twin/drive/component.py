@@ -15,7 +15,6 @@ from twin.drive.ports import FmuPort, Placed, placed
 from twin.drive.setting import Setting
 from twin.drive.setup import Setup
 from twin.drive.stepping import Stepping
-from twin.drive.within import Stray
 from twin.errors import InputRefused, TwinError
 
 
@@ -97,11 +96,6 @@ class FmuComponent(Component):
     def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
         """What of the FMU is behind its inputs and its outputs."""
         return self._stepping.inputs, self._stepping.outputs
-
-    @property
-    def strays(self) -> list[Stray]:
-        """What its outputs have done within its steps, of those that are watched."""
-        return self.instance.within.strays if self.instance.within else []
 
     @property
     def called(self) -> str:

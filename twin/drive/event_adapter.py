@@ -11,7 +11,7 @@ from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
 from twin.drive.adapter import drain, get_all, groups_at, set_all
 from twin.drive.calls import do_step_3
 from twin.drive.events import inputs_change, pass_events, tick_due
-from twin.drive.ramp import begin_ramp, done_within, end_ramp, set_ramp
+from twin.drive.ramp import bad_ramp, begin_ramp, set_ramp
 from twin.drive.status import (
     DISCARD,
     DO_STEP,
@@ -89,7 +89,7 @@ def _come_to(m, t, h):
             flags[i] = 0
         status = do_step_3(m.do_step, m.instance, here, goal - here, m.final, m.returned)
         if m.ramp != 0:
-            bad = done_within(m.ramp, status)
+            bad = bad_ramp(m.ramp)
             if bad != 0:
                 return bad
         if status == DISCARD and m.varies:
@@ -143,16 +143,4 @@ def step(m, t, h, u, y):
     if status != 0:
         return status
     status = _come_to(m, t, h)
-    return _outputs(m, y) if status == 0 else status
-
-
-@step_function(MEMORY)
-def watched_step(m, t, h, u, y):
-    # apart from the other, which would be slower by a twentieth for what it never does
-    status = _set_off(m, t, h, address_of(u))
-    if status != 0:
-        return status
-    status = _come_to(m, t, h)
-    if status == 0:
-        status = end_ramp(m.ramp)
     return _outputs(m, y) if status == 0 else status

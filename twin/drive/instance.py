@@ -18,9 +18,7 @@ from twin.drive.ramp import RAMP
 from twin.drive.setting import Setting
 from twin.drive.setup import Setup
 from twin.drive.standards import fmi1, fmi2, fmi3
-from twin.drive.steps import read_within
 from twin.drive.variable import TEXTS, Variable
-from twin.drive.within import Watch
 from twin.errors import ComponentFailed, InputRefused
 
 if TYPE_CHECKING:
@@ -57,7 +55,6 @@ class Instance:
         ramp: `ramp.RAMP` of its inputs that are lines over a step.
         clocks, planned, returned, events: `events.CLOCK` of each, time of the next event, and what `events.EVENTS`
             else points to, or None.
-        within: what of it is read within steps, once it is stepped; None: nothing.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
@@ -82,7 +79,6 @@ class Instance:
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
         self.ramp = np.zeros(1, dtype=RAMP)
-        self.within: Watch | None = None
         self.clocks = np.zeros(0, dtype=CLOCK)
         self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
         self.events: np.ndarray | None = None
@@ -112,11 +108,6 @@ class Instance:
             return abilities.canInterpolateInputs and variable.type == "Real"
         return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
 
-    @property
-    def watched(self) -> list[Variable]:
-        """Its outputs that are to be read within its steps."""
-        return read_within(self.description) if self.setup.watched else []
-
     def clock_bits(self, variable: Variable) -> int:
         """The clocks with which alone `variable` changes, a bit for each."""
         return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
@@ -127,8 +118,8 @@ class Instance:
 
     @property
     def schedule(self) -> list[np.ndarray]:
-        """What steps change beside its own state: when events and clocks are due, what was read within steps."""
-        return [self.clocks, self.planned, *([self.within.rows] if self.within else [])]
+        """What steps change beside its own state: when events and clocks are due."""
+        return [self.clocks, self.planned]
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units."""

@@ -2,7 +2,7 @@
 
 The component sees such an input at both ends of a step. FMI 1.0 and 2.0 take the value at its start and the slope
 (fmi2SetRealInputDerivatives); FMI 3.0 asks for the value whenever its solver is at another time
-(fmi3IntermediateUpdateCallback). Whoever wants to may have outputs read there, too.
+(fmi3IntermediateUpdateCallback).
 """
 
 import numpy as np
@@ -11,8 +11,7 @@ from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import Native
 from twin.cosim.native import address_of, doubles_at, integers_at
 from twin.drive.calls import access_2, access_3, access_pairs
-from twin.drive.status import DERIVATIVES, DISCARD, SET
-from twin.drive.within import begin_watch, count_part, end_watch, watch
+from twin.drive.status import DERIVATIVES, SET
 
 AT_END = ":end"
 """What the port for the value at the end of a step is called after its input's name."""
@@ -34,13 +33,12 @@ RAMP = np.dtype(
         ("buffer", "i8"),
         ("t", "f8"),
         ("bad", "i8"),
-        ("within", "i8"),
     ],
     align=True,
 )
 """Addresses of instance, of fmiNSetReal or fmi3SetFloat64 and of fmiNSetRealInputDerivatives (0 in FMI 3.0); how many
 values, and addresses of their references, orders (1), slots in u at both ends, gains and offsets, value at the start,
-slope and buffer; time of the start; what was bad within a step; address of a `within.WATCH`, 0: no output is read."""
+slope and buffer; time of the start; what was bad within a step."""
 
 _ramp_at = pointer_to(RAMP)
 
@@ -58,8 +56,6 @@ def begin_ramp(address, u, t, h):
         begin[j] = (first - offset[j]) / gain[j]
         slope[j] = (last - first) / gain[j] / h
     r.t, r.bad = t, 0
-    if r.within != 0:
-        begin_watch(r.within)
 
 
 @njit(cache=True)
@@ -84,19 +80,9 @@ def set_ramp(address, t):
 
 
 @njit(cache=True)
-def done_within(address, status):
-    """What was bad within the part of a step that came back with `status`; 0: nothing."""
-    r = carray(_ramp_at(address), 1)[0]
-    if r.within != 0:
-        count_part(r.within, status != DISCARD)
-    return r.bad
-
-
-@njit(cache=True)
-def end_ramp(address):
-    """The step is over; 0, or the bad status."""
-    r = carray(_ramp_at(address), 1)[0]
-    return end_watch(r.within) if r.within != 0 else 0
+def bad_ramp(address):
+    """What was bad when the FMU asked for its inputs within a step; 0: nothing."""
+    return carray(_ramp_at(address), 1)[0].bad
 
 
 def _intermediate_update(
@@ -108,9 +94,6 @@ def _intermediate_update(
     # before the first step there is nothing to be set
     if set_requested and r.values > 0:
         status = set_ramp(address, t)
-    # what a solver only tries may still be another for the same time
-    if status == 0 and get_allowed and finished and r.within != 0:
-        status = watch(r.within, t)
     if status != 0:
         r.bad = status
     if address_of(return_early) != 0:

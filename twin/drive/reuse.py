@@ -15,9 +15,9 @@ from twin.drive.setting import Setting
 from twin.drive.setup import Setup
 from twin.errors import TwinError
 
-_Kind = tuple[str, Path, str, frozenset[str], bool, bool]
+_Kind = tuple[str, Path, str, frozenset[str], bool]
 """Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave alone what the next run does not
-set; whether its inputs are lines over a step and its outputs are read within it, which is said when it is made."""
+set; whether its inputs are lines over a step, which is said when it is made."""
 
 
 class _Shelf:
@@ -97,4 +97,4 @@ def let_go(instance: Instance) -> None:
 
 def _kind(name: str, folder: Path, description: FmuDescription, settings: Sequence[Setting], setup: Setup) -> _Kind:
     names = frozenset(variable.name for variable, _ in settings)
-    return name, folder, description.kind, names, setup.ramped, setup.watched
+    return name, folder, description.kind, names, setup.ramped

@@ -12,7 +12,6 @@ class Setup(NamedTuple):
         step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
         ramped: whether those of its inputs that can be are given as lines over a step.
         waiting: whether it is left in initialisation mode, where what others come to can still be set, until `begin`.
-        watched: whether those of its outputs that can be are read within its steps.
     """
 
     tolerance: float | None = None
@@ -20,4 +19,3 @@ class Setup(NamedTuple):
     step: float | None = None
     ramped: bool = False
     waiting: bool = False
-    watched: bool = False

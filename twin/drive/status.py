@@ -2,7 +2,6 @@
 
 SET, DO_STEP, GET, TERMINATE, SAVE, RESTORE = 16, 32, 48, 64, 80, 96
 EVENT_MODE, UPDATE, STEP_MODE, SET_CLOCK, GET_CLOCK, INTERVAL, DERIVATIVES = 256, 272, 288, 304, 320, 336, 352
-GET_WITHIN = 368
 """What a bad status starts with: the function that returned the rest of it."""
 
 EARLY, OUTSIDE, STALLED, TOO_MANY, ENDLESS, PAST, PERIOD, STUCK = 512, 513, 514, 515, 516, 517, 518, 519
@@ -26,7 +25,7 @@ MOST_UPDATES = 1000
 FUNCTIONS = {
     SET: "Set", DO_STEP: "DoStep", GET: "Get", EVENT_MODE: "EnterEventMode", UPDATE: "UpdateDiscreteStates",
     STEP_MODE: "EnterStepMode", SET_CLOCK: "SetClock", GET_CLOCK: "GetClock", INTERVAL: "GetIntervalDecimal",
-    DERIVATIVES: "SetRealInputDerivatives", GET_WITHIN: "GetFloat64 within a step",
+    DERIVATIVES: "SetRealInputDerivatives",
 }  # fmt: skip
 
 

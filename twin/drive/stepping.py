@@ -11,7 +11,6 @@ from twin.drive.instance import Instance
 from twin.drive.ports import FmuPort, Groups, Placed, grouped, placed
 from twin.drive.shorter import SHORTER
 from twin.drive.status import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, told
-from twin.drive.within import Watch
 
 
 class Stepping:
@@ -48,8 +47,6 @@ class Stepping:
         into = [p for i, p in enumerate(self._into[: len(inputs)]) if i not in both]
         if ramped:
             self._fill_ramp([self._into[i] for i in ramped], self._into[len(inputs) :])
-        instance.within = Watch(instance, instance.watched) if instance.watched else None
-        instance.ramp[0]["within"] = instance.within.memory.ctypes.data if instance.within else 0
         abilities = instance.description.model.coSimulation
         three = instance.description.version == 3
         if three and (abilities.hasEventMode or instance.description.returns_early or ramped):
@@ -202,8 +199,7 @@ class Stepping:
             m["events"] = instance.events.ctypes.data
             for name, table in zip(("discrete", "held"), tables, strict=True):
                 instance.events[name], instance.events[f"{name}_groups"] = len(table), table.ctypes.data
-        made = event_adapter.watched_step if instance.within else event_adapter.step
-        return made.address, memory
+        return event_adapter.step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
         """What the general step and the one with events have in common."""
@@ -211,6 +207,6 @@ class Stepping:
         self._keep.append(returned)
         ramp = self.instance.ramp[0]
         m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
-        m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] or ramp["within"] else 0
+        m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] else 0
         m["inputs"], m["input_groups"] = len(inputs), inputs.ctypes.data
         m["outputs"], m["output_groups"] = len(outputs), outputs.ctypes.data

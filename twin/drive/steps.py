@@ -4,7 +4,7 @@ import math
 
 from twin.drive.clocks import clocks, rhythm
 from twin.drive.description import FmuDescription
-from twin.drive.variable import Variable, number
+from twin.drive.variable import number
 from twin.errors import InputRefused
 
 CLOSE = 1e-6
@@ -27,18 +27,7 @@ def abilities(description: FmuDescription) -> list[tuple[str, str]]:
     within = its.providesIntermediateUpdate and any(v.intermediate for v in description.offered("input"))
     if its.canInterpolateInputs or within:
         said.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
-    if outputs := read_within(description):
-        said.append(("outputs", f"can be read within a step: {', '.join(v.name for v in outputs)}"))
     return said
-
-
-def read_within(description: FmuDescription) -> list[Variable]:
-    """Its outputs that can be read within a step (FMI 3.0); what a clock updates can only while that ticks."""
-    if description.kind == "model_exchange" or description.version < 3:
-        return []
-    if not description.model.coSimulation.providesIntermediateUpdate:
-        return []
-    return [v for v in description.offered("output") if v.intermediate and v.type == "Float64" and not v.clocks]
 
 
 def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None:

@@ -40,8 +40,7 @@ def instantiate(instance: "Instance") -> None:
         lambda environment, status, category, said: instance.hear(status, said)
     )
     ramped = [v.reference for v in instance.description.variables.values() if instance.ramps(v)]
-    within = ramped + [v.reference for v in instance.watched]
-    fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update.address] if within else []))
+    fmu.intermediateUpdate = fmi3.fmi3IntermediateUpdateCallback(*([intermediate_update.address] if ramped else []))
     with instance.calling("InstantiateCoSimulation"):
         fmu.component = fmu.fmi3InstantiateCoSimulation(
             instance.name.encode(),
@@ -51,8 +50,8 @@ def instantiate(instance: "Instance") -> None:
             False,
             abilities.hasEventMode,
             instance.description.returns_early,
-            (fmi3.fmi3ValueReference * len(within))(*within),
-            len(within),
+            (fmi3.fmi3ValueReference * len(ramped))(*ramped),
+            len(ramped),
             instance.ramp.ctypes.data,
             fmu.logMessage,
             fmu.intermediateUpdate,

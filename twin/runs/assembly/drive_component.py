@@ -48,7 +48,7 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
         for part, description in plan.parts.items():
             refuse_step(description, tick, substeps)
             stop = stop_time(plan.ticks, tick, substeps)
-            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone, watched=plan.watched)
+            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
             parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
             made.callback(parts[-1].close)
         if alone:

@@ -37,7 +37,6 @@ class DrivePlan:
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
         ticks: how many it will be stepped; None: nobody knows.
         ramped: whether it is offered its inputs as lines over a step.
-        watched: whether its outputs are read within its steps where that can be.
         folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
             looked at whenever a component is made.
     """
@@ -51,7 +50,6 @@ class DrivePlan:
     switched: bool = False
     ticks: int | None = None
     ramped: bool = False
-    watched: bool = False
     folders: dict[str, Path] | None = field(default=None, compare=False, repr=False)
 
     def folder(self, part: str) -> Path:

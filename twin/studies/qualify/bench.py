@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from twin.cosim.component import Component
 from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
@@ -96,7 +95,6 @@ def response(
     omega_ref: Curve,
     tau_load: Curve,
     enough: Callable[[Curve], bool] = lambda theta_m: False,
-    look: Callable[[Component], None] = lambda drive: None,
 ) -> Response:
     """Run a fresh instance of the drive from rest at theta_m = 0.
 
@@ -106,7 +104,6 @@ def response(
         plan: the drive.
         omega_ref, tau_load: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks,).
         enough: asked with the angles so far (ticks,) after every half second; True ends the run early.
-        look: given the drive when it has run, before it is freed.
 
     Raises:
         InputRefused: the drive cannot be loaded or initialised, or does not take a tick of `TICK`.
@@ -130,7 +127,6 @@ def response(
                 break
         if simulation.failure:
             raise simulation.failure
-        look(system.component("drive"))
     rows = rows[: simulation.next_tick]
     refuse_impossible(plan, system, rows)
     of_drive = simulation.cycles[system.components.index(system.component("drive"))] / simulation.cycles.sum()
