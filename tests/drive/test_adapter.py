@@ -10,12 +10,13 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.adapter import MEMORY, _load, _store, step
+from twin.drive.calls import DO_STEP, TERMINATE
 from twin.drive.component import FmuComponent, FmuPort
+from twin.drive.cosim_step import MEMORY, step
 from twin.drive.description import described
-from twin.drive.kinds import ITEM_SIZES, KINDS
-from twin.drive.status import DO_STEP, TERMINATE
+from twin.drive.groups import _load, _store
 from twin.drive.unpacked import unpacked
+from twin.drive.variable import ITEM_SIZES, KINDS
 
 STEP = ctypes.CFUNCTYPE(
     ctypes.c_int32, ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_void_p, ctypes.c_void_p

@@ -12,10 +12,11 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
+from twin.drive.calls import DO_STEP
 from twin.drive.component import FmuComponent
 from twin.drive.description import described
 from twin.drive.instance import Instance
-from twin.drive.status import DO_STEP
+from twin.drive.lifecycle import CosimInstance
 from twin.drive.stepping import Stepping
 from twin.drive.unpacked import unpacked
 from twin.errors import InputRefused
@@ -252,7 +253,7 @@ def test_a_switch_of_a_drive_is_on_or_off_as_it_was_set(root: Path):
     fmu = described(root / "fmus" / "torque_motor_fmi3" / "torque_motor_fmi3.fmu")
     enable = fmu.variables["enable"]
     for on in (1.0, 0.0):
-        instance = Instance("drive_1", fmu, unpacked(fmu.path, fmu.sha256), settings=[(enable, on)])
+        instance = CosimInstance("drive_1", fmu, unpacked(fmu.path, fmu.sha256), settings=[(enable, on)])
         assert instance.read([enable]).tolist() == [on]
         instance.close()
 

@@ -9,7 +9,7 @@ import pytest
 from tests.drive.archives import DESCRIPTION, altered, redescribed
 from twin.drive import description
 from twin.drive.description import described
-from twin.drive.kinds import KINDS
+from twin.drive.variable import KINDS
 from twin.errors import InputRefused
 
 DRIVES = ("ideal_velocity", "velocity_servo", "pmsm_foc")

@@ -11,8 +11,8 @@ from tests.drive.commanded import stepped
 from tests.drive.eventful import KINDS, Maker
 from tests.drive.test_component import TICK, made, run
 from twin.cli import drive_info
-from twin.drive import announcement
-from twin.drive.events import settle
+from twin.drive import calls
+from twin.drive.event_step import settle
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.schema import Drive
@@ -286,7 +286,7 @@ def test_a_file_is_found_from_where_it_is_named(shaft: Maker, tmp_path: Path, mo
 def test_nothing_is_compiled_while_a_call_is_announced(shaft: Maker, monkeypatch: pytest.MonkeyPatch):
     """A supervisor would charge the FMU with it."""
     announced: list[str] = [""]
-    monkeypatch.setattr(announcement, "_listeners", [lambda file, instance, function: announced.append(function)])
+    monkeypatch.setattr(calls, "_listeners", [lambda file, instance, function: announced.append(function)])
     compiled, during = settle.native, []
 
     class Later:

@@ -12,8 +12,8 @@ from tests.drive.test_component import TICK, made, run
 from tests.drive.test_events import stepped
 from twin.cli import drive_info
 from twin.drive.description import described
-from twin.drive.instance import Instance
-from twin.drive.setup import Setup
+from twin.drive.lifecycle import CosimInstance
+from twin.drive.setting import Setup
 from twin.drive.unpacked import unpacked
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.schema import Drive
@@ -54,7 +54,9 @@ def test_it_turns_as_it_is_told(first: Maker):
 
 def test_its_booleans_are_one_byte_wide(first: Maker):
     fmu = described(first())
-    instance = Instance("a", fmu, unpacked(fmu.path, fmu.sha256), [(fmu.variables["enable"], 0.0)], (), Setup(stop=1.0))
+    instance = CosimInstance(
+        "a", fmu, unpacked(fmu.path, fmu.sha256), [(fmu.variables["enable"], 0.0)], (), Setup(stop=1.0)
+    )
     instance.write([(fmu.variables["omega_ref"], 1.0)])
     instance.advance(0.0, TICK)
     assert instance.read([fmu.variables[name] for name in ("enable", "omega_m")]).tolist() == [0.0, 0.0]

@@ -1,8 +1,7 @@
 """Wires that names and units propose, of made-up parts."""
 
-from twin.drive.description import Variable
-from twin.drive.joining import Join, joins, objection
-from twin.drive.units import conversion
+from twin.drive.mapping import Join, joins, objection
+from twin.drive.variable import Variable, conversion
 
 
 def variable(name: str, causality: str, unit: str, type: str = "Real") -> Variable:

@@ -4,9 +4,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.drive.description import Variable
 from twin.drive.mapping import Wiring, bindings
-from twin.drive.units import conversion
+from twin.drive.variable import Variable, conversion
 from twin.errors import InputRefused
 
 

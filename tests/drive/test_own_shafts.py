@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from tests.drive.archives import redescribed
 from tests.drive.own_shafts import machine, position_servo, unit
 from twin.cosim.playback import columns, play
-from twin.drive.rotor import DriveRotor
+from twin.drive.contract import DriveRotor
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drive_component import drive

@@ -4,9 +4,9 @@ import pytest
 
 from tests.drive.archives import carrying
 from twin.archive import content_of
-from twin.drive.related import HOME, MANIFEST, MOST_RELATED, related
 from twin.errors import InputRefused
 from twin.files import LIMIT
+from twin.studies.reference.related import HOME, MANIFEST, MOST_RELATED, related
 
 NAMED = (
     'xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref" '

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from twin.drive.component import acquire, free_kept, keep_instances, release
 from twin.drive.description import FmuDescription, described
 from twin.drive.instance import Instance
-from twin.drive.reuse import free_kept, instance, keep_instances, let_go
 from twin.drive.unpacked import unpacked
 
 TICK = 1e-3
@@ -22,7 +22,7 @@ def servo(root: Path) -> Iterator[FmuDescription]:
 
 
 def made(fmu: FmuDescription, **parameters: float) -> Instance:
-    return instance("drive_1", fmu, unpacked(fmu.path, fmu.sha256), fmu.settings(parameters), ())
+    return acquire("drive_1", fmu, unpacked(fmu.path, fmu.sha256), fmu.settings(parameters), ())
 
 
 def motion(drive: Instance, omega_ref: float) -> np.ndarray:
@@ -39,36 +39,36 @@ def motion(drive: Instance, omega_ref: float) -> np.ndarray:
 def test_an_instance_that_is_kept_begins_as_a_new_one(servo: FmuDescription):
     first = made(servo)
     new = motion(first, 1.0)
-    let_go(first)
+    release(first)
     second = made(servo)
     assert second is first
     assert np.array_equal(motion(second, 1.0), new) and new[-1] > 0.0
-    let_go(second)
+    release(second)
 
 
 def test_two_that_live_at_once_are_two_and_letting_go_twice_keeps_one(servo: FmuDescription):
     first, second = made(servo), made(servo)
     assert first is not second
-    let_go(first)
-    let_go(first)
+    release(first)
+    release(first)
     assert made(servo) is first and made(servo) is not first
 
 
 def test_what_was_set_for_a_run_does_not_reach_one_that_does_not_set_it(servo: FmuDescription):
     name = next(v.name for v in servo.offered("parameter"))
     start = servo.variables[name].start
-    let_go(special := made(servo, **{name: start}))
+    release(special := made(servo, **{name: start}))
     assert made(servo) is not special
     assert made(servo, **{name: start}) is special
 
 
 def test_after_a_failure_none_is_kept(servo: FmuDescription):
-    let_go(first := made(servo))
+    release(first := made(servo))
     free_kept()
     assert made(servo) is not first
 
 
 def test_none_is_kept_where_nobody_has_asked_for_it(servo: FmuDescription):
     keep_instances(False)
-    let_go(first := made(servo))
+    release(first := made(servo))
     assert made(servo) is not first

@@ -6,8 +6,7 @@ import pytest
 from fmpy import fmi2, fmi3
 
 from twin.drive.description import described
-from twin.drive.instance import Instance
-from twin.drive.slave import FMU2Drive, FMU3Drive
+from twin.drive.lifecycle import CosimInstance, FMU2Drive, FMU3Drive
 from twin.drive.unpacked import unpacked
 
 
@@ -18,7 +17,7 @@ from twin.drive.unpacked import unpacked
 def test_the_functions_of_a_second_slave_are_its_own_binarys_with_fmpys_signatures(
     root: Path, drive: str, fmpy_slave: type, slave: type, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr("twin.drive.slave._complete", set())
+    monkeypatch.setattr("twin.drive.lifecycle._complete", set())
     fmu = described(root / "fmus" / drive / f"{drive}.fmu")
     folder = str(unpacked(fmu.path, fmu.sha256))
     said = {"guid": fmu.model.guid, "unzipDirectory": folder, "modelIdentifier": fmu.identifier}
@@ -41,7 +40,7 @@ def test_static_memory_of_a_binary_ends_with_its_last_instance(
     # unpacked where no other test has it loaded from
     fmu = described(root / "fmus" / "velocity_servo" / "velocity_servo.fmu")
     folder = unpacked(fmu.path, fmu.sha256)
-    instances = [Instance(f"drive_{joint}", fmu, folder) for joint in (1, 2, 3)]
+    instances = [CosimInstance(f"drive_{joint}", fmu, folder) for joint in (1, 2, 3)]
     assert str(folder) in Path("/proc/self/maps").read_text()
     for instance in instances:
         instance.close()

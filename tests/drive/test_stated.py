@@ -3,8 +3,8 @@ from pathlib import Path
 import pytest
 
 from tests.drive.archives import altered, redescribed
-from twin.drive.stated import stated
 from twin.errors import InputRefused
+from twin.studies.survey.stated import stated
 
 
 def test_version_kind_and_platforms_are_told_of_any_fmu(root: Path, tmp_path: Path):

@@ -4,7 +4,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from twin.drive.units import KNOWN, SPEED, TURN, conversion
+from twin.drive.variable import KNOWN, SPEED, TURN, conversion
 from twin.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 BASES = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")

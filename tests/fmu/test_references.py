@@ -7,8 +7,8 @@ import pytest
 from builder.references import FILES, carry_references
 
 from tests.drive.archives import altered
-from twin.drive.related import HOME, related
 from twin.studies.reference.outcome import References, references
+from twin.studies.reference.related import HOME, related
 
 DRIVES = sorted(path.stem for path in (Path(__file__).resolve().parents[2] / "fmus").glob("*/*.fmu"))
 ROUNDING = 1e-4

@@ -62,7 +62,7 @@ def info(fmu: Fmu, compile_: Compile = False, as_json: AsJson = False) -> None:
 
     Example: twin drive info pmsm_foc
     """
-    from twin.drive.doubt import RolesUnclear
+    from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
     from twin.runs.assembly.drives import fmus, planned
     from twin.studies.qualify.variables import variables_facts, variables_text

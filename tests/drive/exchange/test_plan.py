@@ -8,10 +8,8 @@ import pytest
 
 from tests.drive.exchange.conftest import Planner
 from tests.drive.exchange.fmus import exchange_fmu
-from twin.drive.component import FmuComponent
-from twin.drive.exchange.component import ExchangeComponent
-from twin.drive.exchange.solver import Solver
-from twin.drive.reuse import keep_instances
+from twin.drive.component import ExchangeComponent, FmuComponent, keep_instances
+from twin.drive.solvers import Solver
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.experiment.recorded import recorded_fmus

@@ -8,13 +8,13 @@ from tests.drive.archives import carrying, redescribed
 from tests.drive.faulty import faulty_drive
 from tests.drive.test_related import NAMED
 from tests.studies.reference.test_parameter_set import real, ssv
-from twin.drive.related import HOME, MANIFEST
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.files import LIMIT
 from twin.studies.reference.bare_run import MOST_STEPS
 from twin.studies.reference.drive import came_with
 from twin.studies.reference.outcome import Outcome, References, references
+from twin.studies.reference.related import HOME, MANIFEST
 from twin.studies.reference.text import references_text
 
 SSV, EXP = "application/x-ssp-parameter-set", "application/x-ma-ls-experiments"

@@ -8,11 +8,12 @@ import numpy as np
 
 from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, OMEGA_M, SHAFT, THETA_M
-from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.exchange.solver import USUAL_TOLERANCE, Solver
+from twin.drive.description import FmuDescription, described
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.setting import Setting
+from twin.drive.solvers import USUAL_TOLERANCE, Solver
 from twin.drive.unpacked import unpacked
+from twin.drive.variable import Variable
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 

@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from twin.drive.reuse import instances_left
+from twin.drive.component import instances_left
 from twin.errors import ComponentFailed
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, planned

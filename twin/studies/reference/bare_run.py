@@ -11,12 +11,11 @@ from twin.cosim.port import Port
 from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import FmuComponent
+from twin.drive.component import ExchangeComponent, FmuComponent
 from twin.drive.description import FmuDescription
-from twin.drive.exchange.component import ExchangeComponent
-from twin.drive.exchange.solver import Solver
-from twin.drive.ports import FmuPort
-from twin.drive.setup import Setup
+from twin.drive.setting import Setup
+from twin.drive.solvers import Solver
+from twin.drive.stepping import FmuPort
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, InputRefused

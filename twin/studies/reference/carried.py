@@ -8,12 +8,12 @@ from twin.archive import content_of, entries, entry_of
 from twin.cosim.ssp.parameters import PARAMETER_SET
 from twin.cosim.ssp.ssv import parameter_set
 from twin.drive.description import FmuDescription
-from twin.drive.related import Related, related
 from twin.drive.setting import Value
 from twin.errors import InputRefused
 from twin.files import read_bytes, read_text
 from twin.studies.reference.experiment_file import MIMES, Described, experiments_of, options_of
 from twin.studies.reference.parameter_set import settings
+from twin.studies.reference.related import Related, related
 from twin.studies.reference.series import Series, series_of
 
 CSV = "text/csv"

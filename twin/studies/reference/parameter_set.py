@@ -2,8 +2,7 @@
 
 from twin.cosim.ssp.parameters import ParameterSet
 from twin.drive.description import FmuDescription
-from twin.drive.parameter_values import taken
-from twin.drive.setting import Value
+from twin.drive.setting import Value, taken
 from twin.errors import InputRefused, nearest
 
 

@@ -5,8 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.cache_folder import cache_folder
-from twin.drive.shelf import CONTENT, HOME
-from twin.drive.stated import stated
+from twin.drive.unpacked import CONTENT, HOME
 from twin.errors import InputRefused, TwinError, visible
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned
@@ -16,6 +15,7 @@ from twin.runs.guard.reporter import Reporter
 from twin.studies.lines import counted
 from twin.studies.reference.carried import DEFAULT, carried
 from twin.studies.reference.outcome import BAD, Outcome, default_outcome, references
+from twin.studies.survey.stated import stated
 
 JOB = "twin.studies.survey.fmu:tried"
 POINTER = b"version https://git-lfs"

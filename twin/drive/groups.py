@@ -1,17 +1,19 @@
-"""One compiled step for every co-simulation FMU without events: set inputs, step, get outputs, all by address.
+"""Variables of an FMU set and got by address: in groups of one type, or as lines over a step.
 
-Variables travel in groups of one FMI type. A group holds where its values stand among the component's inputs or
-outputs, how they are scaled (contract value = gain * FMU value + offset), and a buffer of the FMI type.
+A group holds where its values stand among the component's inputs or outputs, how they are scaled
+(contract value = gain * FMU value + offset), and a buffer of the FMI type.
+
+Inputs may rise within a step. The component sees such an input at both ends of it. FMI 1.0 and 2.0 take the value at
+its start and the slope (fmi2SetRealInputDerivatives); FMI 3.0 asks for the value whenever its solver is at another time
+(fmi3IntermediateUpdateCallback).
 """
 
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
-from twin.cosim.native import address_of, step_function
-from twin.drive.calls import access_2, access_3, do_step_2, do_step_3
-from twin.drive.ramp import begin_ramp, set_ramp
-from twin.drive.shorter import go_on
-from twin.drive.status import DISCARD, DO_STEP, EARLY, GET, SET, TERMINATE
+from twin.compiled.native import Native
+from twin.cosim.native import address_of, doubles_at, integers_at
+from twin.drive.calls import DERIVATIVES, GET, SET, access_2, access_3, access_pairs
 
 _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
 _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
@@ -38,25 +40,6 @@ GROUP = np.dtype(
 (uint32), `values` slots (uint64) into u or y, gains and offsets (float64), and the buffer, of so many
 bytes. Arrays make values exceed variables. With events also: `last`, what inputs were last set to, and the clocks with
 which alone the group changes, a bit for each."""
-
-MEMORY = np.dtype(
-    [
-        ("version", "i8"),
-        ("instance", "i8"),
-        ("do_step", "i8"),
-        ("final", "i8"),
-        ("inputs", "i8"),
-        ("input_groups", "i8"),
-        ("outputs", "i8"),
-        ("output_groups", "i8"),
-        ("returned", "i8"),
-        ("ramp", "i8"),
-        ("shorter", "i8"),
-    ],
-    align=True,
-)
-"""Addresses of instance and function, counts and addresses of groups; 16 bytes for what fmi3DoStep returns; addresses
-of what `ramp` and `shorter` work on, 0 where nothing is done within a step."""
 
 groups_at = pointer_to(GROUP)
 
@@ -118,8 +101,8 @@ def _load(kind, buffer, j):
 def access(version, instance, g):
     """Set or get the variables of a group."""
     if version < 3:
-        return access_2(g.access, instance, g.references, g.variables, g.buffer)
-    return access_3(g.access, instance, g.references, g.variables, g.buffer, g.values)
+        return access_2(g.access, (instance, g.references, g.variables, g.buffer))
+    return access_3(g.access, (instance, g.references, g.variables, g.buffer, g.values))
 
 
 @njit(cache=True, inline="always")
@@ -170,31 +153,96 @@ def get_all(version, instance, groups, count, y):
     return 0
 
 
-@step_function(MEMORY)
-def step(m, t, h, u, y):
-    status = set_all(m.version, m.instance, m.input_groups, m.inputs, address_of(u))
-    if status != 0:
-        return status
-    if m.version < 3:
-        if m.ramp != 0:
-            begin_ramp(m.ramp, address_of(u), t, h)
-            status = set_ramp(m.ramp, t)
-            if status != 0:
-                return status
-        status = do_step_2(m.do_step, m.instance, t, h, m.final)
-        if status == DISCARD:
-            status = go_on(m.shorter, m.ramp, m.do_step, m.instance, t, h, m.final)
-            if status != 0:
-                return status
-    else:
-        # an FMU of 3.0 that takes lines is stepped as one with events
-        status = do_step_3(m.do_step, m.instance, t, h, m.final, m.returned)
-        if status <= 1:
-            flags = carray(_u8(m.returned), 16)
-            if flags[9]:
-                return TERMINATE
-            if flags[10]:
-                return EARLY
+AT_END = ":end"
+"""What the port for the value at the end of a step is called after its input's name."""
+
+RAMP = np.dtype(
+    [
+        ("instance", "i8"),
+        ("set", "i8"),
+        ("derivatives", "i8"),
+        ("values", "i8"),
+        ("references", "i8"),
+        ("orders", "i8"),
+        ("starts", "i8"),
+        ("ends", "i8"),
+        ("gain", "i8"),
+        ("offset", "i8"),
+        ("begin", "i8"),
+        ("slope", "i8"),
+        ("buffer", "i8"),
+        ("t", "f8"),
+        ("bad", "i8"),
+    ],
+    align=True,
+)
+"""Addresses of instance, of fmiNSetReal or fmi3SetFloat64 and of fmiNSetRealInputDerivatives (0 in FMI 3.0); how many
+values, and addresses of their references, orders (1), slots in u at both ends, gains and offsets, value at the start,
+slope and buffer; time of the start; what was bad within a step."""
+
+_ramp_at = pointer_to(RAMP)
+
+
+@njit(cache=True, error_model="numpy")
+def begin_ramp(address, u, t, h):
+    """Take over what the inputs at address `u` are at both ends of the step from `t` to `t` + `h`."""
+    r = carray(_ramp_at(address), 1)[0]
+    n = r.values
+    starts, ends = carray(integers_at(r.starts), n), carray(integers_at(r.ends), n)
+    gain, offset = carray(doubles_at(r.gain), n), carray(doubles_at(r.offset), n)
+    begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
+    for j in range(n):
+        first, last = carray(doubles_at(u), starts[j] + 1)[starts[j]], carray(doubles_at(u), ends[j] + 1)[ends[j]]
+        begin[j] = (first - offset[j]) / gain[j]
+        slope[j] = (last - first) / gain[j] / h
+    r.t, r.bad = t, 0
+
+
+@njit(cache=True)
+def set_ramp(address, t):
+    """Set the inputs as they are at `t`, and how they go on from there; the first bad status."""
+    r = carray(_ramp_at(address), 1)[0]
+    n = r.values
+    if n == 0:
+        return 0
+    begin, slope = carray(doubles_at(r.begin), n), carray(doubles_at(r.slope), n)
+    buffer = carray(doubles_at(r.buffer), n)
+    for j in range(n):
+        buffer[j] = begin[j] + slope[j] * (t - r.t)
+    if r.derivatives == 0:
+        status = access_3(r.set, (r.instance, r.references, n, r.buffer, n))
+        return SET + status if status > 1 else 0
+    status = access_2(r.set, (r.instance, r.references, n, r.buffer))
     if status > 1:
-        return DO_STEP + status
-    return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
+        return SET + status
+    status = access_pairs(r.derivatives, (r.instance, r.references, n, r.orders, r.slope))
+    return DERIVATIVES + status if status > 1 else 0
+
+
+@njit(cache=True)
+def bad_ramp(address):
+    """What was bad when the FMU asked for its inputs within a step; 0: nothing."""
+    return carray(_ramp_at(address), 1)[0].bad
+
+
+def _intermediate_update(
+    environment, t, set_requested, get_allowed, finished, can_return_early, return_early, return_time
+):
+    address = address_of(environment)
+    r = carray(_ramp_at(address), 1)[0]
+    status = 0
+    # before the first step there is nothing to be set
+    if set_requested and r.values > 0:
+        status = set_ramp(address, t)
+    if status != 0:
+        r.bad = status
+    if address_of(return_early) != 0:
+        return_early[0] = 0
+
+
+intermediate_update = Native(
+    "nothing",
+    ("pointer", "double", "byte", "byte", "byte", "byte", "bytes", "doubles"),
+    _intermediate_update,
+)
+"""A fmi3IntermediateUpdateCallback whose environment is the address of a `RAMP`."""

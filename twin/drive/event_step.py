@@ -1,27 +1,46 @@
-"""Event mode of FMI 3.0 (2.3.5, 4.2.1): clocks that are due are ticked, discrete inputs set, clocked outputs read."""
+"""The compiled step of FMI 3.0 FMUs that have an event mode, may return early, or take inputs as lines.
+
+A step is a loop: step as far as the tick's end or the next planned event, and handle what came up there, until the
+tick's end is reached. An FMU for which nothing comes up makes one turn of it. In event mode (2.3.5, 4.2.1) clocks that
+are due are ticked, discrete inputs set, clocked outputs read.
+"""
 
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import entry
-from twin.cosim.native import doubles_at
-from twin.drive.adapter import access, fill, groups_at
-from twin.drive.calls import access_2, access_pairs, enter, update_states
-from twin.drive.status import (
+from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
+from twin.drive.calls import (
+    DISCARD,
+    DO_STEP,
+    EARLY,
     ENDLESS,
     EVENT_MODE,
     GET,
     GET_CLOCK,
     INTERVAL,
+    MOST_STALLS,
+    MOST_STEPS,
     MOST_UPDATES,
+    OUTSIDE,
     PAST,
     PERIOD,
     SET,
     SET_CLOCK,
+    SHORTENED,
+    STALLED,
     STEP_MODE,
+    STUCK,
     TERMINATE,
+    TOO_MANY,
     UPDATE,
+    access_2,
+    access_pairs,
+    do_step_3,
+    plain,
+    update_3,
 )
+from twin.drive.groups import access, bad_ramp, begin_ramp, drain, fill, get_all, groups_at, set_all, set_ramp
 
 PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
 """What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
@@ -63,7 +82,7 @@ of discrete inputs and of groups of clocked outputs; address of the time of the 
 planned); step (s); what the FMU told when it went wrong, and about which clock."""
 
 _events_at, _clocks_at = pointer_to(EVENTS), pointer_to(CLOCK)
-_u1, _i4 = pointer_to(np.uint8), pointer_to(np.int32)
+_words_at = pointer_to(np.int32)
 
 _VALUE, _ANSWER = 16, 24
 """Where in `returned` a clock's state or reference's value, and what is asked of it, stand behind the update's 16."""
@@ -90,7 +109,7 @@ def inputs_change(address, u):
     for i in range(e.discrete):
         g = groups[i]
         fill(g, u)
-        new, last = carray(_u1(g.buffer), g.bytes), carray(_u1(g.last), g.bytes)
+        new, last = carray(bytes_at(g.buffer), g.bytes), carray(bytes_at(g.last), g.bytes)
         for j in range(g.bytes):
             changed |= g.clocks == 0 and new[j] != last[j]
     return changed
@@ -106,7 +125,7 @@ def _set_discrete(e, active):
             status = access(3, e.instance, g)
             if status > 1:
                 return SET + status
-            new, last = carray(_u1(g.buffer), g.bytes), carray(_u1(g.last), g.bytes)
+            new, last = carray(bytes_at(g.buffer), g.bytes), carray(bytes_at(g.last), g.bytes)
             for j in range(g.bytes):
                 last[j] = new[j]
     return 0
@@ -116,11 +135,11 @@ def _set_discrete(e, active):
 def _tick(e, clocks, n):
     """(bits of the clocks that are due at step `n` and are ticked, first bad status)."""
     active = 0
-    flag = carray(_u1(e.returned + _VALUE), 1)
+    flag = carray(bytes_at(e.returned + _VALUE), 1)
     for c in range(e.clocks):
         if clocks[c].kind != OUTPUT and clocks[c].next == n:
             flag[0] = 1
-            status = access_2(e.set_clock, e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE)
+            status = access_2(e.set_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE))
             if status > 1:
                 return active, SET_CLOCK + status
             active |= 1 << c
@@ -131,11 +150,11 @@ def _tick(e, clocks, n):
 def _ticked_by_fmu(e, clocks):
     """(bits of the output clocks that are active, first bad status)."""
     active = 0
-    flag = carray(_u1(e.returned + _VALUE), 1)
+    flag = carray(bytes_at(e.returned + _VALUE), 1)
     for c in range(e.clocks):
         if clocks[c].kind == OUTPUT:
             flag[0] = 0
-            status = access_2(e.get_clock, e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE)
+            status = access_2(e.get_clock, (e.instance, e.clock_table + c * CLOCK_BYTES, 1, e.returned + _VALUE))
             if status > 1:
                 return active, GET_CLOCK + status
             if flag[0]:
@@ -157,7 +176,7 @@ def _read_held(e, active):
 @njit(cache=True, error_model="numpy")
 def _plan_clocks(e, clocks, ticked, n, t):
     """When the input clocks tick next, of which `ticked` have just done so at `t`, the beginning of step `n`."""
-    answer = carray(_i4(e.returned + _ANSWER), 1)
+    answer = carray(_words_at(e.returned + _ANSWER), 1)
     interval = carray(doubles_at(e.returned + _VALUE), 1)
     for c in range(e.clocks):
         kind, done = clocks[c].kind, ticked >> c & 1
@@ -169,7 +188,7 @@ def _plan_clocks(e, clocks, ticked, n, t):
                 clocks[c].next = NEVER
             answer[0], interval[0] = 0, np.nan
             reference = e.clock_table + c * CLOCK_BYTES
-            status = access_pairs(e.get_interval, e.instance, reference, 1, e.returned + _VALUE, e.returned + _ANSWER)
+            status = access_pairs(e.get_interval, (e.instance, reference, 1, e.returned + _VALUE, e.returned + _ANSWER))
             if status > 1:
                 return INTERVAL + status
             if answer[0] == 2 or (answer[0] == 1 and kind == CHANGING):
@@ -194,7 +213,7 @@ def pass_events(address, n, t):
     """
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
-    status = enter(e.enter_event_mode, e.instance)
+    status = plain(e.enter_event_mode, (e.instance,))
     if status > 1:
         return EVENT_MODE + status
     active, status = _tick(e, clocks, n)
@@ -206,7 +225,7 @@ def pass_events(address, n, t):
     status = settle(address, active, n, t)
     if status != 0:
         return status
-    status = enter(e.enter_step_mode, e.instance)
+    status = plain(e.enter_step_mode, (e.instance,))
     return STEP_MODE + status if status > 1 else 0
 
 
@@ -215,7 +234,7 @@ def settle(address, active, n, t):
     """Update the discrete states until they need it no more, in event mode, with the clocks `active`."""
     e = carray(_events_at(address), 1)[0]
     clocks = carray(_clocks_at(e.clock_table), e.clocks)
-    flags, next_time = carray(_u1(e.returned), 16), carray(doubles_at(e.returned), 1)
+    flags, next_time = carray(bytes_at(e.returned), 16), carray(doubles_at(e.returned), 1)
     ticked = active
     for _ in range(MOST_UPDATES):
         raised, status = _ticked_by_fmu(e, clocks)
@@ -226,7 +245,8 @@ def settle(address, active, n, t):
             return status
         for i in range(8, 13):
             flags[i] = 0
-        status = update_states(e.update, e.instance, e.returned)
+        r = e.returned
+        status = update_3(e.update, (e.instance, r + 8, r + 9, r + 10, r + 11, r + 12, r))
         if status > 1:
             return UPDATE + status
         if flags[9]:
@@ -244,3 +264,124 @@ def settle(address, active, n, t):
             return PAST
         planned[0] = next_time[0]
     return _plan_clocks(e, clocks, ticked, n, t)
+
+
+MEMORY = np.dtype(
+    [
+        ("instance", "i8"),
+        ("do_step", "i8"),
+        ("final", "i8"),
+        ("inputs", "i8"),
+        ("input_groups", "i8"),
+        ("outputs", "i8"),
+        ("output_groups", "i8"),
+        ("held", "i8"),
+        ("held_groups", "i8"),
+        ("returned", "i8"),
+        ("ramp", "i8"),
+        ("events", "i8"),
+        ("next", "i8"),
+        ("clocks", "i8"),
+        ("discrete", "i8"),
+        ("early", "i8"),
+        ("varies", "i8"),
+        ("value", "f8"),
+    ],
+    align=True,
+)
+"""As in `cosim_step.MEMORY`; clocked outputs, `held`, are read in events. Addresses of a `RAMP`, of an `EVENTS` (0:
+none) and of the time of the next event; how many clocks and groups of discrete inputs there are; whether the FMU may
+return early, and takes steps of varying size; the time it told when it went wrong."""
+
+
+@njit(cache=True, inline="always")
+def _set_off(m, t, h, u):
+    """Everything before the first call of doStep."""
+    if m.events != 0:
+        n = tick_due(m.events, t, h) if m.clocks > 0 else -1
+        changed = m.discrete > 0 and inputs_change(m.events, u)
+        if n >= 0 or changed or carray(doubles_at(m.next), 1)[0] <= t + 1e-9 * h:
+            status = pass_events(m.events, n, t)
+            if status != 0:
+                return status
+    status = set_all(3, m.instance, m.input_groups, m.inputs, u)
+    if status == 0 and m.ramp != 0:
+        begin_ramp(m.ramp, u, t, h)
+        status = set_ramp(m.ramp, t)
+    return status
+
+
+@njit(cache=True, inline="always")
+def _come_to(m, t, h):
+    """From `t` to `t` + `h`; 0, or the status that ends the run."""
+    close, here, end = 1e-9 * h, t, t + h
+    part, halved, stalls = h, 0, 0
+    flags, last = carray(bytes_at(m.returned), 16), carray(doubles_at(m.returned), 1)
+    planned = carray(doubles_at(m.next), 1)
+    for _ in range(MOST_STEPS):
+        goal = end
+        if m.varies:
+            if here + close < planned[0] < end - close:
+                goal = planned[0]
+            if goal - here > part:
+                goal = here + part
+        for i in range(8, 11):
+            flags[i] = 0
+        r = m.returned
+        status = do_step_3(m.do_step, (m.instance, here, goal - here, m.final, r + 8, r + 9, r + 10, r))
+        if m.ramp != 0:
+            bad = bad_ramp(m.ramp)
+            if bad != 0:
+                return bad
+        if status == DISCARD and m.varies:
+            # the FMU is where it was before
+            part, halved, m.value = 0.5 * (goal - here), halved + 1, here
+            if halved > SHORTENED:
+                return STUCK
+            continue
+        if status > 1:
+            return DO_STEP + status
+        if flags[9]:
+            return TERMINATE
+        reached = goal
+        if flags[10]:
+            if not m.early:
+                return EARLY
+            m.value = reached = last[0]
+            if not (here - close <= reached <= goal + close):
+                return OUTSIDE
+        part, halved = max(2.0 * part, reached - here), 0
+        stalls = stalls + 1 if reached <= here + close else 0
+        if stalls > MOST_STALLS:
+            m.value = here
+            return STALLED
+        here = max(reached, here)
+        if m.events != 0 and (flags[8] or planned[0] <= here + close):
+            status = pass_events(m.events, -1, here)
+            if status != 0:
+                return status
+        if end - here <= close:
+            return 0
+        if m.ramp != 0:
+            status = set_ramp(m.ramp, here)
+            if status != 0:
+                return status
+    m.value = here
+    return TOO_MANY
+
+
+@njit(cache=True, inline="always")
+def _outputs(m, y):
+    held = carray(groups_at(m.held_groups), m.held)
+    for i in range(m.held):
+        drain(held[i], address_of(y))
+    return get_all(3, m.instance, m.output_groups, m.outputs, address_of(y))
+
+
+@step_function(MEMORY)
+def step(m, t, h, u, y):
+    status = _set_off(m, t, h, address_of(u))
+    if status != 0:
+        return status
+    status = _come_to(m, t, h)
+    return _outputs(m, y) if status == 0 else status
