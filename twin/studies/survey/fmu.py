@@ -13,8 +13,8 @@ from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.reporter import Reporter
 from twin.studies.lines import counted
-from twin.studies.reference.carried import DEFAULT, carried
-from twin.studies.reference.outcome import BAD, Outcome, default_outcome, references
+from twin.studies.reference.carried import carried
+from twin.studies.reference.outcome import BAD, DEFAULT, Outcome, default_outcome, references
 from twin.studies.survey.stated import stated
 
 JOB = "twin.studies.survey.fmu:tried"

@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any
 
 from twin.studies.lines import counted, labelled, markdown
-from twin.studies.reference.agreement import TOLERANCE
+from twin.studies.reference.bare_run import TOLERANCE
 from twin.studies.reference.outcome import WORDS
 
 HEAD = """# Which FMUs work
