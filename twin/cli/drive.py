@@ -12,7 +12,6 @@ import typer
 from twin.cli import drive_info
 from twin.cli.ask import answer_of, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.drive_survey import survey
 from twin.cli.first_look import look_at_experiments
 from twin.cli.group import Group
 from twin.cli.options import (
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
 
 app = typer.Typer(cls=Group)
-app.command("survey")(survey)
 
 Fmu = Annotated[
     str,

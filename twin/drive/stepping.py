@@ -8,8 +8,8 @@ import numpy as np
 
 from twin.cosim.port import Port
 from twin.drive import cosim_step, event_step
-from twin.drive.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, explained
-from twin.drive.cosim_step import RESTORE, SAVE, SHORTER
+from twin.drive.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, RESTORE, SAVE, explained
+from twin.drive.cosim_step import SHORTER
 from twin.drive.groups import AT_END, GROUP
 from twin.drive.instance import Instance
 from twin.drive.variable import ITEM_SIZES, Variable

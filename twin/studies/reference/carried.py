@@ -7,6 +7,7 @@ FMUs; or beside it, as in the FMI Cross-Check, https://github.com/modelica/fmi-c
 import re
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 from twin.archive import content_of, entries, entry_of
 from twin.cosim.ssp.elements import finite
@@ -134,7 +135,7 @@ def _beside(file: Path) -> list[Trial]:
     return [replace(found, **options_of(read_text(options), options.name)) if options.is_file() else found]
 
 
-def options_of(text: str, where: str) -> dict[str, float]:
+def options_of(text: str, where: str) -> dict[str, Any]:
     """Keys `start`, `stop`, `step`, `tolerance` of `Trial` that the lines of a _ref.opt give.
 
     A step of 0 says that the exporting tool chose its steps itself, and is left out.

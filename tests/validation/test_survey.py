@@ -4,26 +4,21 @@ from pathlib import Path
 
 import pytest
 
-from tests.drive.archives import carrying, redescribed
+from tests.drive.archives import altered, carrying, redescribed
 from twin.errors import InputRefused
 from twin.files import read_json, read_toml
 from twin.runs.guard.guard import JobEnded
 from twin.studies.reference.outcome import WORDS
-from twin.studies.survey import fmu
-from twin.studies.survey.page import page_text
-from twin.studies.survey.study import survey
+from validation import survey as module
+from validation.survey import main, page_text, stated, survey, survey_text, tried
 
 WALL = 60.0
-
-
-def heard(what: str, share: float | None = None, /) -> None:
-    pass
 
 
 def test_the_page_says_what_the_data_say(root: Path):
     facts = read_json(root / "docs" / "compatibility.json")
     again = (
-        "docs/compatibility.md is not what its data say: make it again with twin drive survey docs/compatibility.json"
+        "docs/compatibility.md is not what its data say: make it again with make survey FMUS=docs/compatibility.json"
     )
     assert (root / "docs" / "compatibility.md").read_text() == page_text(facts), again
     assert {row["word"] for row in facts["fmus"]} <= set(WORDS)
@@ -56,13 +51,13 @@ def test_every_fmu_is_tried_once_and_one_that_crashes_costs_itself(
         if arguments["file"].endswith("crash.fmu"):
             raise JobEnded(f"{arguments['file']}: crashed")
         reporter = type("Reporter", (), {"note": lambda self, **note: listen(note)})()
-        return fmu.tried(reporter, **arguments)
+        return tried(reporter, **arguments)
 
-    monkeypatch.setattr(fmu, "guarded", here)
+    monkeypatch.setattr(module, "guarded", here)
     (tmp_path / "sources.toml").write_text('[a]\nfrom = "here"\n[b]\nfrom = "there"\n')
     data, page = tmp_path / "out" / "s.json", tmp_path / "out" / "s.md"
-    answer = survey(place, tmp_path / "sources.toml", data, page, WALL, heard)
-    rows = {row["file"]: row for row in answer.facts["fmus"]}
+    facts = survey(place, tmp_path / "sources.toml", data, page, WALL)
+    rows = {row["file"]: row for row in facts["fmus"]}
     assert {name: row["word"] for name, row in rows.items()} == {
         "servo.fmu": "agrees", "plain.fmu": "ran", "crash.fmu": "lost", "pointer.fmu": "refused", "text.fmu": "refused",
     }  # fmt: skip
@@ -72,9 +67,9 @@ def test_every_fmu_is_tried_once_and_one_that_crashes_costs_itself(
         "a": "here",
         "b": "there",
     }
-    assert "| agrees | 1 |" in page.read_text() and "5 FMUs: 1 agrees" in answer.text
-    again = survey(data, None, data, tmp_path / "again.md", WALL, heard)
-    assert (tmp_path / "again.md").read_text() == page.read_text() and again.facts["fmus"]
+    assert "| agrees | 1 |" in page.read_text() and "5 FMUs: 1 agrees" in survey_text(facts)
+    again = survey(data, None, data, tmp_path / "again.md", WALL)
+    assert (tmp_path / "again.md").read_text() == page.read_text() and again["fmus"]
 
 
 def test_a_folder_without_fmus_and_one_that_the_sources_do_not_know_are_refused(root: Path, tmp_path: Path):
@@ -87,10 +82,15 @@ def test_a_folder_without_fmus_and_one_that_the_sources_do_not_know_are_refused(
         (tmp_path / "x.json", "no data"),
     ):
         with pytest.raises(InputRefused, match=told):
-            survey(place, None, tmp_path / "d.json", None, WALL, heard)
+            survey(place, None, tmp_path / "d.json", None, WALL)
     (tmp_path / "a" / "x.fmu").write_text("x")
     with pytest.raises(InputRefused, match=r"s\.toml: nothing of a"):
-        survey(tmp_path, tmp_path / "s.toml", tmp_path / "d.json", None, WALL, heard)
+        survey(tmp_path, tmp_path / "s.toml", tmp_path / "d.json", None, WALL)
+
+
+def test_from_the_command_line_a_refusal_is_one_sentence(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    assert main([str(tmp_path), "--data", str(tmp_path / "d.json"), "--page", str(tmp_path / "d.md")]) == 2
+    assert "0 FMUs below it" in capsys.readouterr().err
 
 
 def test_words_of_strangers_are_no_markup():
@@ -100,3 +100,21 @@ def test_words_of_strangers_are_no_markup():
     page = page_text({"platform": "p", "sources": {"s": ""}, "fmus": [row]})
     (line,) = [line for line in page.splitlines() if "script" in line]
     assert "<script" not in line and "](" not in line.replace("\\](", "") and line.replace("\\|", "").count("|") == 7
+
+
+def test_version_kind_and_platforms_are_told_of_any_fmu(root: Path, tmp_path: Path):
+    good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    found = stated(good)
+    assert (found.model, found.tool, found.fmi, found.kinds) == ("velocity_servo", "", "2.0", ("co-simulation",))
+    assert found.platforms == ("darwin64", "linux64", "win64")
+    exchange = stated(redescribed(good, tmp_path / "me.fmu", "<CoSimulation", "<ModelExchange"))
+    assert exchange.kinds == ("model exchange",)
+    old = stated(redescribed(good, tmp_path / "old.fmu", 'fmiVersion="2.0"', 'fmiVersion="1.0" generationTool="T 1"'))
+    assert (old.fmi, old.tool, old.kinds) == ("1.0", "T 1", ("model exchange",))
+
+
+def test_what_has_no_description_is_no_fmu(root: Path, tmp_path: Path):
+    good = root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+    bad = altered(good, tmp_path / "bad.fmu", lambda n, c: None if n == "modelDescription.xml" else (n, c))
+    with pytest.raises(InputRefused, match="not an FMU"):
+        stated(bad)

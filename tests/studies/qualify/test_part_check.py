@@ -8,7 +8,7 @@ import pytest
 from tests.drive.archives import altered
 from twin.errors import ComponentFailed, InputRefused
 from twin.studies.answer import Answer
-from twin.studies.component.study import check, contracts
+from twin.studies.qualify.part_check import contracts, part_check
 
 LAW = "fmus/parts/paper_law"
 BRIEF = "duration_s=0.5"
@@ -87,7 +87,7 @@ def mine(tmp_path: Path) -> Path:
 
 
 def checked(role: str, part: str | None, *settings: str, experiment: str = "fig4_force_position") -> Answer:
-    return check(role, part, Path(experiment), [BRIEF, *settings], say=lambda what: None)
+    return part_check(role, part, Path(experiment), [BRIEF, *settings], say=lambda what: None)
 
 
 def verdicts(answer: Answer) -> dict[str, str]:
@@ -139,13 +139,13 @@ def test_a_part_that_runs_cannot_be_scored_with_is_warned_of(mine: Path):
     assert (answer.exit_code, verdicts(answer)["scored"]) == (0, "note")
     missing = "no output p_ref_B, p_cmd_B, F_z, F_z_ref, triggered: twin report cannot score the estimated force"
     assert detail(answer, "scored").startswith(missing)
-    answer = check("controller", f"{mine}:Good", Path("pressing"), [], say=lambda what: None)
+    answer = part_check("controller", f"{mine}:Good", Path("pressing"), [], say=lambda what: None)
     assert "no output task, phase: twin compare --paper fig5" in detail(answer, "scored")
 
 
 def test_a_slow_part_is_not_waited_for(mine: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("twin.studies.component.bench.PATIENCE", 0.05)
-    monkeypatch.setattr("twin.studies.component.bench.BLOCK", 5)
+    monkeypatch.setattr("twin.studies.qualify.bench.PATIENCE", 0.05)
+    monkeypatch.setattr("twin.studies.qualify.bench.BLOCK", 5)
     answer = checked("controller", f"{mine}:Slow")
     assert "the rest would take too long" in detail(answer, "calls")
     assert answer.facts["cost_s"] > 0.002

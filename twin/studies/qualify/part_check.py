@@ -1,50 +1,33 @@
-"""What a part of another make does on the bench, check by check."""
+"""A part of another make: whether it can take its place in the robot, called with what twin's own gets."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing
 from dataclasses import dataclass
-from typing import Literal
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.cosim.component import Component
-from twin.cosim.port import by_port
+from twin.cosim.port import Port, by_port
 from twin.drive.component import FmuComponent
-from twin.errors import ComponentFailed
+from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
-from twin.runs.assembly.roles import OtherPart
-from twin.runs.trace import Trace
-from twin.studies.component.bench import (
-    Inputs,
-    Played,
-    inputs_for,
-    played,
-    played_again,
-    replayed_from_state,
-)
+from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.roles import CONTRACTS, OtherPart, other_part
+from twin.runs.trace import Trace, run_in_memory
+from twin.studies.answer import Answer
+from twin.studies.lines import wrapped
 from twin.studies.metrics.needs import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
+from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
+from twin.studies.qualify.definitions import Check, judged
 
-Verdict = Literal["ok", "fails", "note"]
+VERDICTS = {"ok": "ok", "FAIL": "fails", "note": "note"}
+"""What a verdict is called here."""
 ENOUGH = 1000
 """Calls of a check that repeats what another one has done."""
 LATE = 20
 """Samples within which an output has to answer its inputs."""
-
-
-@dataclass(frozen=True)
-class Check:
-    """One thing that was looked at.
-
-    Attributes:
-        name: of it.
-        verdict: "note" does not disqualify.
-        detail: one sentence.
-    """
-
-    name: str
-    verdict: Verdict
-    detail: str
 
 
 @dataclass(frozen=True)
@@ -67,7 +50,7 @@ class Checked:
 
     @property
     def good(self) -> bool:
-        return all(check.verdict != "fails" for check in self.checks)
+        return all(check.verdict != "FAIL" for check in self.checks)
 
 
 def checked_part(
@@ -116,7 +99,7 @@ def _calls(bench: _Bench, first: Played) -> Check:
     n, count = len(first.rows), len(bench.inputs.t)
     if first.failure:
         t = bench.inputs.t[n]
-        return Check("calls", "fails", f"{first.failure} at t = {t:.6g} s, call {n + 1}")
+        return Check("calls", "FAIL", f"{first.failure} at t = {t:.6g} s, call {n + 1}")
     if n < count:
         return Check("calls", "ok", f"{n} of {count} calls, all outputs finite; the rest would take too long")
     return Check("calls", "ok", f"{n} calls, all outputs finite")
@@ -140,7 +123,7 @@ def _repeats(bench: _Bench, first: Played) -> Check:
     inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
     again = bench.play(inputs)
     same = _same(first, again)
-    return Check("repeatable", "ok" if same else "fails", _sameness("a new one", same, again))
+    return judged("repeatable", same, _sameness("a new one", same, again))
 
 
 def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
@@ -151,9 +134,10 @@ def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
         assert isinstance(component, FmuComponent)
         played(component, inputs)
         try:
-            again = played_again(component, inputs)
+            component.instance.reset()
+            again = played(component, inputs)
             same = _same(first, again)
-            yield Check("reset", "ok" if same else "note", _sameness("after a reset it", same, again))
+            yield judged("reset", same, _sameness("after a reset it", same, again), otherwise="note")
         except ComponentFailed as problem:
             yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
     if not bench.part.fmu.interface.canGetAndSetFMUstate:
@@ -164,7 +148,7 @@ def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
         try:
             same = replayed_from_state(component, inputs)
             said = "set back, it does " + ("the same" if same else "something else")
-            yield Check("state", "ok" if same else "note", said)
+            yield judged("state", same, said, otherwise="note")
         except ComponentFailed as problem:
             yield Check("state", "note", str(problem))
 
@@ -208,3 +192,116 @@ def _apart(
         for name, values in by_port(part.outputs, rows).items()
         if f"{part.role}.{name}" in run.fields()
     }
+
+
+def part_check(
+    role: str, part: str | None, experiment: Path, settings: Sequence[str], say: Callable[[str], None]
+) -> Answer:
+    """Whether a part of another make can take its place in the robot, called with what twin's own gets.
+
+    Exit code 1: it cannot.
+
+    Args:
+        role: which part of the robot, one of `CONTRACTS`.
+        part: an FMU, a mapping, a folder with one, or FILE:CLASS; None: the one that the experiment names.
+        experiment: its file or name; a run of it with twin's own part, or with the one it names, makes the inputs.
+        settings: laid over the experiment that has the part; mapping and parameters go here.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: the part or the experiment cannot be used.
+        ComponentFailed: another component failed in the run.
+    """
+    if role not in CONTRACTS:
+        raise InputRefused(f"{role}: no part that may be of another make; these are {', '.join(CONTRACTS)}")
+    named = [] if part is None else [f"{role}.{'python' if '.py:' in part else 'fmu'}={_absolute(part)!r}"]
+    other = load_experiment(experiment, [*named, *settings])
+    if role not in other.stand_ins:
+        raise InputRefused(f"{other.name}: its {role} is twin's own; name an FMU, or FILE:CLASS")
+    found = other_part(role, other.stand_ins[role])
+    say(f"running {other.name}")
+    # settings of the part mean nothing to twin's own
+    rest = [text for text in settings if not text.startswith(f"{role}.")]
+    run = run_in_memory(load_experiment(experiment, rest))
+    ticks = {"monitor": other.monitor_ticks, "scale": other.scale_ticks, "body": 1}.get(role, other.controller_ticks)
+    done = checked_part(found, other, ticks, run, part is not None, say)
+    return Answer(checked_text(done), component_facts(done), 0 if done.good else 1)
+
+
+def contracts(say: Callable[[str], None]) -> Answer:
+    """The ports of every part that may be of another make."""
+    facts = {
+        role: {
+            side: [
+                {
+                    "name": port.name, "size": port.size, "unit": port.unit, "meaning": port.meaning,
+                    "required": side == "outputs" and port.name in contract.required,
+                }
+                for port in ports
+            ]
+            for side, ports in (("inputs", contract.inputs), ("outputs", contract.outputs))
+        }
+        for role, contract in CONTRACTS.items()
+    }  # fmt: skip
+    return Answer(contracts_text(), facts)
+
+
+def _absolute(part: str) -> str:
+    """`part` as seen from the current folder, if it is there: an experiment looks beside itself."""
+    file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
+    return f"{Path(file).absolute()}{colon}{name}" if Path(file).exists() else part
+
+
+def checked_text(done: Checked) -> str:
+    """For people, at most 80 columns."""
+    part = done.part
+    lines = [f"{part.role}: {part.label}, every {1e3 * done.period:g} ms, sha256 {part.sha256[:12]}"]
+    lines += [line for text in part.facts.get("mapped", ()) for line in wrapped(text, "  ", 4)]
+    for check in done.checks:
+        lines += wrapped(check.detail, f"  {VERDICTS[check.verdict]:6} {check.name:11} ")
+    lines.append(f"  {'':6} {'cost':11} {1e6 * done.cost:.2g} us per call")
+    for name, apart in (done.apart or {}).items():
+        unit = next(port.unit for port in part.outputs if port.name == name)
+        lines.append(f"  {'':6} {name:11} {_difference(apart, unit)}")
+    verdict = "can take its place" if done.good else "cannot take its place"
+    return "\n".join([*lines, f"{part.label} {verdict} as {part.role}"])
+
+
+def _difference(apart: float, unit: str) -> str:
+    if apart == 0.0:
+        return "as twin's own, bit for bit"
+    return f"at most {apart:.3g}{'' if unit == '1' else f' {unit}'} from twin's own on the same inputs"
+
+
+def component_facts(done: Checked) -> dict[str, object]:
+    """For programs, SI."""
+    part = done.part
+    return {
+        "role": part.role,
+        "part": dict(part.facts),
+        "period_s": done.period,
+        "inputs": [port.name for port in part.inputs],
+        "outputs": [port.name for port in part.outputs],
+        "checks": [{"name": c.name, "verdict": VERDICTS[c.verdict], "detail": c.detail} for c in done.checks],
+        "cost_s": done.cost,
+        "largest_difference_to_own": done.apart,
+        "good": done.good,
+    }
+
+
+def contracts_text() -> str:
+    """Every part and its ports, for people."""
+    return "\n".join(line for role in CONTRACTS for line in _contract(role))
+
+
+def _contract(role: str) -> Iterator[str]:
+    contract = CONTRACTS[role]
+    yield f"[{role}]"
+    for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
+        for port in ports:
+            needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
+            yield from wrapped(f"{port.meaning}{needed}", f"  {arrow} {_sized(port):12} {port.unit:6} ")
+
+
+def _sized(port: Port) -> str:
+    return port.name if port.size == 1 else f"{port.name}[{port.size}]"
