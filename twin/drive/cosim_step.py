@@ -10,6 +10,7 @@ import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
 from twin.cosim.native import address_of, bytes_at, step_function
+from twin.cosim.record import record
 from twin.drive.calls import (
     DISCARD,
     DO_STEP,
@@ -32,22 +33,18 @@ from twin.drive.calls import (
 )
 from twin.drive.groups import begin_ramp, get_all, set_all, set_ramp
 
-SHORTER = np.dtype(
-    [
-        ("real_status", "i8"),
-        ("boolean_status", "i8"),
-        ("value", "f8"),
-        ("flag", "i8"),
-        ("value_at", "i8"),
-        ("flag_at", "i8"),
-        ("varies", "i8"),
-        ("discarded", "i8"),
-        ("since", "f8"),
-    ],
-    align=True,
+SHORTER = record(
+    real_status="i8",  # fmiNGetRealStatus
+    boolean_status="i8",  # fmi2GetBooleanStatus; 0 in FMI 1.0
+    value="f8",  # what the first returns
+    flag="i8",  # what the second returns
+    value_at="i8",  # where these two are
+    flag_at="i8",
+    varies="i8",  # whether the FMU takes steps of varying size
+    discarded="i8",  # how many steps it has discarded
+    since="f8",  # when the first (s)
 )
-"""Addresses of fmiNGetRealStatus and fmiNGetBooleanStatus (0 in FMI 1.0), what they return and where; whether the FMU
-takes steps of varying size; how many steps it has discarded, and when the first."""
+"""What goes on after a discarded step; addresses of functions."""
 
 LAST_SUCCESSFUL_TIME, TERMINATED = 2, 3
 """fmi2StatusKind, and fmiStatusKind for the first."""
@@ -111,24 +108,20 @@ def go_on(address, ramp, do_step, instance, t, h, final):
     return TOO_MANY
 
 
-MEMORY = np.dtype(
-    [
-        ("version", "i8"),
-        ("instance", "i8"),
-        ("do_step", "i8"),
-        ("final", "i8"),
-        ("inputs", "i8"),
-        ("input_groups", "i8"),
-        ("outputs", "i8"),
-        ("output_groups", "i8"),
-        ("returned", "i8"),
-        ("ramp", "i8"),
-        ("shorter", "i8"),
-    ],
-    align=True,
+MEMORY = record(
+    version="i8",
+    instance="i8",
+    do_step="i8",
+    final="i8",  # 1: no state will be restored
+    inputs="i8",  # how many groups
+    input_groups="i8",  # of `groups.GROUP`
+    outputs="i8",
+    output_groups="i8",
+    returned="i8",  # 16 bytes for what fmi3DoStep returns
+    ramp="i8",  # a `groups.RAMP`; 0: no input is a line
+    shorter="i8",  # a `SHORTER`
 )
-"""Addresses of instance and function, counts and addresses of groups; 16 bytes for what fmi3DoStep returns; addresses
-of a `RAMP` and a `SHORTER`, 0 where nothing is done within a step."""
+"""Of an instance: counts, and addresses of functions and tables."""
 
 
 @step_function(MEMORY)
@@ -162,25 +155,21 @@ def step(m, t, h, u, y):
     return get_all(m.version, m.instance, m.output_groups, m.outputs, address_of(y))
 
 
-PLAIN_MEMORY = np.dtype(
-    [
-        ("instance", "i8"),
-        ("set_real", "i8"),
-        ("do_step", "i8"),
-        ("final", "i8"),
-        ("get_real", "i8"),
-        ("inputs", "i8"),
-        ("input_references", "i8"),
-        ("outputs", "i8"),
-        ("output_references", "i8"),
-        ("shifted", "i8"),
-        ("shift", "f8"),
-        ("shorter", "i8"),
-    ],
-    align=True,
+PLAIN_MEMORY = record(
+    instance="i8",
+    set_real="i8",
+    do_step="i8",
+    final="i8",
+    get_real="i8",
+    inputs="i8",  # how many
+    input_references="i8",
+    outputs="i8",
+    output_references="i8",
+    shifted="i8",  # which output
+    shift="f8",  # and by how much
+    shorter="i8",  # a `SHORTER`
 )
-"""Addresses of instance and functions, counts and addresses of value references; which output is
-shifted, and by how much; address of a `SHORTER`."""
+"""The same of an FMU whose values go as they are."""
 
 
 @step_function(PLAIN_MEMORY)
@@ -203,20 +192,16 @@ def plain_step(m, t, h, u, y):
     return 0
 
 
-STATE_MEMORY = np.dtype(
-    [
-        ("instance", "i8"),
-        ("get", "i8"),
-        ("set", "i8"),
-        ("cell", "i8"),
-        ("state", "i8"),
-        ("pieces", "i8"),
-        ("piece_table", "i8"),
-    ],
-    align=True,
+STATE_MEMORY = record(
+    instance="i8",
+    get="i8",  # fmiNGetFMUState
+    set="i8",  # fmiNSetFMUState
+    cell="i8",  # where the next field is
+    state="i8",  # the FMU's own pointer
+    pieces="i8",  # how many of our own memory go back with it
+    piece_table="i8",  # of `PIECE`
 )
-"""Addresses of instance, fmiNGetFMUState, fmiNSetFMUState and of the field `state`, where the FMU's own pointer is; how
-many pieces of our own memory go back with it, and the address of their table."""
+"""To save and restore a state; addresses of functions."""
 
 PIECE = np.dtype([("array", "i8"), ("copy", "i8"), ("size", "i8")])
 """Addresses of a piece and of its copy, and their bytes."""

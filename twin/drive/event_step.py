@@ -10,6 +10,7 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import entry
 from twin.cosim.native import address_of, bytes_at, doubles_at, step_function
+from twin.cosim.record import record
 from twin.drive.calls import (
     DISCARD,
     DO_STEP,
@@ -54,32 +55,27 @@ CLOCK = np.dtype([("reference", "u4"), ("kind", "i4"), ("period", "i8"), ("next"
 
 CLOCK_BYTES = CLOCK.itemsize
 
-EVENTS = np.dtype(
-    [
-        ("instance", "i8"),
-        ("enter_event_mode", "i8"),
-        ("update", "i8"),
-        ("enter_step_mode", "i8"),
-        ("set_clock", "i8"),
-        ("get_clock", "i8"),
-        ("get_interval", "i8"),
-        ("returned", "i8"),
-        ("clocks", "i8"),
-        ("clock_table", "i8"),
-        ("discrete", "i8"),
-        ("discrete_groups", "i8"),
-        ("held", "i8"),
-        ("held_groups", "i8"),
-        ("next", "i8"),
-        ("step", "f8"),
-        ("value", "f8"),
-        ("culprit", "i8"),
-    ],
-    align=True,
+EVENTS = record(
+    instance="i8",
+    enter_event_mode="i8",
+    update="i8",
+    enter_step_mode="i8",
+    set_clock="i8",
+    get_clock="i8",
+    get_interval="i8",
+    returned="i8",  # 40 bytes for what functions return
+    clocks="i8",  # how many
+    clock_table="i8",  # of `CLOCK`
+    discrete="i8",  # groups of discrete inputs
+    discrete_groups="i8",
+    held="i8",  # groups of clocked outputs
+    held_groups="i8",
+    next="i8",  # where the time of the next event is (s); infinity: none is planned
+    step="f8",  # s
+    value="f8",  # what the FMU told when it went wrong
+    culprit="i8",  # about which clock
 )
-"""Addresses of instance and functions, and of 40 bytes for what these return; counts and addresses of clocks, of groups
-of discrete inputs and of groups of clocked outputs; address of the time of the next event (s, infinity: none is
-planned); step (s); what the FMU told when it went wrong, and about which clock."""
+"""Event mode: counts, and addresses of functions and tables."""
 
 _events_at, _clocks_at = pointer_to(EVENTS), pointer_to(CLOCK)
 _words_at = pointer_to(np.int32)
@@ -266,32 +262,27 @@ def settle(address, active, n, t):
     return _plan_clocks(e, clocks, ticked, n, t)
 
 
-MEMORY = np.dtype(
-    [
-        ("instance", "i8"),
-        ("do_step", "i8"),
-        ("final", "i8"),
-        ("inputs", "i8"),
-        ("input_groups", "i8"),
-        ("outputs", "i8"),
-        ("output_groups", "i8"),
-        ("held", "i8"),
-        ("held_groups", "i8"),
-        ("returned", "i8"),
-        ("ramp", "i8"),
-        ("events", "i8"),
-        ("next", "i8"),
-        ("clocks", "i8"),
-        ("discrete", "i8"),
-        ("early", "i8"),
-        ("varies", "i8"),
-        ("value", "f8"),
-    ],
-    align=True,
+MEMORY = record(
+    instance="i8",
+    do_step="i8",
+    final="i8",
+    inputs="i8",
+    input_groups="i8",
+    outputs="i8",
+    output_groups="i8",
+    held="i8",  # clocked outputs, which are read in events
+    held_groups="i8",
+    returned="i8",
+    ramp="i8",
+    events="i8",  # an `EVENTS`; 0: none
+    next="i8",  # where the time of the next event is
+    clocks="i8",  # how many
+    discrete="i8",  # how many groups of discrete inputs
+    early="i8",  # whether it may return early
+    varies="i8",  # whether it takes steps of varying size
+    value="f8",  # the time that it told when it went wrong
 )
-"""As in `cosim_step.MEMORY`; clocked outputs, `held`, are read in events. Addresses of a `RAMP`, of an `EVENTS` (0:
-none) and of the time of the next event; how many clocks and groups of discrete inputs there are; whether the FMU may
-return early, and takes steps of varying size; the time it told when it went wrong."""
+"""As `cosim_step.MEMORY`, and what events need."""
 
 
 @njit(cache=True, inline="always")

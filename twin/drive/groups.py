@@ -13,33 +13,28 @@ import numpy as np
 from twin.compiled.function import carray, njit, pointer_to
 from twin.compiled.native import Native
 from twin.cosim.native import address_of, doubles_at, integers_at
+from twin.cosim.record import record
 from twin.drive.calls import DERIVATIVES, GET, SET, access_2, access_3, access_pairs
 
 _f64, _f32 = pointer_to(np.float64), pointer_to(np.float32)
 _i8, _u8, _i16, _u16 = (pointer_to(t) for t in (np.int8, np.uint8, np.int16, np.uint16))
 _i32, _u32, _i64, _u64 = (pointer_to(t) for t in (np.int32, np.uint32, np.int64, np.uint64))
 
-GROUP = np.dtype(
-    [
-        ("kind", "i8"),
-        ("access", "i8"),
-        ("references", "i8"),
-        ("variables", "i8"),
-        ("values", "i8"),
-        ("slots", "i8"),
-        ("gain", "i8"),
-        ("offset", "i8"),
-        ("buffer", "i8"),
-        ("bytes", "i8"),
-        ("last", "i8"),
-        ("clocks", "i8"),
-    ],
-    align=True,
+GROUP = record(
+    kind="i8",  # index into `KINDS`
+    access="i8",  # fmiNSetType or fmiNGetType
+    references="i8",  # value references (uint32)
+    variables="i8",  # how many of these
+    values="i8",  # how many numbers: more than variables where these are arrays
+    slots="i8",  # where each is in u or y (uint64)
+    gain="i8",  # of each (float64)
+    offset="i8",  # of each (float64)
+    buffer="i8",  # of the FMI type
+    bytes="i8",  # of the buffer
+    last="i8",  # with events: what inputs were last set to
+    clocks="i8",  # with events: those with which alone the group changes, a bit for each
 )
-"""A group: index into KINDS; address of fmiNSetType or fmiNGetType; addresses and counts: `variables` value references
-(uint32), `values` slots (uint64) into u or y, gains and offsets (float64), and the buffer, of so many
-bytes. Arrays make values exceed variables. With events also: `last`, what inputs were last set to, and the clocks with
-which alone the group changes, a bit for each."""
+"""Variables of one FMI type: counts, and addresses of functions and arrays."""
 
 groups_at = pointer_to(GROUP)
 
@@ -156,29 +151,24 @@ def get_all(version, instance, groups, count, y):
 AT_END = ":end"
 """What the port for the value at the end of a step is called after its input's name."""
 
-RAMP = np.dtype(
-    [
-        ("instance", "i8"),
-        ("set", "i8"),
-        ("derivatives", "i8"),
-        ("values", "i8"),
-        ("references", "i8"),
-        ("orders", "i8"),
-        ("starts", "i8"),
-        ("ends", "i8"),
-        ("gain", "i8"),
-        ("offset", "i8"),
-        ("begin", "i8"),
-        ("slope", "i8"),
-        ("buffer", "i8"),
-        ("t", "f8"),
-        ("bad", "i8"),
-    ],
-    align=True,
+RAMP = record(
+    instance="i8",
+    set="i8",  # fmiNSetReal or fmi3SetFloat64
+    derivatives="i8",  # fmiNSetRealInputDerivatives; 0 in FMI 3.0
+    values="i8",  # how many
+    references="i8",
+    orders="i8",  # all 1
+    starts="i8",  # slots in u of the values at the start of a step
+    ends="i8",  # and at its end
+    gain="i8",
+    offset="i8",
+    begin="i8",  # value at the start, in the FMU's own unit
+    slope="i8",
+    buffer="i8",
+    t="f8",  # of the start (s)
+    bad="i8",  # what was bad within a step
 )
-"""Addresses of instance, of fmiNSetReal or fmi3SetFloat64 and of fmiNSetRealInputDerivatives (0 in FMI 3.0); how many
-values, and addresses of their references, orders (1), slots in u at both ends, gains and offsets, value at the start,
-slope and buffer; time of the start; what was bad within a step."""
+"""Inputs that are lines over a step: counts, and addresses of functions and of arrays with a number for each value."""
 
 _ramp_at = pointer_to(RAMP)
 
