@@ -136,7 +136,7 @@ FUNCTIONS = {
 }  # fmt: skip
 
 
-def explained(status: int, prefix: str, functions: dict[int, str], value: float, clock: str, said: str) -> str:
+def explain_status(status: int, prefix: str, functions: dict[int, str], value: float, clock: str, said: str) -> str:
     """What a bad `status` means, as the verb phrase of a sentence.
 
     Args:

@@ -41,7 +41,7 @@ from twin.drive.calls import (
     plain,
     update_3,
 )
-from twin.drive.groups import access, bad_ramp, begin_ramp, drain, fill, get_all, groups_at, set_all, set_ramp
+from twin.drive.groups import access, begin_ramp, drain, fill, get_all, groups_at, ramp_status, set_all, set_ramp
 
 PERIODIC, CHANGING, COUNTDOWN, OUTPUT = 0, 1, 2, 3
 """What a clock is: its next tick is known from its period, from what the FMU says when it ticks, or in any event; or
@@ -321,7 +321,7 @@ def _come_to(m, t, h):
         r = m.returned
         status = do_step_3(m.do_step, (m.instance, here, goal - here, m.final, r + 8, r + 9, r + 10, r))
         if m.ramp != 0:
-            bad = bad_ramp(m.ramp)
+            bad = ramp_status(m.ramp)
             if bad != 0:
                 return bad
         if status == DISCARD and m.varies:

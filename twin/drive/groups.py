@@ -210,7 +210,7 @@ def set_ramp(address, t):
 
 
 @njit(cache=True)
-def bad_ramp(address):
+def ramp_status(address):
     """What was bad when the FMU asked for its inputs within a step; 0: nothing."""
     return carray(_ramp_at(address), 1)[0].bad
 

@@ -21,7 +21,7 @@ from fmpy.fmi1 import FMU1Slave
 from fmpy.fmi2 import FMU2Model, FMU2Slave
 from fmpy.fmi3 import FMU3Model, FMU3Slave
 
-from twin.drive.calls import explained
+from twin.drive.calls import explain_status
 from twin.drive.description import STRUCTURAL, clocks, stated_interval
 from twin.drive.event_step import CHANGING, CLOCK, COUNTDOWN, EVENTS, NEVER, OUTPUT, PERIODIC, settle
 from twin.drive.groups import intermediate_update
@@ -364,7 +364,8 @@ def _leave_event_mode(instance: Instance) -> None:
     with instance.calling("UpdateDiscreteStates"):
         status = settled(instance.events.ctypes.data, 0, -1, 0.0)
     if status != 0:
-        raise InputRefused(explained(status, "fmi3", {}, float(e["value"]), instance.clock_name(int(e["culprit"])), ""))
+        clock = instance.clock_name(int(e["culprit"]))
+        raise InputRefused(explain_status(status, "fmi3", {}, float(e["value"]), clock, ""))
     with instance.calling("EnterStepMode"):
         instance.fmu.enterStepMode()
 

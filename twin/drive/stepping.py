@@ -8,7 +8,7 @@ import numpy as np
 
 from twin.cosim.port import Port
 from twin.drive import cosim_step, event_step
-from twin.drive.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, RESTORE, SAVE, explained
+from twin.drive.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, RESTORE, SAVE, explain_status
 from twin.drive.cosim_step import SHORTER
 from twin.drive.groups import AT_END, GROUP
 from twin.drive.instance import Instance
@@ -165,7 +165,7 @@ class Stepping:
             value = float(self.memory[0]["value"])
         if instance.events is not None and status in (ENDLESS, PAST, PERIOD, *range(INTERVAL, INTERVAL + 16)):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
-        sentence = explained(status, instance.description.prefix, states, value, instance.clock_name(clock), said)
+        sentence = explain_status(status, instance.description.prefix, states, value, instance.clock_name(clock), said)
         if status == DO_STEP + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
