@@ -12,7 +12,7 @@ FAST   := robot plant controller monitor drive faults cosim recording experiment
           studies/metrics studies/compare
 
 .DEFAULT_GOAL := help
-.PHONY: help run tasks test test-fast lint bench validation docs picture endurance bytes house mutants fmus shell clean
+.PHONY: help run tasks test test-fast lint bench validation survey docs picture endurance bytes house mutants fmus shell clean
 
 help:  ## this list
 	@grep -hE '^[a-z-]+:.*##' $(MAKEFILE_LIST) | sed 's/:.*## /\t/' | expand -t 12
@@ -62,6 +62,9 @@ bench: $(VENV)/.test-live,dask  ## speed, as ratios measured side by side; RELEA
 
 validation: $(VENV)/.test-validation  ## the twin beside what others made: writes the table of docs/validation.md
 	$(VENV)/bin/python -m validation
+
+survey: $(VENV)/.test-$(EXTRAS)  ## try every FMU below FMUS=folder: writes docs/compatibility.json and .md
+	$(VENV)/bin/python -m validation.survey $(FMUS) --sources docs/compatibility.toml
 
 tasks: $(VENV)/.run  ## the four massage tasks of Fig. 5, scored
 	$(TWIN) run $(TASKS)

@@ -12,7 +12,7 @@ from fmpy.fmi2 import FMU2Slave
 
 from twin.cosim.component import NativeComponent
 from twin.cosim.system import System
-from twin.drive.plain_adapter import step
+from twin.drive.cosim_step import plain_step
 
 SOURCE = Path(__file__).with_name("macro_loop.c")
 
@@ -93,7 +93,7 @@ class CLoop:
 
 def _drives(system: System) -> np.ndarray:
     """What the C loop needs of each drive: one FMI 2.0 instance with Real inputs and outputs."""
-    assert all(component.step_address == step.address for component in system.components)
+    assert all(component.step_address == plain_step.address for component in system.components)
     return np.concatenate([component.keep for component in system.components])
 
 

@@ -13,7 +13,7 @@ from twin.recording.recording import Recording
 
 ENDS = {"falsify": 1}
 """Exit codes: what is shown is a requirement that does not hold."""
-LONG = ("converge", "drive survey", "faults", "tune")
+LONG = ("converge", "faults", "tune")
 """Ten seconds each: `make endurance` tries them, and `make test` what they run by shorter ones of its own."""
 
 

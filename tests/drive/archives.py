@@ -4,7 +4,7 @@ import zipfile
 from collections.abc import Callable
 from pathlib import Path
 
-from twin.drive.related import HOME
+from twin.studies.reference.carried import HOME
 
 DESCRIPTION = "modelDescription.xml"
 

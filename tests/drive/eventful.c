@@ -13,9 +13,7 @@ enum {
     BOUNCES = 2,      /* theta' = +-omega_ref, the sign flips where theta is 0 or `stop`: state events */
     SAMPLES = 3,      /* theta' = omega_ref as it was at the last tick of the clock */
     SWITCHES = 4,     /* theta' = omega_ref as it was at the last event */
-    DISCARDS = 5,     /* theta' = omega_ref, no step longer than `period`; in a longer one theta is wrong before it says so */
-    STRAYS = 6,       /* as FOLLOWS, and within the step from `period` on theta bulges by `stop`, in any other by half of it */
-    SHUTS = 7,        /* as STRAYS, and theta cannot be read within a step after 9.5 ms */
+    DISCARDS = 5,     /* theta' = omega_ref, no step longer than `period` */
     ENDLESS = 10,     /* an event that never ends */
     STUCK = 11,       /* returns early at the start of the step for ever */
     NO_TIME = 12,     /* returns early at a time that is NaN */
@@ -38,9 +36,6 @@ typedef struct {
     bool events, early;
     fmi3IntermediateUpdateCallback update;
     bool ticked, raised;
-    /* of an update: what theta will have grown by since the step's start, and by what it bulges; whether it may be read */
-    double inside, bulge;
-    bool shut;
     unsigned long listed;
     unsigned size;
     double table[8], text, blob;
@@ -163,53 +158,31 @@ fmi3Status fmi3UpdateDiscreteStates(fmi3Instance i, fmi3Boolean *again, fmi3Bool
     return fmi3OK;
 }
 
-/* An intermediate update at `t`, for which theta is not known yet by so much time as `inside`. */
-static void call_back(Shaft *shaft, double t, double inside, bool get, bool finished)
+static void call_back(Shaft *shaft, double t, bool finished)
 {
     fmi3Boolean ignored = false;
     fmi3Float64 at = 0.0;
     const int mode = (int)shaft->slave.state.mode;
-    shaft->slave.state.mode = UPDATING, shaft->inside = inside;
-    shaft->shut = !get || (V(KIND) == SHUTS && t > 0.0095);
-    shaft->update(shaft->slave.environment, t, true, get, finished, shaft->early, &ignored, &at);
+    shaft->slave.state.mode = UPDATING;
+    shaft->update(shaft->slave.environment, t, true, true, finished, shaft->early, &ignored, &at);
     shaft->slave.state.mode = mode;
-}
-
-/* Updates at eighths of the step. At odd ones theta is out of all bounds: the solver is only trying, or it may not be
- * read, at the third. */
-static void stray(Shaft *shaft, double t, double h)
-{
-    const double begin = V(THETA_M), most = fabs(t - V(PERIOD)) < 1e-9 ? V(STOP) : 0.5 * V(STOP);
-    double middle = 0.0;
-    for (int k = 1; k < 8; k++) {
-        const double s = k / 8.0;
-        shaft->bulge = k % 2 ? 1000.0 : 4.0 * most * s * (1.0 - s);
-        call_back(shaft, t + s * h, s * h, k != 3, k % 2 == 0 || k == 3);
-        if (k == 4)
-            middle = V(OMEGA_REF);
-    }
-    V(THETA_M) = begin + middle * h, shaft->bulge = 0.0;
-    call_back(shaft, t + h, 0.0, true, true);
-    V(OMEGA_M) = V(OMEGA_REF);
 }
 
 static void integrate(Shaft *shaft, double t, double h)
 {
     double speed = V(KIND) == SAMPLES || V(KIND) == SWITCHES ? V(IN_USE) : V(OMEGA_REF);
-    if ((V(KIND) == STRAYS || V(KIND) == SHUTS) && shaft->update)
-        stray(shaft, t, h);
-    else if (V(KIND) == FOLLOWS && shaft->update) {
+    if (V(KIND) == FOLLOWS && shaft->update) {
         /* the midpoint rule is exact for what rises evenly */
-        call_back(shaft, t + 0.5 * h, 0.5 * h, true, false);
+        call_back(shaft, t + 0.5 * h, false);
         speed = V(OMEGA_REF);
         V(THETA_M) += speed * h;
-        call_back(shaft, t + h, 0.0, true, true);
+        call_back(shaft, t + h, true);
         V(OMEGA_M) = V(OMEGA_REF);
     } else {
         V(THETA_M) += V(SIGN) * speed * h;
         V(OMEGA_M) = V(SIGN) * speed;
         if (shaft->update)
-            call_back(shaft, t + h, 0.0, true, true);
+            call_back(shaft, t + h, true);
     }
     shaft->slave.state.time = t + h;
 }
@@ -229,11 +202,6 @@ fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
         return refuse(&shaft->slave, "fmi3DoStep does not begin where the last step ended");
     if (kind == FLIPS && t + h > V(NEXT) + 1e-12)
         return refuse(&shaft->slave, "fmi3DoStep goes beyond the time of the next event");
-    if (kind == DISCARDS && h > V(PERIOD) * (1.0 + 1e-9) && shaft->update) {
-        shaft->bulge = 1000.0;
-        call_back(shaft, t + 0.5 * h, 0.0, true, true);
-        shaft->bulge = 0.0;
-    }
     if ((kind == DISCARDS && h > V(PERIOD) * (1.0 + 1e-9)) || (kind == REFUSES && later))
         return fmi3Discard;
     if (kind == ENDLESS_LATER && later)
@@ -267,7 +235,7 @@ fmi3Status fmi3DoStep(fmi3Instance i, fmi3Float64 t, fmi3Float64 h, fmi3Boolean 
 
 static bool readable(const Shaft *shaft, fmi3ValueReference vr)
 {
-    if ((int)shaft->slave.state.mode == UPDATING && (shaft->shut || !(shaft->listed >> vr & 1)))
+    if ((int)shaft->slave.state.mode == UPDATING && !(shaft->listed >> vr & 1))
         return false;
     return vr != STATUS || ((int)shaft->slave.state.mode == EVENTS && (shaft->ticked || shaft->raised));
 }
@@ -278,8 +246,7 @@ fmi3Status fmi3GetFloat64(fmi3Instance i, const fmi3ValueReference vr[], size_t 
     size_t k = 0;
     for (size_t j = 0; j < n; j++) {
         if (vr[j] < N_NUMBERS && readable(shaft, vr[j]))
-            values[k++] = V(vr[j]) + (vr[j] == THETA_M && (int)shaft->slave.state.mode == UPDATING
-                                          ? V(OMEGA_REF) * shaft->inside + shaft->bulge : 0.0);
+            values[k++] = V(vr[j]);
         else if (vr[j] == SUM) {
             values[k] = shaft->text + shaft->blob;
             for (unsigned e = 0; e < shaft->size; e++)

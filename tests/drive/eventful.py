@@ -9,7 +9,7 @@ from tests.drive.archives import DESCRIPTION, altered
 from tests.drive.compiled import Edit, compiled_library
 
 KINDS = {
-    "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5, "strays": 6, "shuts": 7,
+    "follows": 0, "flips": 1, "bounces": 2, "samples": 3, "switches": 4, "discards": 5,
     "endless": 10, "stuck": 11, "no_time": 12, "before": 13, "beyond": 14, "past": 15, "no_event_time": 16,
     "crumbles": 17, "refuses": 18, "ends": 19, "endless_later": 20,
 }  # fmt: skip
@@ -28,10 +28,6 @@ typedef union { double at[14]; double theta_m, omega_m; } Variables;
 
 PERIODIC = '<Clock name="beat" valueReference="20" causality="input" {rhythm}/>'
 
-
-WITHIN = 'providesIntermediateUpdate="true"'
-READ = 'intermediateUpdate="true"'
-"""A variable that can be set or read within a step."""
 
 Maker = Callable[..., Path]
 
@@ -83,7 +79,6 @@ def eventful_drive(
     clocks: str = "",
     omega_ref: str = "",
     more: str = "",
-    theta_m: str = "",
 ) -> Path:
     """`file` with the binary `library`.
 
@@ -91,7 +86,6 @@ def eventful_drive(
         abilities: attributes of its co-simulation.
         clocks: elements of its clocks.
         omega_ref: attributes of its command.
-        theta_m: attributes of its angle.
         more: elements of further variables.
     """
     description = f"""<?xml version="1.0" encoding="UTF-8"?>
@@ -105,7 +99,7 @@ def eventful_drive(
   <ModelVariables>
     <Float64 name="omega_ref" valueReference="0" causality="input" start="0.0" unit="rad/s" {omega_ref}/>
     <Float64 name="tau_load" valueReference="1" causality="input" start="0.0" unit="N.m"/>
-    <Float64 name="theta_m" valueReference="2" causality="output" unit="rad" {theta_m}/>
+    <Float64 name="theta_m" valueReference="2" causality="output" unit="rad"/>
     <Float64 name="omega_m" valueReference="3" causality="output" unit="rad/s"/>
     <Float64 name="kind" valueReference="4" causality="parameter" variability="fixed" start="0.0"/>
     <Float64 name="period" valueReference="5" causality="parameter" variability="fixed" start="1.0"/>

@@ -148,12 +148,12 @@ def test_a_sampled_part_is_called_at_its_samples_and_told_when_the_last_step_end
     told = []
     from twin.drive import component
 
-    class Told(component.Instance):
+    class Told(component.CosimInstance):
         def __init__(self, *args: Any) -> None:
             told.append(args[-1].stop)
             super().__init__(*args)
 
-    monkeypatch.setattr(component, "Instance", Told)
+    monkeypatch.setattr(component, "CosimInstance", Told)
     made = planned(law).component("controller", 1e-3, 2, 101)
     made.close()
     assert (made.sampled, made.period, told) == (True, 2, [100 * 1e-3 + 2 * 1e-3])

@@ -17,9 +17,8 @@ from tests.drive.archives import altered
 from twin.archive import sha256
 from twin.drive import unpacked as module
 from twin.drive.description import described
-from twin.drive.instance import Instance
-from twin.drive.shelf import SEAL, shelf
-from twin.drive.unpacked import KEPT, unpacked
+from twin.drive.lifecycle import CosimInstance
+from twin.drive.unpacked import KEPT, SEAL, shelf, unpacked
 from twin.errors import InputRefused
 
 CONTENTS = {
@@ -87,7 +86,7 @@ def test_entries_with_the_separators_of_windows_are_unpacked_to_the_same_places(
     folder, plain = unpacked(odd, fmu.sha256), unpacked(servo, described(servo).sha256)
     places, expected = ({str(f.relative_to(one)) for f in one.rglob("*.*")} for one in (folder, plain))
     assert places == expected
-    Instance("drive_1", fmu, folder).close()
+    CosimInstance("drive_1", fmu, folder).close()
 
 
 def test_folders_of_the_archive_without_files_are_there(tmp_path: Path):
@@ -214,7 +213,7 @@ def test_a_truncated_library_is_not_blamed_on_its_maker(servo: Path, capsys: pyt
     fmu = described(servo)
     library = next(unpacked(servo, fmu.sha256).glob("binaries/linux64/*.so"))
     library.write_bytes(library.read_bytes()[:5000])
-    Instance("drive_1", fmu, unpacked(servo, fmu.sha256)).close()
+    CosimInstance("drive_1", fmu, unpacked(servo, fmu.sha256)).close()
     assert "unpacked files had been changed" in capsys.readouterr().err
 
 

@@ -56,10 +56,9 @@ def stepped(folder: Path) -> float:
     """The step of the default experiment (s)."""
     from twin.drive.description import described
     from twin.studies.reference.bare_run import BareRun, bare_run
-    from twin.studies.reference.carried import Prepared
-    from twin.studies.reference.experiment_file import Described
+    from twin.studies.reference.carried import Prepared, Trial
 
     runs: list[BareRun] = []
     description = described(folder / "2.0" / f"{MODELS[0]}.fmu")
-    bare_run(description, Described("default experiment"), Prepared({}, None, None), runs.append)
+    bare_run(description, Trial("default experiment"), Prepared({}, None, None), runs.append)
     return runs[0].step

@@ -27,7 +27,7 @@ def list_(as_json: AsJson = False) -> None:
 
     Example: twin component list
     """
-    ask("twin.studies.component.study:contracts", {}, as_json)
+    ask("twin.studies.qualify.part_check:contracts", {}, as_json)
 
 
 @app.command()
@@ -55,4 +55,4 @@ def check(
     """
     find_experiments({"experiment": experiment})
     asked = {"role": role, "part": part, "experiment": experiment, "settings": settings or []}
-    ask("twin.studies.component.study:check", asked, as_json, isolate)
+    ask("twin.studies.qualify.part_check:part_check", asked, as_json, isolate)

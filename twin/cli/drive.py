@@ -12,7 +12,6 @@ import typer
 from twin.cli import drive_info
 from twin.cli.ask import answer_of, show
 from twin.cli.completion import drive_names, experiment_files
-from twin.cli.drive_survey import survey
 from twin.cli.group import Group
 from twin.cli.options import (
     JOB_ISOLATION,
@@ -37,7 +36,6 @@ if TYPE_CHECKING:
 
 
 app = typer.Typer(cls=Group)
-app.command("survey")(survey)
 
 Fmu = Annotated[
     str,
@@ -62,7 +60,7 @@ def info(fmu: Fmu, compile_: Compile = False, as_json: AsJson = False) -> None:
 
     Example: twin drive info pmsm_foc
     """
-    from twin.drive.doubt import RolesUnclear
+    from twin.drive.mapping import RolesUnclear
     from twin.experiment.drive_files import lone_drive
     from twin.runs.assembly.drives import fmus, planned
     from twin.studies.qualify.variables import variables_facts, variables_text

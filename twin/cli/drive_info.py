@@ -12,8 +12,8 @@ WIDTH = 80
 
 
 def facts(plan: "DrivePlan") -> dict[str, object]:
+    from twin.drive.description import abilities
     from twin.drive.setting import told
-    from twin.drive.steps import abilities
 
     return {
         "command": plan.table.command,
@@ -56,9 +56,8 @@ def _parameter(v: "Variable") -> dict[str, object]:
 
 
 def text(plan: "DrivePlan") -> str:
-    from twin.drive.description import KIND_NAMES
+    from twin.drive.description import KIND_NAMES, abilities
     from twin.drive.setting import told
-    from twin.drive.steps import abilities
     from twin.runs.assembly.drives import qualified
 
     lines: list[str] = []

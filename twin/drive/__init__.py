@@ -1,4 +1,8 @@
-"""Motor drives as FMUs: the contract, the check before loading, the import. The only importer of fmpy."""
+"""FMUs: the check before loading, the import, the compiled steps. The only importer of fmpy.
+
+Three files know what a motor drive or another part of the robot is: `contract`, `mapping`, `sampled`. All others know
+FMUs alone.
+"""
 
 COMPILED = "compiled"
 """The cache folder of what was compiled of FMUs; here, for importing who compiles takes longer than to look there."""

@@ -1,8 +1,7 @@
 """FMUs that bring sources and no binary for this platform: compiled once, by the user's leave, and kept by content.
 
 The sources run with the user's rights once they are a binary, as every FMU does; nothing compiles them unasked. The
-compiler itself runs nothing of theirs: whoever compiles to look at an FMU has not run it yet.
-"""
+compiler itself runs nothing of theirs: whoever compiles to look at an FMU has not run it yet."""
 
 import contextlib
 import importlib.util

@@ -1,22 +1,131 @@
-"""An FMU as a component: FMPy brings it into step mode, the compiled adapter steps it by address."""
+"""An FMU as a component: brought to where it can be stepped, whatever kind it is of, and stepped by address.
 
-from collections.abc import Mapping, Sequence
+In a process that has been told so instances are kept for the next run and reset; else each is made anew. Only for
+drives of which it is known that a run after a reset is that of a new instance, bit for bit.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from twin.cosim.component import Component
 from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
-from twin.drive import reuse
+from twin.drive.cosim_step import SHORTER
 from twin.drive.description import FmuDescription
+from twin.drive.exchange import Integrator, Model
 from twin.drive.instance import Instance
-from twin.drive.ports import FmuPort, Placed, placed
-from twin.drive.setting import Setting
-from twin.drive.setup import Setup
-from twin.drive.stepping import Stepping
-from twin.drive.within import Stray
+from twin.drive.lifecycle import CosimInstance
+from twin.drive.setting import Setting, Setup
+from twin.drive.solvers import Solver
+from twin.drive.stepping import FmuPort, Placed, Stepping, placed
 from twin.errors import InputRefused, TwinError
+
+
+def opened(
+    name: str,
+    description: FmuDescription,
+    folder: Path,
+    settings: Sequence[Setting] = (),
+    inputs: Sequence[Setting] = (),
+    setup: Setup = Setup(),  # noqa: B008, it is frozen
+) -> Instance:
+    """A new instance; arguments as those of `Instance`.
+
+    Raises:
+        InputRefused: it cannot be loaded, instantiated or initialised.
+    """
+    kind = Model if description.kind == "model_exchange" else CosimInstance
+    return kind(name, description, folder, settings, inputs, setup)
+
+
+_Kind = tuple[str, Path, str, frozenset[str], bool]
+"""Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave alone what the next run does not
+set; whether its inputs are lines over a step, which is said when it is made."""
+
+
+class _Shelf:
+    """What is kept, if anything is."""
+
+    def __init__(self) -> None:
+        self.open = self.left = False
+        self.never_freed: list[Instance] = []
+        self.instances: dict[_Kind, list[Instance]] = defaultdict(list)
+
+
+_shelf = _Shelf()
+
+
+def keep_instances(keep: bool) -> None:
+    """From now on keep instances, or no longer."""
+    _shelf.open = keep
+    free_kept()
+
+
+@contextmanager
+def instances_left() -> Iterator[None]:
+    """Within the block none is freed, unless its FMU can live only once in a process: some crash then."""
+    _shelf.left = True
+    try:
+        yield
+    finally:
+        _shelf.left = False
+
+
+def free_kept() -> None:
+    """Free all that are kept: after a failure nobody knows what state they are in."""
+    kept = [instance for instances in _shelf.instances.values() for instance in instances]
+    _shelf.instances.clear()
+    for instance in kept:
+        instance.close()
+
+
+def acquire(
+    name: str,
+    description: FmuDescription,
+    folder: Path,
+    settings: Sequence[Setting],
+    inputs: Sequence[Setting],
+    setup: Setup = Setup(),  # noqa: B008, it is frozen
+) -> Instance:
+    """One in step mode: a kept one that has been reset, or a new one; arguments as those of `Instance`.
+
+    Raises:
+        InputRefused: it cannot be loaded, instantiated or initialised.
+        ComponentFailed: it refuses to be reset.
+    """
+    kept = _shelf.instances[_kind(name, folder, description, settings, setup)]
+    if not kept:
+        return opened(name, description, folder, settings, inputs, setup)
+    found = kept.pop()
+    try:
+        found.begin_again(settings, inputs, setup)
+    except TwinError:
+        found.close()
+        raise
+    return found
+
+
+def release(instance: Instance) -> None:
+    """Its run is over: keep it, or free it."""
+    kept = _shelf.instances[
+        _kind(instance.name, instance.folder, instance.description, instance.settings, instance.setup)
+    ]
+    if _shelf.left and not instance.description.lives_once:
+        _shelf.never_freed.append(instance)
+    elif not _shelf.open:
+        instance.close()
+    elif instance not in kept:
+        kept.append(instance)
+
+
+def _kind(name: str, folder: Path, description: FmuDescription, settings: Sequence[Setting], setup: Setup) -> _Kind:
+    names = frozenset(variable.name for variable, _ in settings)
+    return name, folder, description.kind, names, setup.ramped
 
 
 class FmuComponent(Component):
@@ -56,7 +165,7 @@ class FmuComponent(Component):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
         # of sampled parts nobody has proved that a reset makes them new
-        make = Instance if sampled else reuse.instance
+        make = CosimInstance if sampled else acquire
         self.instance = instance or make(name, description, folder, settings, started, setup)
         initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
         if sampled:
@@ -97,11 +206,6 @@ class FmuComponent(Component):
     def ports(self) -> tuple[Sequence[FmuPort], Sequence[Placed]]:
         """What of the FMU is behind its inputs and its outputs."""
         return self._stepping.inputs, self._stepping.outputs
-
-    @property
-    def strays(self) -> list[Stray]:
-        """What its outputs have done within its steps, of those that are watched."""
-        return self.instance.within.strays if self.instance.within else []
 
     @property
     def called(self) -> str:
@@ -147,4 +251,82 @@ class FmuComponent(Component):
             if self.sampled:
                 self.instance.close()
             else:
-                reuse.let_go(self.instance)
+                release(self.instance)
+
+
+class ExchangeStepping(Stepping):
+    """How a model-exchange FMU is stepped.
+
+    Args:
+        instance: in continuous-time mode.
+        solver: of its equations.
+        inputs, outputs, shift: as those of `Stepping`.
+
+    Attributes:
+        integrator: what the step works on.
+
+    Raises:
+        InputRefused: there is no CVODE for this platform.
+    """
+
+    def __init__(
+        self,
+        instance: Model,
+        solver: Solver,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        shift: np.ndarray,
+    ):
+        self.instance, self.inputs = instance, list(inputs)
+        self._keep: list[Any] = []
+        self._moving: list[np.ndarray] = []
+        self._shorter = np.zeros(1, dtype=SHORTER)
+        tables = self._grouped(placed(inputs), "Set"), self._grouped(placed(outputs, shift), "Get")
+        self.integrator = Integrator(instance, solver, tables, sum(p.port.size for p in inputs))
+        self._moving.append(self.integrator.block)
+        self.address, self.memory = self.integrator.address, self.integrator.memory
+
+    def explain(self, status: int) -> str:
+        told = self.integrator.explain(status)
+        said = f" ('{self.instance.messages[-1]}')" if self.instance.messages else ""
+        return f"{told}{said}" if told else super().explain(status)
+
+
+class ExchangeComponent(FmuComponent):
+    """One model-exchange FMU and its solver as a continuous component.
+
+    Args:
+        solver: which; all others are those of `FmuComponent`.
+
+    Raises:
+        InputRefused: as `FmuComponent`, or there is no CVODE for this platform.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        description: FmuDescription,
+        folder: Path,
+        inputs: Sequence[FmuPort],
+        outputs: Sequence[FmuPort],
+        settings: Sequence[Setting] = (),
+        inputs_at_start: Mapping[str, float | np.ndarray] | None = None,
+        outputs_at_start: Mapping[str, float | np.ndarray] | None = None,
+        setup: Setup = Setup(),  # noqa: B008, it is frozen
+        solver: Solver = Solver(),  # noqa: B008, it is frozen
+    ):
+        self._solver = solver
+        super().__init__(name, description, folder, inputs, outputs, settings, inputs_at_start, outputs_at_start, setup)
+
+    @property
+    def called(self) -> str:
+        return "its equations of model exchange"
+
+    def close(self) -> None:
+        if isinstance(self._stepping, ExchangeStepping):
+            self._stepping.integrator.close()
+        super().close()
+
+    def _stepped(self, inputs: Sequence[FmuPort], outputs: Sequence[FmuPort], shift: np.ndarray) -> Stepping:
+        assert isinstance(self.instance, Model)
+        return ExchangeStepping(self.instance, self._solver, inputs, outputs, shift)

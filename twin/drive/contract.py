@@ -1,9 +1,15 @@
-"""What every drive has to offer, whoever made it."""
+"""What every drive has to offer, whoever made it; and what stands behind one that leaves a part of it to others."""
 
+import math
 from typing import Literal, NamedTuple
 
+import numpy as np
+
+from twin.cosim.component import NativeComponent
+from twin.cosim.native import step_function
 from twin.cosim.port import Port
-from twin.drive.units import SPEED
+from twin.cosim.record import memory_of, record
+from twin.drive.variable import SPEED
 from twin.units import CURRENT, NUMBER, POWER, TEMPERATURE, TORQUE, VOLTAGE, Dimension
 
 Command = Literal["velocity", "torque", "current", "voltage", "position"]
@@ -105,3 +111,64 @@ def contract(command: Command, rotor: bool = False) -> tuple[Role, ...]:
         return (COMMANDS[command], LOAD, *OPTIONAL_INPUTS, *OUTPUTS)
     moved = tuple(role for role in OUTPUTS if role not in (THETA_M, OMEGA_M, TAU_MOTOR))
     return (COMMANDS[command], *SHAFT, *OPTIONAL_INPUTS, TAU_MOTOR._replace(required=True), *moved)
+
+
+ROTOR_INPUTS = (TAU_MOTOR.port, LOAD.port)
+ROTOR_OUTPUTS = (THETA_M.port, OMEGA_M.port)
+ROTOR_MEMORY = record(J="f8", b="f8", theta="f8", omega="f8")
+
+
+@step_function(ROTOR_MEMORY, ROTOR_INPUTS, ROTOR_OUTPUTS)
+def rotor_step(m, t, h, u, y):
+    # J d omega/dt = tau_motor - tau_load - b omega, exactly, for torques held over the step
+    alpha = (u.tau_motor - u.tau_load - m.b * m.omega) / m.J
+    x = m.b * h / m.J
+    # the first two phi functions of exponential integrators, at -x; (1 - phi_1)/x would cancel for small x
+    phi_1 = -math.expm1(-x) / x if x > 0.0 else 1.0
+    phi_2 = (1.0 - phi_1) / x if x > 1e-2 else 0.5 - x / 6.0 * (1.0 - x / 4.0 * (1.0 - x / 5.0 * (1.0 - x / 6.0)))
+    m.theta += h * (m.omega + h * alpha * phi_2)
+    m.omega += h * alpha * phi_1
+    y.theta_m, y.omega_m = m.theta, m.omega
+    return 0
+
+
+class DriveRotor(NativeComponent):
+    """Continuous component: torques in, angle and speed of the shaft out.
+
+    Args:
+        J: inertia at the motor shaft (kg m2).
+        b: viscous friction (N m per rad/s).
+        theta_m: angle at t = 0 (rad), where it is at rest.
+    """
+
+    def __init__(self, J: float, b: float, theta_m: float):
+        memory = memory_of(ROTOR_MEMORY, J=J, b=b, theta=theta_m)
+        super().__init__("rotor", ROTOR_INPUTS, ROTOR_OUTPUTS, False, rotor_step, memory, np.array([theta_m, 0.0]))
+
+
+UNWRAPPED_INPUTS = (Port("wrapped", 1, "rad", "motor angle, but for whole turns of the servo"),)
+UNWRAPPED_OUTPUTS = (THETA_M.port,)
+UNWRAPPED_MEMORY = record(turn="f8", theta="f8")
+
+
+@step_function(UNWRAPPED_MEMORY, UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS)
+def unwrapped_step(m, t, h, u, y):
+    # no shaft turns by half a turn within a step
+    m.theta = u.wrapped - m.turn * round((u.wrapped - m.theta) / m.turn)
+    y.theta_m = m.theta
+    return 0
+
+
+class Unwrapped(NativeComponent):
+    """Continuous component behind the drive's FMU: its angle in, the same without jumps by whole turns out.
+
+    Args:
+        turn: of the servo, as an angle of the motor shaft (rad).
+        theta_m: angle at t = 0 (rad).
+    """
+
+    def __init__(self, turn: float, theta_m: float):
+        memory = memory_of(UNWRAPPED_MEMORY, turn=turn, theta=theta_m)
+        super().__init__(
+            "unwrapped", UNWRAPPED_INPUTS, UNWRAPPED_OUTPUTS, False, unwrapped_step, memory, np.array([theta_m])
+        )

@@ -1,9 +1,14 @@
-"""Reads an FMU without loading it, and refuses what cannot work before a binary is touched."""
+"""Reads an FMU without loading it, and refuses what cannot work before a binary is touched.
+
+FMPy reads modelDescription.xml; what it leaves out is filled in here. What an FMU says of its steps, events and clocks
+(FMI 3.0, 2.2.8) is told, and held to the steps that it is to take.
+"""
 
 import math
 import platform as machine
 import sys
 import time
+import zipfile
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -13,10 +18,50 @@ from fmpy import platform, read_model_description, sharedLibraryExtension
 
 from twin.archive import entries, sha256
 from twin.drive.compiling import Compiled, brings, compile_sources, compiled, source_sets
-from twin.drive.details import DESCRIPTION, complete
 from twin.drive.setting import Setting, Value, set_to
 from twin.drive.variable import Variable, number, variable_of
 from twin.errors import InputRefused, nearest
+from twin.files import xml_of
+
+DESCRIPTION = "modelDescription.xml"
+NUMBERS = ("intervalDecimal", "shiftDecimal", "intervalCounter", "shiftCounter", "resolution")
+"""Of a Clock (FMI 3.0.2, 2.2.9)."""
+
+
+def complete(model: Any, file: Path) -> None:
+    """Fill in what FMPy has fields for and does not read of the `file` that it made `model` of."""
+    if model.fmiVersion != "1.0" and not model.fmiVersion.startswith("3."):
+        return
+    with zipfile.ZipFile(file) as archive:
+        root = xml_of(archive.read(DESCRIPTION), f"{file}: {DESCRIPTION}")
+    if model.fmiVersion == "1.0":
+        _capabilities(model, root)
+    else:
+        by_name = {element.get("name"): element for element in root.iterfind("ModelVariables/*")}
+        for variable in model.modelVariables:
+            # FMPy makes a variable of each alias
+            element = by_name[variable.alias.name if variable.alias else variable.name]
+            variable.intermediateUpdate = _true(element.get("intermediateUpdate"))
+            variable.min, variable.max = variable.min or element.get("min"), variable.max or element.get("max")
+            for name in NUMBERS if variable.type == "Clock" else ():
+                setattr(variable, name, element.get(name))
+
+
+def _capabilities(model: Any, root: Any) -> None:
+    """FMI 1.0 for Co-Simulation, 4.3.1."""
+    if model.coSimulation is None:
+        return
+    model.coSimulation.needsExecutionTool = root.find("Implementation/CoSimulation_Tool") is not None
+    for stated in root.iterfind("Implementation/*/Capabilities"):
+        for name in (
+            "canHandleVariableCommunicationStepSize", "canInterpolateInputs", "canBeInstantiatedOnlyOncePerProcess",
+        ):  # fmt: skip
+            setattr(model.coSimulation, name, _true(stated.get(name)))
+
+
+def _true(text: str | None) -> bool:
+    return text in ("true", "1")
+
 
 MOST_DESCRIPTION = 64 << 20
 """Bytes. The largest honest ones have tens of thousands of variables and some 10 MB."""
@@ -286,3 +331,99 @@ def _model(file: Path) -> Any:
     # FMPy raises bare Exception and lxml its own family: whatever it says of this file is the reason
     except Exception as problem:
         raise InputRefused(f"{file}: modelDescription.xml cannot be read: {problem}") from None
+
+
+MOST_CLOCKS = 62
+"""A bit of a number tells of each whether it is active."""
+
+
+def clocks(description: FmuDescription) -> list[Any]:
+    """FMPy's variables of its clocks, those that we tick and those that it ticks.
+
+    Raises:
+        InputRefused: there are too many.
+    """
+    found = [v for v in description.model.modelVariables if v.type == "Clock" and v.causality in ("input", "output")]
+    if len(found) > MOST_CLOCKS:
+        raise InputRefused(f"{description.path}: {len(found)} clocks; expected at most {MOST_CLOCKS}")
+    return found
+
+
+def rhythm(clock: Any) -> str:
+    """When a clock ticks, as its description says it."""
+    if clock.causality == "output":
+        return "ticked by the FMU"
+    if clock.intervalVariability == "triggered":
+        return "in every step"
+    interval, shift = stated_interval(clock)
+    if math.isnan(interval):
+        return f"{clock.intervalVariability}, as the FMU says while it runs"
+    return f"every {1e3 * interval:g} ms" + (f" from {1e3 * shift:g} ms on" if shift else "")
+
+
+def stated_interval(clock: Any) -> tuple[float, float]:
+    """(interval, shift) in seconds, as the description states them; NaN: it states no interval."""
+    resolution = number(clock.resolution)
+    if clock.intervalDecimal is not None or math.isnan(resolution):
+        return number(clock.intervalDecimal), number(clock.shiftDecimal or "0")
+    scale = 1.0 / resolution if resolution > 0.0 else math.nan
+    return number(clock.intervalCounter) * scale, number(clock.shiftCounter or "0") * scale
+
+
+CLOSE = 1e-6
+"""Of a step, by which a multiple of another one may miss it."""
+
+
+def abilities(description: FmuDescription) -> list[tuple[str, str]]:
+    """(what, how) of its stepping, for people; nothing of what every FMU does."""
+    if description.kind == "model_exchange":
+        return []
+    said, its = [], description.model.coSimulation
+    if not its.canHandleVariableCommunicationStepSize:
+        stated = stated_step(description)
+        wish = f"; it prefers {1e3 * stated:g} ms" if stated > 0.0 else ""
+        said.append(("steps", f"steps of one size only{wish}"))
+    if its.hasEventMode or description.returns_early:
+        modes = ["event mode"] * its.hasEventMode + ["may return early"] * description.returns_early
+        said.append(("events", ", ".join(modes)))
+    said += [("clock", f"{clock.name}, {rhythm(clock)}") for clock in clocks(description)]
+    within = its.providesIntermediateUpdate and any(v.intermediate for v in description.offered("input"))
+    if its.canInterpolateInputs or within:
+        said.append(("inputs", 'taken as lines over a step with [cosim] inputs = "linear"'))
+    return said
+
+
+def refuse_step(description: FmuDescription, tick: float, substeps: int) -> None:
+    """See whether an FMU takes `substeps` equal steps per `tick` (s).
+
+    FMI 3.0 says that steps should be multiples of fixedInternalStepSize; one that takes no other steps either is not
+    asked for any. The step size that FMI 1.0 and 2.0 state is only the one that they would prefer.
+
+    Raises:
+        InputRefused: it has a fixed step of its own, takes no varying ones, and these are no multiples of it.
+    """
+    # the steps of its equations are ours
+    if description.kind == "model_exchange":
+        return
+    abilities, step = description.model.coSimulation, tick / substeps
+    fixed = number(abilities.fixedInternalStepSize)
+    if description.version < 3 or abilities.canHandleVariableCommunicationStepSize or not 0.0 < fixed < math.inf:
+        return
+    count = step / fixed
+    if round(count) >= 1 and abs(count - round(count)) < CLOSE:
+        return
+    whole = tick / fixed
+    fitting = [n for n in range(1, 1001) if round(whole / n) >= 1 and abs(whole / n - round(whole / n)) < CLOSE]
+    cure = f"substeps = {max(fitting)}" if fitting else f"tick_ms = {1e3 * fixed * max(1, math.ceil(whole)):g}"
+    raise InputRefused(
+        f"{description.path}: has a fixed step of {1e3 * fixed:g} ms inside and takes multiples of it only "
+        f"(fixedInternalStepSize, canHandleVariableCommunicationStepSize); its step here is {1e3 * step:g} ms: "
+        f"choose {cure}"
+    )
+
+
+def stated_step(description: FmuDescription) -> float:
+    """The step that it has inside or prefers (s); NaN: it does not say."""
+    fixed = number(description.model.coSimulation.fixedInternalStepSize)
+    preferred = number(getattr(description.model.defaultExperiment, "stepSize", None))
+    return preferred if math.isnan(fixed) else fixed

@@ -6,38 +6,24 @@ from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
 from ctypes import c_void_p
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
-from twin.drive.announcement import announced
-from twin.drive.clocks import clocks
-from twin.drive.description import FmuDescription
-from twin.drive.events import CLOCK
-from twin.drive.ramp import RAMP
-from twin.drive.setting import Setting
-from twin.drive.setup import Setup
-from twin.drive.standards import fmi1, fmi2, fmi3
-from twin.drive.steps import read_within
+from twin.drive.calls import announced
+from twin.drive.description import FmuDescription, clocks
+from twin.drive.event_step import CLOCK
+from twin.drive.groups import RAMP
+from twin.drive.setting import Setting, Setup
 from twin.drive.variable import TEXTS, Variable
-from twin.drive.within import Watch
 from twin.errors import ComponentFailed, InputRefused
-
-if TYPE_CHECKING:
-    from twin.drive.stepping import Stepping
-
-STEP = ctypes.CFUNCTYPE(ctypes.c_int32, c_void_p, ctypes.c_double, ctypes.c_double, c_void_p, c_void_p)
-"""A component's step."""
-
 
 MOST_UNHEARD = 100
 """An FMU that complains in every step is believed after so many."""
 
-STANDARDS: Mapping[int, Any] = {1: fmi1, 2: fmi2, 3: fmi3}
-
 
 class Instance:
-    """An FMU instance in step mode.
+    """An FMU instance where it can be stepped; of each kind there is a class, which knows the standards.
 
     Args:
         name: FMI's instance name.
@@ -52,18 +38,17 @@ class Instance:
         messages: the last things it logged as warnings or errors.
         clock: its first element is the tick at which it is stepped.
         folder, settings, inputs, setup: the arguments.
-        standard: how its version of the FMI is spoken.
+        standard: how its version of the FMI is spoken, a `lifecycle.Fmi2` or one derived from it.
         fmu: what FMPy made of it; None once it is freed.
-        ramp: `ramp.RAMP` of its inputs that are lines over a step.
-        clocks, planned, returned, events: `events.CLOCK` of each, time of the next event, and what `events.EVENTS`
-            else points to, or None.
-        within: what of it is read within steps, once it is stepped; None: nothing.
+        ramp: `groups.RAMP` of its inputs that are lines over a step.
+        clocks, planned, returned, events: `event_step.CLOCK` of each, time of the next event, and what
+            `event_step.EVENTS` else points to, or None.
 
     Raises:
         InputRefused: it cannot be loaded, instantiated or initialised.
     """
 
-    _standards: ClassVar[Mapping[int, Any]] = STANDARDS
+    _standards: ClassVar[Mapping[int, Any]]
 
     def __init__(
         self,
@@ -82,11 +67,9 @@ class Instance:
         self.folder, self.settings, self.inputs, self.setup = folder, settings, inputs, setup
         self.standard = self._standards[description.version]
         self.ramp = np.zeros(1, dtype=RAMP)
-        self.within: Watch | None = None
         self.clocks = np.zeros(0, dtype=CLOCK)
         self.planned, self.returned = np.array([np.inf]), np.zeros(0, dtype=np.uint8)
         self.events: np.ndarray | None = None
-        self._alone: Stepping | None = None
         self.fmu = self._loaded()
         self._instantiate()
         if setup.waiting:
@@ -112,11 +95,6 @@ class Instance:
             return abilities.canInterpolateInputs and variable.type == "Real"
         return abilities.providesIntermediateUpdate and variable.intermediate and variable.type == "Float64"
 
-    @property
-    def watched(self) -> list[Variable]:
-        """Its outputs that are to be read within its steps."""
-        return read_within(self.description) if self.setup.watched else []
-
     def clock_bits(self, variable: Variable) -> int:
         """The clocks with which alone `variable` changes, a bit for each."""
         return sum(1 << n for n, reference in enumerate(self.clocks["reference"]) if reference in variable.clocks)
@@ -127,8 +105,8 @@ class Instance:
 
     @property
     def schedule(self) -> list[np.ndarray]:
-        """What steps change beside its own state: when events and clocks are due, what was read within steps."""
-        return [self.clocks, self.planned, *([self.within.rows] if self.within else [])]
+        """What steps change beside its own state: when events and clocks are due."""
+        return [self.clocks, self.planned]
 
     def read(self, variables: Sequence[Variable]) -> np.ndarray:
         """Values of `variables`, arrays laid out flat, in the FMU's own units."""
@@ -147,16 +125,7 @@ class Instance:
         Raises:
             ComponentFailed: it returned more than a warning.
         """
-        from twin.drive.stepping import Stepping
-
-        if self._alone is None:
-            self._alone = Stepping(self)
-            self._alone.repeat_steps()
-        stepping = self._alone
-        with self.calling("DoStep"):
-            status = STEP(stepping.address)(stepping.memory.ctypes.data, t, h, None, None)
-        if status not in (0, 1):
-            raise ComponentFailed(f"{self.description.path.name}: {stepping.explain(status)}")
+        raise NotImplementedError
 
     def begin(self) -> None:
         """From initialisation mode, in which it was `waiting`, to step mode.
@@ -233,7 +202,7 @@ class Instance:
         description, here = self.description, os.getcwd()
         try:
             with announced(description.path.name, self.name, "the loading of its binary"):
-                return self.standard.SLAVE(
+                return self.standard.slave(
                     guid=description.model.guid,
                     unzipDirectory=str(self.folder),
                     modelIdentifier=description.identifier,
@@ -262,7 +231,6 @@ class Instance:
         self._brought(self.standard.initialise)
 
     def _brought(self, by: Callable[["Instance"], None]) -> None:
-        self._alone = None
         try:
             by(self)
         # FMPy's FMICallException and whatever is below it: this FMU cannot be used

@@ -1,21 +1,156 @@
 """Which variable of a foreign drive plays which role, and how its values become the contract's.
 
 What the user maps is taken as said, if it can be right; what is left is proposed from names, units, causality and
-descriptions, and only if there is one answer. Otherwise the error is the TOML to paste.
+descriptions, and only if there is one answer. Otherwise the error is the TOML to paste. Between the parts of a drive
+wires are proposed where names or units leave one answer.
 """
 
+import difflib
+import re
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Literal, NamedTuple
 
 from twin.cosim.port import Port
-from twin.drive.candidates import measures, plays, proposals, score
-from twin.drive.contract import COMMANDS, Command, Role, contract
-from twin.drive.description import Variable
-from twin.drive.doubt import RolesUnclear, to_paste
-from twin.drive.units import Conversion
+from twin.drive.contract import COMMANDS, LOAD, OPTIONAL_INPUTS, TAU_MOTOR, THETA_M, Command, Role, contract
+from twin.drive.variable import TURN, Conversion, Variable
 from twin.errors import InputRefused
-from twin.units import weight_hint
+from twin.units import NUMBER, weight_hint
+
+ANGLE_FACTORS = (1.0, TURN / 360.0, TURN)
+"""rad, degree, turn: what tells an angle from any other pure number."""
+
+
+def measures(variable: Variable, role: Role) -> bool:
+    """Whether the variable's unit allows the role; no stated unit does."""
+    if not variable.unit:
+        return True
+    if variable.conversion is None or variable.conversion.dimension != role.dimension:
+        return False
+    return role.port.unit != "rad" or any(
+        abs(variable.conversion.factor - factor) < 1e-6 * factor for factor in ANGLE_FACTORS
+    )
+
+
+def plays(variable: Variable, role: Role) -> bool:
+    """Whether causality, type and unit allow the role."""
+    return variable.causality == role.causality and _can_be(variable, role)
+
+
+def _can_be(variable: Variable, role: Role) -> bool:
+    """Whether type and unit allow the role: texts and clocks play none, switches only what may be left out."""
+    counted = variable.kind >= 0 and (variable.type not in ("Boolean", "Enumeration") or not role.required)
+    return counted and measures(variable, role)
+
+
+def candidates(variables: Mapping[str, Variable], role: Role, taken: Collection[str] = ()) -> list[str]:
+    """Those not `taken` whose causality, type and unit allow `role`, most similar names first.
+
+    Locals if no output does; those that state a unit if any does.
+    """
+    causalities = (role.causality, "local") if role.causality == "output" else (role.causality,)
+    offered = [
+        [n for n, v in variables.items() if n not in taken and v.causality == causality and _can_be(v, role)]
+        for causality in causalities
+    ]
+    fitting = next((found for found in offered if found), [])
+    fitting = [n for n in fitting if variables[n].unit] or fitting
+    names = (role.port.name, *role.synonyms)
+    return sorted(fitting, key=lambda n: -max(difflib.SequenceMatcher(None, n.lower(), name).ratio() for name in names))
+
+
+def likely_command(variables: Mapping[str, Variable], taken: Collection[str]) -> Command:
+    """What a drive is commanded with by an input that is not `taken`: one that states its unit goes before others, of
+    these one that is called like a command."""
+    free = {command: candidates(variables, role, taken) for command, role in COMMANDS.items()}
+    stated = [command for command, names in free.items() if any(variables[n].unit for n in names)]
+    called = [
+        command for command in stated if any(score(n, variables[n], COMMANDS[command]) > 0 for n in free[command])
+    ]
+    return next(iter([*called, *stated, *(command for command, names in free.items() if names)]), "velocity")
+
+
+def proposals(variables: Mapping[str, Variable], role: Role, taken: set[str]) -> list[str]:
+    """The best candidates for `role`: those of the right causality and unit that its synonyms fit best."""
+    # a command in "1" is a share of something, hardly an angle
+    unstated = ("", "1") if role.port.unit == "rad" and role.causality == "input" else ("",)
+    fitting = [n for n, v in variables.items() if n not in taken and v.unit not in unstated and plays(v, role)]
+    if role.dimension == NUMBER and not role.required:
+        fitting = [n for n, v in variables.items() if n not in taken and plays(v, role)]
+    scores = {name: score(name, variables[name], role) for name in fitting}
+    best = max(scores.values(), default=0)
+    return [name for name, score in scores.items() if score == best]
+
+
+def score(name: str, variable: Variable, role: Role) -> int:
+    """How well name and description fit: 3 a synonym itself, 2 contains one, 1 described by one."""
+    lower = name.lower().rpartition(".")[2]
+    words = re.split(r"[^a-z0-9]+", lower)
+    if lower in role.synonyms:
+        return 3
+    if any(synonym in lower if len(synonym) > 2 else synonym in words for synonym in role.synonyms):
+        return 2
+    described = variable.description.lower()
+    return int(any(len(synonym) > 3 and synonym in described for synonym in role.synonyms))
+
+
+class RolesUnclear(InputRefused):
+    """A required role has no or several answers; the sentence says which."""
+
+
+def _other_command(variables: Mapping[str, Variable], unsure: list[Role], taken: set[str]) -> Command | None:
+    """What the drive seems to be commanded with, if nothing in it takes a speed."""
+    likely = likely_command(variables, taken) if COMMANDS["velocity"] in unsure else "velocity"
+    return likely if likely != "velocity" else None
+
+
+def to_paste(
+    file: str,
+    variables: Mapping[str, Variable],
+    roles: tuple[Role, ...],
+    chosen: Mapping[str, str],
+    unsure: list[Role],
+    rotor: bool,
+) -> str:
+    """The sentence and the TOML that ends the doubt.
+
+    Args:
+        file: what the sentence calls the drive.
+        variables: its variables by the name the user knows them by.
+        roles: of its contract.
+        chosen: variable by role, where that is clear.
+        unsure: roles where it is not.
+        rotor: whether its shaft is ours.
+    """
+    lines = [f"{file}: cannot tell which of its variables is {' and which is '.join(r.port.name for r in unsure)}."]
+    other = _other_command(variables, unsure, set(chosen.values()))
+    if other:
+        loop = "" if other == "position" else ", which needs a velocity loop of ours in front of it"
+        lines.append(f"It seems to be commanded with a {other}{loop}.")
+        roles = (COMMANDS[other], *(role for role in roles if role is not COMMANDS["velocity"]))
+        unsure = [*unsure, COMMANDS[other]]
+    still = not any(v.causality in ("output", "local") and measures(v, THETA_M) for v in variables.values() if v.unit)
+    if still and not rotor and proposals(variables, TAU_MOTOR, set()):
+        lines.append("It gives a torque and no angle: if its shaft is to be ours, add [drive.rotor] J_kg_m2 = 1e-4.")
+    lines.append("Complete this in the experiment, or without 'drive.' in the mapping.toml beside the FMU:")
+    if other:
+        lines += ["[drive]", f'command = "{other}"']
+    if other and other != "position":
+        lines.append("[drive.velocity_loop]")
+        unit = COMMANDS[other].port.unit
+        lines += [f"kp = 0.1          # {unit} per rad/s", f"ki = 1.0          # {unit} per rad"]
+        lines += [f"limit = 1.0       # {unit}", "period_ms = 0.25"]
+    for table, causality in (("inputs", "input"), ("outputs", "output")):
+        lines.append(f"[drive.{table}]")
+        for role in roles:
+            if role.causality != causality or not (role.required or role.port.name in chosen):
+                continue
+            others = {name for port, name in chosen.items() if port != role.port.name}
+            offered = candidates(variables, role, others)
+            name = chosen.get(role.port.name, offered[0] if offered else "?")
+            doubt = f"   # or: {', '.join(offered[1:])}" if role in unsure and len(offered) > 1 else ""
+            lines.append(f'{role.port.name} = "{name}"{doubt}')
+    return "\n".join(lines)
 
 
 @dataclass(frozen=True)
@@ -228,3 +363,88 @@ def _checked(file: str, variables: Mapping[str, Variable], role: Role, name: str
             f"{weight_hint(variable.conversion.dimension, role.dimension) if variable.conversion else ''}"
         )
     return name
+
+
+ASKED_FOR = ("load", "ref", "cmd", "command", "target", "setpoint", "demand", "goal")
+"""In names of inputs that are the robot's to feed."""
+SUPPLIES = {word for role in OPTIONAL_INPUTS for word in (role.port.name, *role.synonyms)}
+COMMANDED = [role.dimension for role in COMMANDS.values()]
+
+
+class Join(NamedTuple):
+    """A wire that may be: from output `source` to input `target`, "part.variable" each; `sure`: nothing else may."""
+
+    source: str
+    target: str
+    sure: bool = True
+
+
+def part_of(name: str) -> str:
+    """The part of a variable that is called "part.variable"."""
+    return name.partition(".")[0]
+
+
+def objection(variables: Mapping[str, Variable], source: str, target: str) -> str:
+    """Why no wire can lead from `source` to `target`; "" if one can."""
+    for end, causalities in ((source, ("output", "local")), (target, ("input",))):
+        if end not in variables:
+            return f"there is no {end}"
+        if variables[end].causality not in causalities or variables[end].kind < 0:
+            return f"{end} has causality {variables[end].causality} and type {variables[end].type}"
+    a, b = variables[source].conversion, variables[target].conversion
+    if a and b and a.dimension != b.dimension:
+        return f"units {variables[source].unit} and {variables[target].unit} do not measure the same"
+    return ""
+
+
+def joins(variables: Mapping[str, Variable]) -> list[Join]:
+    """A wire for each input that an output of another part is called like, or alone measures what it does.
+
+    What is left to feed has to include a load and a command, so by its unit alone no input is wired that is called like
+    one; and if none were left, nothing by unit is sure.
+
+    Args:
+        variables: of all parts, as "part.variable".
+    """
+    inputs = [name for name, v in variables.items() if v.causality == "input" and v.kind >= 0]
+    found: list[Join] = []
+    for target in inputs:
+        alike = [name for name in _sources(variables, target) if _last(name) == _last(target)]
+        found += [Join(alike[0], target)] if len(alike) == 1 else []
+    rest = [name for name in inputs if name not in {join.target for join in found}]
+    measured = {name: [] if _is_asked_for(name) else _sources(variables, name, measured=True) for name in rest}
+    free = [_dimension(variables, name) for name, sources in measured.items() if len(sources) != 1]
+    loads, commands = free.count(LOAD.dimension), len([d for d in free if d in COMMANDED])
+    left = loads > 0 and commands > (loads == 1)
+    for target, sources in measured.items():
+        rivals = [other for other, theirs in measured.items() if set(theirs) & set(sources)]
+        sure = left and len(sources) == len(rivals) == 1
+        found += [Join(source, target, sure) for source in sources]
+    return sorted(found, key=lambda join: inputs.index(join.target))
+
+
+def _is_asked_for(name: str) -> bool:
+    """Whether an input is called like what the robot feeds, or nobody does."""
+    return any(word in _last(name) for word in ASKED_FOR) or _last(name) in SUPPLIES
+
+
+def _sources(variables: Mapping[str, Variable], target: str, measured: bool = False) -> Sequence[str]:
+    """Outputs of other parts that can feed `target`; `measured`: only if both state a unit."""
+    return [
+        name
+        for name, v in variables.items()
+        if v.causality == "output"
+        and part_of(name) != part_of(target)
+        and not objection(variables, name, target)
+        and v.size == variables[target].size
+        and (not measured or _dimension(variables, name) == _dimension(variables, target) is not None)
+    ]
+
+
+def _dimension(variables: Mapping[str, Variable], name: str) -> object:
+    conversion = variables[name].conversion
+    return conversion.dimension if conversion else None
+
+
+def _last(name: str) -> str:
+    return name.partition(".")[2].lower()

@@ -1,7 +1,6 @@
 """An FMU as a sampled part of the robot: called at t_k with the inputs of t_k, its outputs are those of t_k.
 
-A port of several values is one array of the FMU (FMI 3.0) or as many scalars, called as tools flatten arrays.
-"""
+A port of several values is one array of the FMU (FMI 3.0) or as many scalars, called as tools flatten arrays."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -14,9 +13,8 @@ from twin.drive.component import FmuComponent
 from twin.drive.contract import Role
 from twin.drive.description import FmuDescription, described
 from twin.drive.mapping import Binding, Wiring, filled
-from twin.drive.ports import FmuPort
-from twin.drive.setting import Setting, Value
-from twin.drive.setup import Setup
+from twin.drive.setting import Setting, Setup, Value
+from twin.drive.stepping import FmuPort
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
 from twin.errors import InputRefused, nearest

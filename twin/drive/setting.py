@@ -1,19 +1,39 @@
-"""Values that are set before an FMU is initialised: numbers, arrays, text, and files by their names."""
+"""What an FMU is given before it is initialised: facts of the run, and numbers, arrays, text and files by name."""
 
 import hashlib
 import math
 import os
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from twin.archive import sha256
-from twin.drive.enumeration import valued
-from twin.drive.variable import Variable
+from twin.cosim.ssp.parameters import ParameterValue
+from twin.cosim.ssp.unit import UnitDefinition
+from twin.drive.variable import Conversion, Variable, meant, valued
 from twin.errors import InputRefused
 from twin.files import read_bytes
+
+
+class Setup(NamedTuple):
+    """What an FMU is told of the run before it is initialised.
+
+    Attributes:
+        tolerance: relative, of its solver; None: nothing is said.
+        stop: time of the last step's end (s); None: nothing is said, and some FMUs then end where they like to.
+        step: length of its steps (s), in which its clocks tick; None: not known, and clocks are refused.
+        ramped: whether those of its inputs that can be are given as lines over a step.
+        waiting: whether it is left in initialisation mode, where what others come to can still be set, until `begin`.
+    """
+
+    tolerance: float | None = None
+    stop: float | None = None
+    step: float | None = None
+    ramped: bool = False
+    waiting: bool = False
+
 
 Value = float | str | Sequence[float] | Sequence[str]
 """Of a parameter as an experiment says it: an array takes one value for all elements, or one for each."""
@@ -96,3 +116,27 @@ def _bytes(where: str, text: str) -> bytes:
     if not text.startswith(FILE):
         return text.encode()
     return read_bytes(Path(text.removeprefix(FILE)), MOST_BYTES)
+
+
+def given_values(value: ParameterValue, where: str) -> list[float] | list[str]:
+    """What a parameter set gives, at least one value.
+
+    Raises:
+        InputRefused: it is binary, nothing, or text that names a file of this machine where an experiment says it.
+    """
+    if value.type == "Binary" or not value.values:
+        what = "binary, which is not read here" if value.values else "given no value"
+        raise InputRefused(f"{where}: {value.name} is {what}")
+    if any(isinstance(one, str) and one.startswith(FILE) for one in value.values):
+        raise InputRefused(
+            f"{where}: {value.name} begins with '{FILE}'; a parameter set may not name files of this machine"
+        )
+    return list(value.values)  # type: ignore[return-value]
+
+
+def stated_unit(unit: str, definitions: Sequence[UnitDefinition]) -> Conversion | None:
+    """How values in `unit` become SI by the `definitions` of an SSP file; None: it does not define that unit."""
+    for one in definitions:
+        if one.name == unit:
+            return meant(unit, Conversion(one.dimension, one.factor, one.offset))
+    return None

@@ -1,17 +1,109 @@
-"""The compiled step of an instance: which of three fits it, and the memory that it works on."""
+"""The ports of an FMU, and the compiled step that fits them: which of three, and the memory that it works on."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from twin.drive import adapter, event_adapter, fmu_state, plain_adapter
-from twin.drive.fmu_state import RESTORE, SAVE
+from twin.cosim.port import Port
+from twin.drive import cosim_step, event_step
+from twin.drive.calls import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, RESTORE, SAVE, explain_status
+from twin.drive.cosim_step import SHORTER
+from twin.drive.groups import AT_END, GROUP
 from twin.drive.instance import Instance
-from twin.drive.ports import FmuPort, Groups, Placed, grouped, placed
-from twin.drive.shorter import SHORTER
-from twin.drive.status import DO_STEP, ENDLESS, INTERVAL, PAST, PERIOD, told
-from twin.drive.within import Watch
+from twin.drive.variable import ITEM_SIZES, Variable
+
+
+@dataclass(frozen=True)
+class FmuPort:
+    """A port and the FMU variable behind it: port value (SI) = gain * FMU value + offset."""
+
+    port: Port
+    variable: Variable
+    gain: float = 1.0
+    offset: float = 0.0
+
+    def in_fmu(self, value: float | np.ndarray) -> float | np.ndarray:
+        """`value` of the port as the FMU wants it."""
+        return (value - self.offset) / self.gain
+
+    def both_ends(self) -> tuple["FmuPort", "FmuPort"]:
+        """The port for its value at the start of a step, and the one for that at its end."""
+        end = replace(self.port, name=self.port.name + AT_END, instant="end")
+        return replace(self, port=replace(self.port, instant="start")), replace(self, port=end)
+
+
+@dataclass(frozen=True)
+class Placed:
+    """A port and where its values stand among those of its component.
+
+    Attributes:
+        port: and its variable.
+        slots: of its values.
+        shift: added to its values, (number of values,).
+    """
+
+    port: FmuPort
+    slots: np.ndarray
+    shift: np.ndarray
+
+
+def placed(ports: Sequence[FmuPort], shift: np.ndarray | None = None) -> list[Placed]:
+    """`ports` one after the other; `shift` by value, nothing if it is not given."""
+    ends = np.cumsum([0, *(p.port.size for p in ports)])
+    shifts = np.zeros(ends[-1]) if shift is None else shift
+    return [Placed(p, np.arange(a, b), shifts[a:b]) for p, a, b in zip(ports, ends, ends[1:], strict=False)]
+
+
+@dataclass(frozen=True)
+class Groups:
+    """A table of `groups.GROUP` and the arrays it points to.
+
+    Attributes:
+        table: a row for each FMI type and set of clocks.
+        moving: what changes with every step.
+        keep: the other arrays.
+    """
+
+    table: np.ndarray
+    moving: list[np.ndarray]
+    keep: list[np.ndarray]
+
+
+def grouped(instance: Instance, ports: Iterable[Placed], access: str) -> Groups:
+    """`ports` in groups that are set or got by one call.
+
+    Args:
+        instance: whose variables they are.
+        access: "Set" or "Get".
+    """
+    members: dict[tuple[str, int], list[Placed]] = {}
+    for p in ports:
+        key = instance.standard.type_name(p.port.variable), instance.clock_bits(p.port.variable)
+        members.setdefault(key, []).append(p)
+    table = np.zeros(len(members), dtype=GROUP)
+    moving: list[np.ndarray] = []
+    kept: list[np.ndarray] = []
+    for row, (type_name, clocks), group in zip(table, members, members.values(), strict=True):
+        kind = group[0].port.variable.kind
+        slots = np.concatenate([p.slots for p in group])
+        arrays: dict[str, np.ndarray] = {
+            "references": np.array([p.port.variable.reference for p in group], dtype=np.uint32),
+            "slots": slots.astype(np.uint64),
+            "gain": np.concatenate([np.full(len(p.slots), p.port.gain) for p in group]),
+            "offset": np.concatenate([p.port.offset + p.shift for p in group]),
+            "buffer": np.zeros(len(slots) * ITEM_SIZES[kind], dtype=np.uint8),
+            # no value that an input has: the first one counts as new
+            "last": np.full(len(slots) * ITEM_SIZES[kind], 0xFF, dtype=np.uint8),
+        }
+        row["kind"], row["clocks"], row["bytes"] = kind, clocks, len(arrays["buffer"])
+        row["access"] = instance.address(access + type_name)
+        row["variables"], row["values"] = len(group), len(slots)
+        for field, array in arrays.items():
+            row[field] = array.ctypes.data
+            (moving if field in ("buffer", "last") else kept).append(array)
+    return Groups(table, moving, kept)
 
 
 class Stepping:
@@ -48,8 +140,6 @@ class Stepping:
         into = [p for i, p in enumerate(self._into[: len(inputs)]) if i not in both]
         if ramped:
             self._fill_ramp([self._into[i] for i in ramped], self._into[len(inputs) :])
-        instance.within = Watch(instance, instance.watched) if instance.watched else None
-        instance.ramp[0]["within"] = instance.within.memory.ctypes.data if instance.within else 0
         abilities = instance.description.model.coSimulation
         three = instance.description.version == 3
         if three and (abilities.hasEventMode or instance.description.returns_early or ramped):
@@ -75,7 +165,7 @@ class Stepping:
             value = float(self.memory[0]["value"])
         if instance.events is not None and status in (ENDLESS, PAST, PERIOD, *range(INTERVAL, INTERVAL + 16)):
             value, clock = float(instance.events[0]["value"]), int(instance.events[0]["culprit"])
-        sentence = told(status, instance.description.prefix, states, value, instance.clock_name(clock), said)
+        sentence = explain_status(status, instance.description.prefix, states, value, instance.clock_name(clock), said)
         if status == DO_STEP + 2:
             varies = instance.description.model.coSimulation.canHandleVariableCommunicationStepSize
             sentence += "; it may do with shorter steps: raise [drive] substeps"
@@ -91,7 +181,7 @@ class Stepping:
     def repeatable(self) -> tuple[int, int, np.ndarray]:
         """From now on a step may be repeated; (addresses of the functions that save and restore, their memory)."""
         self.repeat_steps()
-        memory = np.zeros(1, dtype=fmu_state.MEMORY)
+        memory = np.zeros(1, dtype=cosim_step.STATE_MEMORY)
         m = memory[0]
         m["instance"] = self.instance.handle
         m["get"], m["set"] = (self.instance.address(f"{verb}{self.state_name}") for verb in ("Get", "Set"))
@@ -101,10 +191,10 @@ class Stepping:
         pieces = [
             (array.ctypes.data, copy.ctypes.data, array.nbytes) for array, copy in zip(moving, copies, strict=True)
         ]
-        table = np.array(pieces, dtype=fmu_state.PIECE)
+        table = np.array(pieces, dtype=cosim_step.PIECE)
         m["pieces"], m["piece_table"] = len(pieces), table.ctypes.data
         self._keep += [table, copies]
-        return fmu_state.save.address, fmu_state.restore.address, memory
+        return cosim_step.save.address, cosim_step.restore.address, memory
 
     def repeat_steps(self) -> None:
         """From now on its state may be set back to the start of a step; FMI 1.0 has another use for what says so."""
@@ -160,7 +250,7 @@ class Stepping:
 
     def _plain(self) -> tuple[int, np.ndarray]:
         (set_,), (get,) = self._grouped(self._into, "Set"), self._grouped(self.outputs, "Get")
-        memory = np.zeros(1, dtype=plain_adapter.MEMORY)
+        memory = np.zeros(1, dtype=cosim_step.PLAIN_MEMORY)
         m = memory[0]
         m["instance"], m["do_step"] = self.instance.handle, self.instance.address("DoStep")
         m["set_real"], m["inputs"], m["input_references"] = set_["access"], set_["variables"], set_["references"]
@@ -169,15 +259,15 @@ class Stepping:
         m["shifted"] = np.argmax(np.abs(shift))
         m["shift"] = shift[m["shifted"]]
         m["shorter"] = self._shorter.ctypes.data
-        return plain_adapter.step.address, memory
+        return cosim_step.plain_step.address, memory
 
     def _general(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
-        memory = np.zeros(1, dtype=adapter.MEMORY)
+        memory = np.zeros(1, dtype=cosim_step.MEMORY)
         m = memory[0]
         m["version"], m["instance"] = self.instance.description.version, self.instance.handle
         self._fill(m, self._grouped(into, "Set"), self._grouped(self.outputs, "Get"))
         m["shorter"] = self._shorter.ctypes.data
-        return adapter.step.address, memory
+        return cosim_step.step.address, memory
 
     def _eventful(self, into: Sequence[Placed]) -> tuple[int, np.ndarray]:
         instance, abilities = self.instance, self.instance.description.model.coSimulation
@@ -185,7 +275,7 @@ class Stepping:
             [p for p in into if p.port.variable.variability != "continuous"] if instance.events is not None else []
         )
         held = [p for p in self.outputs if instance.clock_bits(p.port.variable)]
-        memory = np.zeros(1, dtype=event_adapter.MEMORY)
+        memory = np.zeros(1, dtype=event_step.MEMORY)
         m = memory[0]
         m["instance"] = instance.handle
         self._fill(
@@ -202,8 +292,7 @@ class Stepping:
             m["events"] = instance.events.ctypes.data
             for name, table in zip(("discrete", "held"), tables, strict=True):
                 instance.events[name], instance.events[f"{name}_groups"] = len(table), table.ctypes.data
-        made = event_adapter.watched_step if instance.within else event_adapter.step
-        return made.address, memory
+        return event_step.step.address, memory
 
     def _fill(self, m: Any, inputs: np.ndarray, outputs: np.ndarray) -> None:
         """What the general step and the one with events have in common."""
@@ -211,6 +300,6 @@ class Stepping:
         self._keep.append(returned)
         ramp = self.instance.ramp[0]
         m["do_step"], m["returned"] = self.instance.address("DoStep"), returned.ctypes.data
-        m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] or ramp["within"] else 0
+        m["ramp"] = self.instance.ramp.ctypes.data if ramp["values"] else 0
         m["inputs"], m["input_groups"] = len(inputs), inputs.ctypes.data
         m["outputs"], m["output_groups"] = len(outputs), outputs.ctypes.data

@@ -1,24 +1,80 @@
 """Unpacked FMUs: one folder per content, which is what the archive holds whenever it is used.
 
 A folder has the files of the archive in `fmu`, and in `seal.json` how they were found when they were last compared:
-size, times, inode. What is still found so is not read again.
-"""
+size, times, inode. What is still found so is not read again."""
 
 import contextlib
 import json
 import os
 import shutil
+import stat
 import sys
 import tempfile
 import zipfile
 from functools import lru_cache
 from pathlib import Path
+from typing import NamedTuple
 
 from twin.archive import place
 from twin.cache_folder import REMEDY, cache_folder, discard_foreign, evict, hold, remove
 from twin.drive.compiling import supply
-from twin.drive.shelf import CONTENT, HOME, SEAL, sealed_stamps, stamp_of
 from twin.errors import InputRefused, disk_refusals
+
+HOME = "unpacked"
+CONTENT, SEAL = "fmu", "seal.json"
+
+Stamp = list[int]
+
+
+class Shelf(NamedTuple):
+    """What is kept in `folder`: FMUs, bytes of the files that they were unpacked to, and those of these that are not
+    as they were last found."""
+
+    folder: Path
+    drives: int
+    size: int
+    changed: tuple[Path, ...]
+
+
+def shelf() -> Shelf:
+    """What there is of unpacked FMUs; nothing is mended.
+
+    Raises:
+        InputRefused: see `cache_folder`.
+    """
+    home = cache_folder(HOME)
+    folders = [path for path in home.iterdir() if not path.name.startswith(".")]
+    size, changed = 0, []
+    for folder in folders:
+        for name, stamp in sealed_stamps(folder).items():
+            path = f"{folder}/{CONTENT}/{name}"
+            found = stamp_of(path)
+            size += found[0] if found else 0
+            if found != stamp:
+                changed.append(Path(path))
+    return Shelf(home, len(folders), size, tuple(changed))
+
+
+def sealed_stamps(folder: Path) -> dict[str, Stamp]:
+    """How the files in `folder` were last found; nothing if that was damaged, too."""
+    try:
+        known = json.loads((folder / SEAL).read_bytes())
+    except (OSError, ValueError, RecursionError):
+        return {}
+    return known if isinstance(known, dict) else {}
+
+
+def stamp_of(path: str) -> Stamp | None:
+    """What changes when the file at `path` is written to, even by who sets its time back; None: no such file."""
+    try:
+        found = os.lstat(path)
+    # a seal that was damaged may name anything
+    except (OSError, ValueError):
+        return None
+    if not stat.S_ISREG(found.st_mode):
+        return None
+    return [found.st_size, found.st_mtime_ns, found.st_ctime_ns, found.st_ino]
+
 
 KEPT = 50
 """Folders that are kept in any case; those in use are kept besides."""

@@ -1,15 +1,116 @@
-"""A variable of an FMU, as its model description has it."""
+"""A variable of an FMU as its model description has it: type, unit, values that have names."""
 
 import math
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
-from twin.drive.enumeration import named_values
-from twin.drive.kinds import KINDS
-from twin.drive.units import Conversion, conversion
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
+from twin.units import TEMPERATURE, Dimension, Unit, known_unit
+
+KINDS = ("Float64", "Float32", "Int8", "UInt8", "Int16", "UInt16", "Int32", "UInt32", "Int64", "UInt64", "Boolean")
+"""The types of FMI 3.0 that hold numbers, by which a variable of any version is kept: its `kind` is the index."""
+
+ITEM_SIZES = (8, 4, 1, 1, 2, 2, 4, 4, 8, 8, 1)
+"""Bytes of one value of each of `KINDS`."""
+
+
+class Conversion(NamedTuple):
+    """SI value = factor * value + offset, of a quantity of `dimension`."""
+
+    dimension: Dimension
+    factor: float = 1.0
+    offset: float = 0.0
+
+
+SPEED = Dimension(s=-1)
+TURN = 2.0 * math.pi
+
+SPELLED = (
+    "1", "rad", "deg", "\N{DEGREE SIGN}", "rev", "rad/s", "deg/s", "rev/s", "rpm", "rev/min", "N.m", "N m", "Nm", "N*m",
+    "mN.m", "mN m", "mNm", "mN*m", "N.cm", "A", "mA", "V", "mV", "W", "K",
+)  # fmt: skip
+"""As `twin.units` does."""
+OTHERWISE = {"": "1", "degree": "deg", "r": "rev", "turn": "rev", "r/s": "rev/s", "Ncm": "N.cm"}
+# SI Brochure, 2.3.4: hertz is for frequencies, what turns has rad/s; in hertz it counts turns, as per minute
+OTHERWISE |= {"Hz": "rev/s", "kHz": "rev/ms", "rps": "rev/s", "1/min": "rpm", "r/min": "rpm", "U/min": "rpm"}
+ENERGY = ("J", "kJ", "mJ", "Wh", "kWh")
+"""In kg m2/s2 as torques are, and no torque."""
+
+
+def _without_radian(unit: Unit | None) -> Conversion:
+    assert unit is not None
+    return Conversion(unit.dimension._replace(rad=0), unit.scale)
+
+
+KNOWN = {name: _without_radian(known_unit(OTHERWISE.get(name, name))) for name in (*SPELLED, *OTHERWISE)}
+KNOWN |= dict.fromkeys(("degC", "\N{DEGREE SIGN}C"), Conversion(TEMPERATURE, 1.0, 273.15))
+"""What a unit's name means where the FMU does not define it, or defines it in turns instead of radians."""
+
+
+def conversion(unit: str, definitions: list[Any]) -> Conversion | None:
+    """How values in `unit` become SI; None if neither the FMU's `definitions` (FMPy's) nor custom knows the unit."""
+    for definition in definitions:
+        if definition.name == unit and definition.baseUnit is not None:
+            base = definition.baseUnit
+            dimension = Dimension(*(int(getattr(base, name) or 0) for name in Dimension._fields))
+            return meant(unit, Conversion(dimension, float(base.factor), float(base.offset)))
+    return meant(unit)
+
+
+def meant(unit: str, stated: Conversion | None = None) -> Conversion | None:
+    """How values in `unit` become SI, of which a file has `stated` so much; None if nobody knows.
+
+    A definition as 1/s with the factor 1/60 (rpm as a frequency) or 1 (Hz) counts turns; the well-known name decides.
+    """
+    if unit.strip() in ENERGY:
+        return None
+    known = KNOWN.get(unit.strip())
+    if stated is None:
+        return known
+    stated = stated._replace(dimension=stated.dimension._replace(rad=0))
+    if known and known.dimension == stated.dimension and math.isclose(known.factor, TURN * stated.factor):
+        return known
+    return stated
+
+
+def named_values(variable: Any) -> dict[str, float]:
+    """Name -> value of the enumeration that a variable (FMPy's) is declared as; empty: none, or one without items."""
+    declared = variable.declaredType
+    if declared is None or variable.type != "Enumeration":
+        return {}
+    found = {}
+    for item in declared.items:
+        # an item without a whole number cannot be set
+        with suppress(TypeError, ValueError):
+            found[str(item.name)] = float(int(item.value))
+    return found
+
+
+def valued(where: str, items: Mapping[str, float], value: float | str) -> float:
+    """`value`, which may be one of the names of `items`; if there are some, it has to be one of them.
+
+    Args:
+        where: for the sentence.
+
+    Raises:
+        InputRefused: it is none of them, or a name where there are none.
+    """
+    if not items:
+        if isinstance(value, str):
+            raise InputRefused(f"{where} = {value!r}: expected a number; this variable has no values with names")
+        return value
+    if value in items.values():
+        return float(value)
+    known = ", ".join(f"{name} ({number:g})" for name, number in items.items())
+    if not isinstance(value, str):
+        raise InputRefused(f"{where} = {value:g}: expected one of {known}")
+    if value not in items:
+        raise InputRefused(f"{where} = {value!r}: {nearest(value, items, f'expected one of {known}')}")
+    return items[value]
+
 
 FMI1_KINDS = {"Real": "Float64", "Integer": "Int32", "Enumeration": "Int32"}
 FMI2_KINDS = FMI1_KINDS | {"Boolean": "Int32"}
@@ -30,7 +131,7 @@ class Variable:
     Attributes:
         name, causality, description: as the FMU has them.
         type: as the FMU has it, "Real" or "Float64".
-        kind: index into `kinds.KINDS`; -1: text or binary.
+        kind: index into `KINDS`; -1: text or binary.
         reference: FMI value reference.
         size: number of values, > 1 for an array.
         unit: as the FMU has it, "" where it states none.

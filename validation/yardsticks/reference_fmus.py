@@ -42,7 +42,7 @@ def beside_its_results(model: str) -> Mapping[str, float]:
             continue
         for trial in carried(file).trials:
             files, runs = prepared(file, trial, description), list[BareRun]()
-            bare_run(description, trial.described, files, runs.append)
+            bare_run(description, trial, files, runs.append)
             run, results = runs[0], files.results
             assert results is not None
             # a run that the FMU ends has no row of the step in which it does

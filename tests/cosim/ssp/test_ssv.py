@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.studies.reference.test_parameter_set import real, ssv
+from tests.studies.reference.test_carried import real, ssv
 from twin.cosim.ssp.parameters import MappingEntry
 from twin.cosim.ssp.ssv import mapping, parameter_set
 from twin.cosim.ssp.unit import Transformation

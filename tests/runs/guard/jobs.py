@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.compiled.compiling import compiling
-from twin.drive.announcement import announced
+from twin.drive.calls import announced
 from twin.runs.guard.reporter import Reporter
 from twin.studies.identify.identification import NotIdentifiable
 

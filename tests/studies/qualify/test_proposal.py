@@ -6,8 +6,7 @@ import pytest
 
 from tests.drive.archives import redescribed
 from twin.drive.description import described
-from twin.drive.doubt import RolesUnclear
-from twin.drive.mapping import Wiring, bindings
+from twin.drive.mapping import RolesUnclear, Wiring, bindings
 from twin.errors import InputRefused
 from twin.experiment.drive_files import lone_drive
 from twin.runs.assembly.drives import planned

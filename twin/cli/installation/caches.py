@@ -9,7 +9,7 @@ from twin.cli.installation.finding import Finding
 from twin.cli.installation.native import compiled_folder, compiled_pieces
 from twin.compiled.cache import is_own, refusal
 from twin.compiled.seal import damaged_files
-from twin.drive.shelf import shelf
+from twin.drive.unpacked import shelf
 from twin.errors import InputRefused
 
 SAFE = "which only you can write to"

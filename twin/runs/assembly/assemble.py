@@ -10,7 +10,7 @@ from twin.compiled.store import help_with
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.cosim.wiring import End, Feeds, wires
-from twin.drive.ramp import AT_END
+from twin.drive.groups import AT_END
 from twin.errors import InputRefused, nearest
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.build import Build, DriveMaker, InThisProcess, Makers, need_processes, planned_drives

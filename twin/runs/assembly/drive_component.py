@@ -12,16 +12,12 @@ from twin.controller.velocity_loop import DriveSpeedLoop
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.subsystem import INLET, Subsystem
-from twin.drive.component import FmuComponent
-from twin.drive.contract import COMMANDS, LOAD, SHAFT
-from twin.drive.description import FmuDescription
-from twin.drive.exchange.component import ExchangeComponent
-from twin.drive.ports import FmuPort
-from twin.drive.rotor import DriveRotor
-from twin.drive.setup import Setup
-from twin.drive.steps import refuse_step
-from twin.drive.units import Conversion
-from twin.drive.unwrapped import Unwrapped
+from twin.drive.component import ExchangeComponent, FmuComponent
+from twin.drive.contract import COMMANDS, LOAD, SHAFT, DriveRotor, Unwrapped
+from twin.drive.description import FmuDescription, refuse_step
+from twin.drive.setting import Setup
+from twin.drive.stepping import FmuPort
+from twin.drive.variable import Conversion
 from twin.experiment.schema import PositionCommand
 from twin.runs.assembly.drives import ENABLE, DrivePlan, Start, belongs
 from twin.runs.assembly.rates import rates, stop_time
@@ -48,7 +44,7 @@ def drive(name: str, plan: DrivePlan, tick: float, theta_m: Start, tau_load: Sta
         for part, description in plan.parts.items():
             refuse_step(description, tick, substeps)
             stop = stop_time(plan.ticks, tick, substeps)
-            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone, watched=plan.watched)
+            setup = Setup(plan.tolerance(part), stop, tick / substeps, plan.ramped and alone)
             parts.append(_part(part or name, part, plan, description, theta_m, tau_load, setup))
             made.callback(parts[-1].close)
         if alone:

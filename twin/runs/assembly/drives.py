@@ -8,11 +8,12 @@ import numpy as np
 
 from twin.cosim.port import Port
 from twin.drive.contract import COMMANDS, OMEGA_M, SHAFT, THETA_M
-from twin.drive.description import FmuDescription, Variable, described
-from twin.drive.exchange.solver import USUAL_TOLERANCE, Solver
+from twin.drive.description import FmuDescription, described
 from twin.drive.mapping import Binding, Wiring, bindings
 from twin.drive.setting import Setting
+from twin.drive.solvers import USUAL_TOLERANCE, Solver
 from twin.drive.unpacked import unpacked
+from twin.drive.variable import Variable
 from twin.errors import InputRefused
 from twin.experiment.schema import Drive
 
@@ -37,7 +38,6 @@ class DrivePlan:
         switched: whether its role `enable` is an input of the component; else it keeps the value it was given.
         ticks: how many it will be stepped; None: nobody knows.
         ramped: whether it is offered its inputs as lines over a step.
-        watched: whether its outputs are read within its steps where that can be.
         folders: by their SHA-256, of FMUs whose unpacked files have been looked at for the same robot; None: they are
             looked at whenever a component is made.
     """
@@ -51,7 +51,6 @@ class DrivePlan:
     switched: bool = False
     ticks: int | None = None
     ramped: bool = False
-    watched: bool = False
     folders: dict[str, Path] | None = field(default=None, compare=False, repr=False)
 
     def folder(self, part: str) -> Path:

@@ -16,7 +16,7 @@ from twin.controller.way_points import P_REF_B
 from twin.cosim.component import Component
 from twin.cosim.port import Port
 from twin.cosim.python_class import ClassComponent, PythonSource, Wanted, made, wanted_of
-from twin.drive.announcement import announced
+from twin.drive.calls import announced
 from twin.drive.description import FmuDescription
 from twin.drive.sampled import SampledFmu, port_of, sampled_fmu
 from twin.drive.setting import told

@@ -10,7 +10,7 @@ import subprocess
 from twin.compiled.native import Native
 from twin.controller import controller, estimator
 from twin.cosim import master
-from twin.drive import plain_adapter
+from twin.drive import cosim_step
 from twin.plant import component, deviation, encoder, equilibrium, scale
 from twin.recording import filling, weave
 from twin.robot import clearance, inverse_kinematics, jacobian
@@ -28,7 +28,7 @@ def usual() -> tuple[Native, ...]:
     return (
         inverse_kinematics._angles.native, clearance._nearest.native, equilibrium._load.native, jacobian._rows.native,
         equilibrium._wind.native, component._begin.native, component.step_over(False, False), encoder.step,
-        estimator.step, controller.step, scale.step, plain_adapter.step, master.advance.native, filling._fill.native,
+        estimator.step, controller.step, scale.step, cosim_step.plain_step, master.advance.native, filling._fill.native,
         deviation._add_up.native, frames._put_poses.native, arrows._put_arrows.native, weave._scatter.native,
     )  # fmt: skip
 

@@ -45,7 +45,7 @@ def main() -> None:
                 # after the job's own imports: what it needs of them is loaded while the arguments are still being made
                 from twin.compiled.compiling import watch_compiling
                 from twin.cosim.simulation import let_watch
-                from twin.drive.announcement import listen
+                from twin.drive.calls import listen
                 from twin.runs.guard.pipe_reporter import PipeReporter
                 from twin.runs.guard.reporter import let_speak
 

@@ -4,7 +4,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.drive.reuse import free_kept
+from twin.drive.component import free_kept
 from twin.errors import InputRefused
 from twin.experiment.measure import Required
 from twin.experiment.requirement import requirement, signals_of

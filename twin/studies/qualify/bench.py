@@ -1,4 +1,4 @@
-"""The bench: one drive, a commanded speed and a load, both known beforehand."""
+"""The bench: a drive at a commanded speed and a load, both known beforehand; a part at what it would get in a run."""
 
 import time
 from collections.abc import Callable, Iterator
@@ -6,21 +6,35 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.cosim.component import Component
+from twin.cosim.playback import play
+from twin.cosim.port import by_port, width
 from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
+from twin.drive.component import FmuComponent
 from twin.drive.contract import LOAD
 from twin.errors import ComponentFailed
+from twin.experiment.experiment import Experiment
 from twin.runs.assembly.drive_component import OMEGA_REF, drive
 from twin.runs.assembly.drives import DrivePlan
+from twin.runs.assembly.robot import ROBOT
+from twin.runs.assembly.roles import OtherPart
+from twin.runs.trace import Trace
 from twin.studies.metrics.response import Curve
 from twin.studies.qualify.operating_range import TICK
 
 SLICE_TICKS = 100
 LOOK = 500
 """Ticks after which it is asked whether a run has seen enough."""
+PATIENCE = 5.0
+"""Wall time (s) after which a part that is slow has been called often enough."""
+BLOCK = 500
+"""Calls between two looks at the clock."""
+NUDGE = 1e-3
+"""By which inputs are changed, of their size or in SI, to see what follows: less than anybody would notice."""
 MOST = 1e9
 """rad and rad/s. No shaft turns so far, whatever its units are; and squares of it are numbers still."""
 
@@ -96,7 +110,6 @@ def response(
     omega_ref: Curve,
     tau_load: Curve,
     enough: Callable[[Curve], bool] = lambda theta_m: False,
-    look: Callable[[Component], None] = lambda drive: None,
 ) -> Response:
     """Run a fresh instance of the drive from rest at theta_m = 0.
 
@@ -106,7 +119,6 @@ def response(
         plan: the drive.
         omega_ref, tau_load: commanded speed (rad/s) and load (N m), held from tick to tick, (ticks,).
         enough: asked with the angles so far (ticks,) after every half second; True ends the run early.
-        look: given the drive when it has run, before it is freed.
 
     Raises:
         InputRefused: the drive cannot be loaded or initialised, or does not take a tick of `TICK`.
@@ -130,7 +142,6 @@ def response(
                 break
         if simulation.failure:
             raise simulation.failure
-        look(system.component("drive"))
     rows = rows[: simulation.next_tick]
     refuse_impossible(plan, system, rows)
     of_drive = simulation.cycles[system.components.index(system.component("drive"))] / simulation.cycles.sum()
@@ -165,3 +176,108 @@ def refuse_impossible(plan: DrivePlan, system: System, rows: Curve) -> None:
             f"{plan.label} returned {name} = {value:.3g} {unit} at t = {k * TICK:.6g} s; no shaft turns like that, "
             "look at its units, or at its step size"
         )
+
+
+@dataclass(frozen=True)
+class Inputs:
+    """What a part gets at each of its samples.
+
+    Attributes:
+        t: times of the samples (n,), s.
+        period: between two of them (s).
+        u: (n, inputs), SI.
+    """
+
+    t: NDArray[np.float64]
+    period: float
+    u: NDArray[np.float64]
+
+    def first(self, count: int) -> "Inputs":
+        """The first samples."""
+        return replace(self, t=self.t[:count], u=self.u[:count])
+
+    def after(self, count: int) -> "Inputs":
+        """All but the first samples."""
+        return replace(self, t=self.t[count:], u=self.u[count:])
+
+    def nudged(self) -> "Inputs":
+        """Each a little different, and none as the one before."""
+        signs = np.where(np.arange(self.u.shape[1]) % 2, 1.0, -1.0)
+        return replace(self, u=self.u + NUDGE * signs * np.maximum(np.abs(self.u), 1.0))
+
+
+@dataclass(frozen=True)
+class Played:
+    """What a part made of inputs.
+
+    Attributes:
+        rows: outputs (calls, outputs); fewer calls than asked for if one failed, or they took too long.
+        failure: of the call after the last row, as the verb phrase of a sentence; "" if none failed.
+        cost: wall time per call (s).
+    """
+
+    rows: NDArray[np.float64]
+    failure: str
+    cost: float
+
+
+def inputs_for(part: OtherPart, run: Trace, experiment: Experiment, period: int) -> Inputs:
+    """What `part` would have got in the `run` of `experiment`.
+
+    Args:
+        period: of the part, in ticks.
+    """
+    (row,) = [row for row in ROBOT if row.name == part.role]
+    ticks = np.arange(0, experiment.duration_ticks + 1, period)
+    columns = [np.zeros((len(ticks), 0))]
+    for port in part.inputs:
+        # a controller of twin's own brings its way itself
+        sources = [f"{name}.{output}" for name, output in (*row.inputs[port.name], (part.role, port.name))]
+        name = next(source for source in sources if source in run.fields())
+        columns.append(run.held(name)[ticks].reshape(len(ticks), port.size).astype(float))
+    tick = experiment.cosim.tick
+    return Inputs(np.asarray(ticks * tick), period * tick, np.hstack(columns))
+
+
+def played(component: Component, inputs: Inputs) -> Played:
+    """Call `component` at the samples of `inputs`, for as long as there is patience."""
+    blocks: list[NDArray[np.float64]] = []
+    # no call: compiles, or loads from the cache, before the clock runs
+    play(component, inputs.t[:0], inputs.t[:0], inputs.u[:0])
+    began, failure, done = time.perf_counter(), "", 0
+    while done < len(inputs.t) and not failure and time.perf_counter() - began < PATIENCE:
+        block = slice(done, done + BLOCK)
+        t = inputs.t[block]
+        rows, status = play(component, t, np.full(len(t), inputs.period), inputs.u[block])
+        finite = np.isfinite(rows).all(axis=1)
+        good = len(rows) if finite.all() else int(np.argmin(finite))
+        if good < len(t):
+            failure = component.explain(status) if good == len(rows) else not_finite(component, rows[good])
+        blocks.append(rows[:good])
+        done += good
+    rows = np.concatenate(blocks) if blocks else np.empty((0, width(component.outputs)))
+    return Played(rows, failure, (time.perf_counter() - began) / max(1, done))
+
+
+def not_finite(component: Component, row: NDArray[np.float64]) -> str:
+    """Which output of `row` is no number, as the verb phrase of a sentence."""
+    names = [name for name, values in by_port(component.outputs, row).items() if not np.isfinite(values).all()]
+    return f"returned NaN or infinity for {', '.join(names)}"
+
+
+def replayed_from_state(component: FmuComponent, inputs: Inputs) -> bool:
+    """Whether the second half of `inputs` gives the same bits when the FMU is set back to where it began.
+
+    Raises:
+        ComponentFailed: the FMU refuses to save or restore its state.
+    """
+    half = len(inputs.t) // 2
+    played(component, inputs.first(half))
+    state = component.instance.saved_state()
+    once = played(component, inputs.after(half))
+    component.instance.restore(state)
+    again = played(component, inputs.after(half))
+    if once.failure or again.failure:
+        raise ComponentFailed(f"{component.label}: {once.failure or again.failure}")
+    count = min(len(once.rows), len(again.rows))
+    return bool(np.array_equal(once.rows[:count], again.rows[:count]))

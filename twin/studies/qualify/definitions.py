@@ -31,10 +31,8 @@ CHECKS = {
     "repeats": "two fresh instances give the same theta_m and omega_m, bit for bit",
     "reset": "after reset an instance repeats its first run, bit for bit",
     "state": "after its state was saved, changed and restored, an instance goes on from there, bit for bit",
-    "within": "outputs that can be read within a step are, and that changes nothing (only of FMUs that offer it)",
 }
-"""Name -> what holds. All disqualify a drive but `reset`, `state` and `within`: nothing that runs an experiment needs
-those."""
+"""Name -> what holds. All disqualify a drive but `reset` and `state`: nothing that runs an experiment needs those."""
 MEASURES = {
     "speed": Definition(
         "speed in use", "rad/s",

@@ -5,12 +5,12 @@ from dataclasses import asdict
 
 import numpy as np
 
-from twin.drive.description import FmuDescription, Variable
+from twin.drive.component import opened
+from twin.drive.description import FmuDescription
 from twin.drive.instance import Instance
-from twin.drive.opened import opened
-from twin.drive.setting import Setting
-from twin.drive.setup import Setup
+from twin.drive.setting import Setting, Setup
 from twin.drive.unpacked import unpacked
+from twin.drive.variable import Variable
 from twin.errors import TwinError
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, belongs, planned

@@ -7,8 +7,9 @@ from pathlib import Path
 from typing import NamedTuple
 
 from twin.drive.contract import COMMANDS
-from twin.drive.description import FmuDescription, Variable
-from twin.drive.joining import Join, joins, objection
+from twin.drive.description import FmuDescription
+from twin.drive.mapping import Join, joins, objection
+from twin.drive.variable import Variable
 from twin.errors import visible
 from twin.runs.assembly.drives import qualified
 from twin.studies.qualify.proposal import LOOP, quoted, roles_text, understood

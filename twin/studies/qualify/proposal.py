@@ -4,10 +4,10 @@ import json
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 
-from twin.drive.candidates import candidates, likely_command, score
 from twin.drive.contract import COMMANDS, Command, Role, contract
-from twin.drive.description import FmuDescription, Variable
-from twin.drive.mapping import Choice, Wiring, bindings, choice
+from twin.drive.description import FmuDescription
+from twin.drive.mapping import Choice, Wiring, bindings, candidates, choice, likely_command, score
+from twin.drive.variable import Variable
 from twin.errors import InputRefused, visible
 
 LOOP = """

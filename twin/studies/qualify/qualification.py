@@ -2,12 +2,12 @@
 
 from collections.abc import Callable, Sequence
 from contextlib import nullcontext
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from typing import Any, TypeVar
 
 import numpy as np
 
-from twin.drive.reuse import instances_left
+from twin.drive.component import instances_left
 from twin.errors import ComponentFailed
 from twin.experiment.schema import Drive
 from twin.runs.assembly.drives import DrivePlan, planned
@@ -21,7 +21,6 @@ from twin.studies.qualify.operating_range import SPEED_IN_USE
 from twin.studies.qualify.repetition import repetition_findings, step_error
 from twin.studies.qualify.stall import overload, stall_torque
 from twin.studies.qualify.step import step_findings
-from twin.studies.qualify.within import Excursion, offers_within, within_check
 from twin.studies.qualify.work_cycle import AVERAGE, LOADED, work_cycle
 
 T = TypeVar("T")
@@ -51,14 +50,12 @@ class Qualification:
         plan: the drive.
         checks, measures: all of `definitions.CHECKS` that could be made, and all of `definitions.MEASURES`.
         curves: behind them.
-        within: what outputs do within a step, of a drive that lets them be read there.
     """
 
     plan: DrivePlan
     checks: tuple[Check, ...]
     measures: tuple[Measure, ...]
     curves: BenchCurves
-    within: tuple[Excursion, ...] = ()
 
     @property
     def failed(self) -> tuple[str, ...]:
@@ -96,7 +93,6 @@ class Qualification:
                 measure.name: {"value": measure.value, "remark": measure.remark, **MEASURES[measure.name]._asdict()}
                 for measure in self.measures
             },
-            "within": [asdict(excursion) for excursion in self.within],
             "warnings": self.plan.warnings(),
         }
 
@@ -128,17 +124,13 @@ def _qualification(plan: DrivePlan, apart: bool) -> Qualification:
     attempts.found(lambda: load_findings(plan, cycle))
     attempts.found(lambda: repetition_findings(plan, cycle))
     attempts.found(lambda: lifecycle_findings(plan, apart))
-    within: tuple[Excursion, ...] = ()
-    if offers_within(plan):
-        check, within = within_check(plan, cycle, apart)
-        attempts.findings.append(check)
     attempts.found(lambda: [*step_findings(cycle), step_error(plan, cycle)])
     if swept:
         steady_gain = cycle.mean_speed(LOADED - AVERAGE, LOADED) / SPEED_IN_USE
         attempts.findings.append(bandwidth(*swept, steady_gain))
     if stalled:
         attempts.found(lambda: [stall_torque(plan, stalled)])
-    return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())), within)
+    return _judged(plan, attempts, BenchCurves(cycle, stalled, *(swept or ())))
 
 
 class Attempts:
@@ -161,9 +153,7 @@ class Attempts:
         self.findings += self.made(examination) or ()
 
 
-def _judged(
-    plan: DrivePlan, attempts: Attempts, curves: BenchCurves, within: tuple[Excursion, ...] = ()
-) -> Qualification:
+def _judged(plan: DrivePlan, attempts: Attempts, curves: BenchCurves) -> Qualification:
     """Everything in the order of the definitions."""
     roles = ", ".join(binding.port.name for binding in plan.bindings)
     axes = "; three axes commanded alike, the first measured" if plan.axes == 3 else ""
@@ -181,5 +171,4 @@ def _judged(
         checks=tuple(c for c in checks if isinstance(c, Check)),
         measures=tuple(m for m in measures if isinstance(m, Measure)),
         curves=curves,
-        within=within,
     )

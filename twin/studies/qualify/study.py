@@ -15,8 +15,7 @@ from twin.studies.qualify.qualification import qualified
 from twin.studies.qualify.text import check_text, compare_text, verdict_text
 from twin.studies.qualify.true_run import COMPARED
 from twin.studies.qualify.workload import Workload
-from twin.studies.reference.drive import came_with, no_drive
-from twin.studies.reference.text import references_text
+from twin.studies.reference.outcome import came_with, no_drive, references_text
 from twin.studies.steps import Say
 from twin.writing import made_folder
 

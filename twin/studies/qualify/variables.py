@@ -3,9 +3,10 @@
 from collections.abc import Mapping
 from typing import Any
 
-from twin.drive.candidates import candidates
 from twin.drive.contract import OUTPUTS
-from twin.drive.description import FmuDescription, Variable
+from twin.drive.description import FmuDescription
+from twin.drive.mapping import candidates
+from twin.drive.variable import Variable
 from twin.errors import visible
 from twin.studies.lines import wrapped
 

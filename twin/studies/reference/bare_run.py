@@ -1,9 +1,10 @@
-"""An FMU run by itself: inputs by name from a table, outputs by name, no drive contract and no robot."""
+"""An FMU run by itself, and whether it does what results say: signals by name, no drive contract and no robot."""
 
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,18 +12,16 @@ from twin.cosim.port import Port
 from twin.cosim.signals import playback
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import FmuComponent
+from twin.drive.component import ExchangeComponent, FmuComponent
 from twin.drive.description import FmuDescription
-from twin.drive.exchange.component import ExchangeComponent
-from twin.drive.exchange.solver import Solver
-from twin.drive.ports import FmuPort
-from twin.drive.setup import Setup
+from twin.drive.setting import Setup
+from twin.drive.solvers import Solver
+from twin.drive.stepping import FmuPort
 from twin.drive.unpacked import unpacked
 from twin.drive.variable import Variable
 from twin.errors import ComponentFailed, InputRefused
 from twin.studies.metrics.response import Curve
-from twin.studies.reference.carried import Prepared
-from twin.studies.reference.experiment_file import Described
+from twin.studies.reference.carried import Prepared, Trial
 from twin.studies.reference.series import Series
 
 STEPS = 500
@@ -30,6 +29,15 @@ STEPS = 500
 MOST_STEPS = 2_000_000
 MOST_VALUES = 20_000_000
 """Of all outputs over all steps: 160 MB."""
+OF_RANGE = 0.01
+OF_SIZE = 1e-4
+"""For signals that hardly move: results are often written with six digits."""
+LEAST = 1e-9
+TOLERANCE = (
+    f"{100 * OF_RANGE:g} % of a signal's range in the results, at some moment within one step of that of the result: "
+    "a tolerance of ours, the files state none"
+)
+"""One step, because inputs are held over it and a jump is seen at its end."""
 EXACT = 2.0**53
 """Whole numbers from here on do not fit the doubles that travel between components."""
 
@@ -51,14 +59,12 @@ class BareRun:
     failure: str = ""
 
 
-def bare_run(
-    description: FmuDescription, described: Described, files: Prepared, ended: Callable[[BareRun], None]
-) -> None:
-    """Run the FMU as an experiment describes it; what it does not say is the FMU's default experiment.
+def bare_run(description: FmuDescription, trial: Trial, files: Prepared, ended: Callable[[BareRun], None]) -> None:
+    """Run the FMU as an experiment describes it; what that does not say is the FMU's default experiment.
 
     Args:
         description: the FMU.
-        described: the experiment.
+        trial: the experiment.
         files: what it is told, and its results.
         ended: told of the run before the FMU is freed, in which some crash.
 
@@ -66,14 +72,14 @@ def bare_run(
         InputRefused: a step, duration or input that cannot be.
         ComponentFailed: the FMU cannot be loaded or initialised.
     """
-    step, last = _steps(description, described)
+    step, last = _steps(description, trial, files.results)
     outputs, unknown = _watched(description, files.results)
     if (last + 1) * (values := sum(p.port.size for p in outputs)) > MOST_VALUES:
         raise InputRefused(f"{description.path.name}: {last} steps of {values} signals; expected fewer")
     inputs = _inputs(description, files.stimuli)
     stimuli = _sampled(inputs, files.stimuli, step * np.arange(last + 1, dtype=float))
     start = dict(zip((p.port.name for p in inputs), stimuli[0], strict=True))
-    setup = Setup(described.tolerance or description.tolerance, step * last, step)
+    setup = Setup(trial.tolerance or description.tolerance, step * last, step)
     set_ = description.settings(files.parameters)
     folder = unpacked(description.path, description.sha256)
     try:
@@ -104,20 +110,19 @@ def _component(description: FmuDescription) -> Callable[..., FmuComponent]:
     return partial(ExchangeComponent, solver=Solver())
 
 
-def _steps(description: FmuDescription, described: Described) -> tuple[float, int]:
+def _steps(description: FmuDescription, trial: Trial, results: Series | None) -> tuple[float, int]:
     """Step (s) and how many of them."""
     stated = description.model.defaultExperiment
-    start = _first(described.start, getattr(stated, "startTime", None)) or 0.0
-    # where nobody states an end: as FMPy
-    stop = described.stop if described.stop is not None else _first(getattr(stated, "stopTime", None)) or 1.0
+    start = _first(trial.start, getattr(stated, "startTime", None)) or 0.0
+    # where nobody states an end: as the results, or as FMPy
+    end = 1.0 if results is None else float(results.t[-1])
+    stop = trial.stop if trial.stop is not None else _first(getattr(stated, "stopTime", None)) or end
     if start != 0.0:
-        raise InputRefused(f"{described.name}: starts at {start:g} s; expected 0 s, where runs begin here")
+        raise InputRefused(f"{trial.name}: starts at {start:g} s; expected 0 s, where runs begin here")
     own = getattr(description.interface, "fixedInternalStepSize", None)
-    step = _first(own, getattr(stated, "stepSize", None)) or stop / STEPS if described.step is None else described.step
+    step = _first(own, getattr(stated, "stepSize", None)) or stop / STEPS if trial.step is None else trial.step
     if not (0.0 < step <= stop and stop / step <= MOST_STEPS):
-        raise InputRefused(
-            f"{described.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MOST_STEPS} of them"
-        )
+        raise InputRefused(f"{trial.name}: steps of {step:g} s until {stop:g} s; expected 1 to {MOST_STEPS} of them")
     return step, math.floor(stop / step + 1e-9)
 
 
@@ -173,3 +178,32 @@ def _sampled(inputs: list[FmuPort], stimuli: Series | None, t: Curve) -> np.ndar
 
 def _continuous(variable: Variable) -> bool:
     return variable.type in ("Real", "Float64", "Float32")
+
+
+class Deviation(NamedTuple):
+    """Of a signal: how far it leaves the results at most, in multiples of the tolerance, and when (s)."""
+
+    signal: str
+    share: float
+    t: float
+
+
+def deviations(run: BareRun, results: Series) -> list[Deviation]:
+    """Every signal of a run that the results have, in their order."""
+    within = results.t <= (1.0 + 1e-9) * run.t[-1]
+    t = results.t[within]
+    if not len(t):
+        return []
+    place = np.floor(t / run.step + 1e-6).astype(int)
+    near = np.clip(place[:, None] + np.array([-1, 0, 1, 2]), 0, len(run.t) - 1)
+    found = []
+    for name, ours in run.signals.items():
+        if name not in results.signals:
+            continue
+        theirs = results.signals[name][within]
+        band = max(OF_RANGE * np.ptp(theirs), OF_SIZE * np.abs(theirs).max(), LEAST)
+        low, high = ours[near].min(axis=1), ours[near].max(axis=1)
+        beyond = np.maximum(np.maximum(low - theirs, theirs - high), 0.0) / band
+        worst = int(np.argmax(beyond))
+        found.append(Deviation(name, float(beyond[worst]), float(t[worst])))
+    return found

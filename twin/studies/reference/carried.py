@@ -1,38 +1,54 @@
-"""What came with an FMU: files that its manifest lists, and those of the FMI Cross-Check that lie beside it."""
+"""What came with an FMU: results of an experiment, the inputs and parameters that belong to them.
 
-from collections.abc import Sequence
+Inside it, where its manifest (FMI-LS-REF, https://modelica.github.io/fmi-ls-ref/main) lists them, as in the Reference
+FMUs; or beside it, as in the FMI Cross-Check, https://github.com/modelica/fmi-cross-check.
+"""
+
+import re
 from dataclasses import dataclass, replace
-from pathlib import Path
+from pathlib import Path, PurePosixPath
+from typing import Any
 
 from twin.archive import content_of, entries, entry_of
-from twin.cosim.ssp.parameters import PARAMETER_SET
+from twin.cosim.ssp.elements import finite
 from twin.cosim.ssp.ssv import parameter_set
 from twin.drive.description import FmuDescription
-from twin.drive.related import Related, related
-from twin.drive.setting import Value
+from twin.drive.setting import Value, given_values
 from twin.errors import InputRefused
-from twin.files import read_bytes, read_text
-from twin.studies.reference.experiment_file import MIMES, Described, experiments_of, options_of
-from twin.studies.reference.parameter_set import settings
+from twin.files import read_bytes, read_text, xml_of
 from twin.studies.reference.series import Series, series_of
 
-CSV = "text/csv"
-DEFAULT = "default experiment"
+HOME = "extra/org.fmi-standard.fmi-ls-ref"
+MANIFEST = f"{HOME}/fmi-ls-manifest.xml"
+STANDARD = "org.fmi-standard.fmi-ls-ref"
+NAMESPACE = "{http://fmi-standard.org/fmi-ls-manifest}"
+MOST_RELATED = 1_000
+"""Files of one manifest; an honest one lists a dozen."""
+OPTION = re.compile(r"\s*\"?(\w+)\"?\s*[,;=:\s]\s*\"?([^\s\";,]+)")
+OPTIONS = {"starttime": "start", "stoptime": "stop", "stepsize": "step", "reltol": "tolerance"}
 
 
 @dataclass(frozen=True)
 class Trial:
-    """An experiment that came with an FMU.
+    """An experiment that came with an FMU; what it does not state is the FMU's default experiment.
 
     Attributes:
-        described: what it says, files by URI.
-        base: the entry of the archive that the URIs are relative to; "": they lie beside the FMU.
-        problem: why it is known already that it cannot be run.
+        name: of the experiment.
+        results, stimuli, parameters: names of files, "": none.
+        inside: whether the files are entries of the archive; else they lie beside the FMU.
+        start, stop, step: s; None: not stated.
+        tolerance: relative, of the FMU's solver; None likewise.
     """
 
-    described: Described
-    base: str = ""
-    problem: str = ""
+    name: str
+    results: str = ""
+    stimuli: str = ""
+    parameters: str = ""
+    inside: bool = False
+    start: float | None = None
+    stop: float | None = None
+    step: float | None = None
+    tolerance: float | None = None
 
 
 @dataclass(frozen=True)
@@ -54,12 +70,10 @@ class Carried:
     """What came with an FMU.
 
     Attributes:
-        listed: by its manifest.
-        unread: (name, why) of files of experiments in no form that is read here.
+        unread: (name, why) of listed experiments, parameters and results that are not read.
         trials: what can be tried.
     """
 
-    listed: tuple[Related, ...]
     unread: tuple[tuple[str, str], ...]
     trials: tuple[Trial, ...]
 
@@ -67,106 +81,107 @@ class Carried:
 def carried(file: Path) -> Carried:
     """What came with the FMU `file`; nothing of it is run or unpacked.
 
-    Files that no experiment names are tried with the FMU's default experiment: results are held to it, parameters are
-    set in it.
-
     Raises:
         InputRefused: no sound archive, or a manifest or options that are none.
     """
-    listed = related(file)
-    trials: list[Trial] = []
-    unread: list[tuple[str, str]] = []
+    results, parameters, unread = [], "", []
     names = entries(file)
-    for one in listed:
-        if one.role.split("/")[0] not in ("experiment", "parameter", "result"):
+    for source, role, type_ in _listed(file, names):
+        entry = entry_of(source, names, MANIFEST)
+        if role not in ("experiment", "parameter", "result"):
             continue
-        if not one.entry:
-            unread.append((one.source, "not in the FMU; expected the name of one of its files"))
-        elif one.role.startswith("experiment") and one.type not in MIMES and not one.entry.endswith(".exp"):
-            unread.append((one.source, f"an experiment of type {one.type}; read are {', '.join(MIMES)}"))
-        elif one.role.startswith("experiment"):
-            trials += _described(file, one.entry)
-    used = {
-        entry_of(named[0], names, trial.base)
-        for trial in trials
-        for named in (trial.described.parameters, trial.described.results)
-        if named
-    }
-    for one in listed:
-        if one.entry and one.entry not in used:
-            if one.role == "result" and _is_csv(one.type, one.entry):
-                unnamed = Described(_name(one), results=(f"/{one.entry}", CSV))
-            elif one.role == "parameter" and (one.type == PARAMETER_SET or one.entry.endswith(".ssv")):
-                unnamed = Described(_name(one), parameters=(f"/{one.entry}", PARAMETER_SET))
-            elif one.role in ("result", "parameter"):
-                unread.append((one.source, f"of type {one.type}; read are {CSV} and {PARAMETER_SET}"))
-                continue
-            else:
-                continue
-            trials.append(Trial(unnamed, one.entry))
-    return Carried(listed, tuple(unread), (*trials, *_beside(file)))
+        if not entry:
+            unread.append((source, "not in the FMU; expected the name of one of its files"))
+        elif role == "result" and (type_ == "text/csv" or entry.endswith(".csv")):
+            results.append(entry)
+        elif role == "parameter" and entry.endswith(".ssv") and not parameters:
+            parameters = entry
+        else:
+            unread.append((source, f"{role} of type {type_}; read are results (CSV) and one set of parameters (SSV)"))
+    trials = [
+        Trial(PurePosixPath(entry).name, entry, told if (told := _inputs_of(entry)) in names else "", parameters, True)
+        for entry in results
+    ]
+    return Carried(tuple(unread), (*trials, *_beside(file)))
+
+
+def _listed(file: Path, names: dict[str, int]) -> list[tuple[str, str, str]]:
+    """(source, role, type) of the files that the manifest lists; nothing if there is none."""
+    if MANIFEST not in names:
+        return []
+    where = f"{file}: {MANIFEST}"
+    root = xml_of(content_of(file, MANIFEST), where)
+    named = root.get(f"{NAMESPACE}fmi-ls-name")
+    if root.tag != "fmiReferences" or named != STANDARD:
+        raise InputRefused(f"{where}: <{root.tag}> of '{named}'; expected <fmiReferences> of '{STANDARD}'")
+    listed = root.findall("Related")
+    if len(listed) > MOST_RELATED:
+        raise InputRefused(f"{where}: lists {len(listed)} files; expected at most {MOST_RELATED}")
+    return [(e.get("source", ""), e.get("role", "").split("/")[0], e.get("type", "not stated")) for e in listed]
+
+
+def _inputs_of(results: str) -> str:
+    """The inputs that belong to NAME_ref.csv or NAME_out.csv: NAME_in.csv."""
+    return re.sub(r"(_ref|_out)?\.csv$", "_in.csv", results)
+
+
+def _beside(file: Path) -> list[Trial]:
+    """The experiment of the FMI Cross-Check: NAME_ref.csv, NAME_in.csv and NAME_ref.opt beside NAME.fmu."""
+    results, options = file.with_name(f"{file.stem}_ref.csv"), file.with_name(f"{file.stem}_ref.opt")
+    if not results.is_file():
+        return []
+    stimuli = _inputs_of(results.name)
+    found = Trial(results.name, results.name, stimuli if file.with_name(stimuli).is_file() else "")
+    return [replace(found, **options_of(read_text(options), options.name)) if options.is_file() else found]
+
+
+def options_of(text: str, where: str) -> dict[str, Any]:
+    """Keys `start`, `stop`, `step`, `tolerance` of `Trial` that the lines of a _ref.opt give.
+
+    A step of 0 says that the exporting tool chose its steps itself, and is left out.
+
+    Raises:
+        InputRefused: one of these is no number.
+    """
+    given = {}
+    for line in text.splitlines():
+        if (found := OPTION.match(line)) and (key := OPTIONS.get(found[1].lower())):
+            given[key] = finite(found[2], f"{where}: {found[1]}")
+    return {key: value for key, value in given.items() if value > 0.0 or key == "start"}
 
 
 def prepared(file: Path, trial: Trial, description: FmuDescription) -> Prepared:
     """The files of a trial, read and held to the FMU.
 
     Raises:
-        InputRefused: one is missing, in no form that is read here, or does not fit the FMU.
+        InputRefused: one cannot be read, or does not fit the FMU.
     """
-    named = trial.described
-    parameters: dict[str, Value] = {}
-    if named.parameters:
-        content, where = _content(file, trial, named.parameters, (PARAMETER_SET,), ".ssv")
-        parameters = settings(parameter_set(content, where), description, where)
-    stimuli, results = (
-        series_of(*_content(file, trial, one, (CSV,), ".csv")) if one else None
-        for one in (named.stimuli, named.results)
-    )
+
+    def read(name: str) -> tuple[bytes, str]:
+        if trial.inside:
+            return content_of(file, name), f"{file.name}: {PurePosixPath(name).name}"
+        return read_bytes(file.with_name(name)), name
+
+    parameters = parameters_of(*read(trial.parameters), description) if trial.parameters else {}
+    stimuli, results = (series_of(*read(name)) if name else None for name in (trial.stimuli, trial.results))
     return Prepared(parameters, stimuli, results)
 
 
-def _described(file: Path, entry: str) -> list[Trial]:
+def parameters_of(content: bytes, where: str, description: FmuDescription) -> dict[str, Value]:
+    """The values of a parameter set (SSV), which are in the FMU's own units.
+
+    Raises:
+        InputRefused: a parameter that the FMU has not, or cannot take, or in another unit than the FMU's.
+    """
+    given: dict[str, Value] = {}
+    for one in parameter_set(content, where).parameters:
+        known = description.variables.get(one.name)
+        if known is not None and one.unit not in ("", None, known.unit):
+            raise InputRefused(f"{where}: {one.name} in '{one.unit}'; expected '{known.unit}', as in the FMU")
+        values = given_values(one, where)
+        given[one.name] = values[0] if len(values) == 1 else values
     try:
-        return [Trial(found, entry) for found in experiments_of(content_of(file, entry), f"{file.name}: {entry}")]
+        description.settings(given)
     except InputRefused as refusal:
-        return [Trial(Described(Path(entry).name), entry, str(refusal))]
-
-
-def _beside(file: Path) -> Sequence[Trial]:
-    """The experiment of the FMI Cross-Check: NAME_ref.csv, NAME_in.csv and NAME_ref.opt beside NAME.fmu."""
-    results, stimuli, options = (file.with_name(f"{file.stem}_{end}") for end in ("ref.csv", "in.csv", "ref.opt"))
-    if not results.is_file():
-        return ()
-    found = Described(results.name, results=(results.name, CSV))
-    if stimuli.is_file():
-        found = replace(found, stimuli=(stimuli.name, CSV))
-    if options.is_file():
-        given = options_of(read_text(options), options.name)
-        found = replace(
-            found, start=given.get("start"), stop=given.get("stop"), step=given.get("step"),
-            tolerance=given.get("tolerance"),
-        )  # fmt: skip
-    return (Trial(found),)
-
-
-def _content(
-    file: Path, trial: Trial, named: tuple[str, str], types: tuple[str, ...], suffix: str
-) -> tuple[bytes, str]:
-    uri, type_ = named
-    if type_ not in types and not uri.endswith(suffix):
-        raise InputRefused(f"{file.name}: {uri} is of type {type_}; read is {types[0]}")
-    if not trial.base:
-        return read_bytes(file.with_name(uri)), uri
-    names = entries(file)
-    entry = uri[1:] if uri[1:] in names and uri.startswith("/") else entry_of(uri, names, trial.base)
-    if not entry:
-        raise InputRefused(f"{file.name}: {uri}: not in the FMU; expected the name of one of its files")
-    return content_of(file, entry), f"{file.name}: {Path(entry).name}"
-
-
-def _is_csv(type_: str, entry: str) -> bool:
-    return type_ == CSV or entry.endswith(".csv")
-
-
-def _name(one: Related) -> str:
-    return f"{DEFAULT}, {Path(one.entry).name}"
+        raise InputRefused(f"{where}: {str(refusal).removeprefix(f'{description.path}: ')}") from None
+    return given

@@ -1,22 +1,24 @@
 """What came of the experiments that came with an FMU; each is run in a process of its own, if that is asked for."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
 from twin.drive.description import FmuDescription, described
 from twin.errors import InputRefused, TwinError
+from twin.experiment.schema import Drive
+from twin.runs.assembly.drives import planned
 from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
 from twin.runs.guard.limits import Limits
 from twin.runs.guard.reporter import Reporter
-from twin.studies.lines import counted
-from twin.studies.reference.agreement import TOLERANCE, deviations
-from twin.studies.reference.bare_run import BareRun, bare_run
-from twin.studies.reference.carried import DEFAULT, Carried, Prepared, Trial, carried, prepared
-from twin.studies.reference.experiment_file import Described
+from twin.studies.answer import Answer
+from twin.studies.lines import counted, labelled, wrapped
+from twin.studies.reference.bare_run import TOLERANCE, BareRun, bare_run, deviations
+from twin.studies.reference.carried import Carried, Prepared, Trial, carried, prepared
 from twin.studies.reference.series import Series
 
+DEFAULT = "default experiment"
 JOB = "twin.studies.reference.outcome:tried"
 WORDS = {
     "agrees": "it did what the results say",
@@ -64,7 +66,6 @@ class References:
         """For JSON."""
         return {
             "file": self.file.name,
-            "listed": [asdict(one) for one in self.carried.listed],
             "unread": dict(self.carried.unread),
             "experiments": [asdict(outcome) for outcome in self.outcomes],
             "tolerance": TOLERANCE,
@@ -82,7 +83,7 @@ def references(file: Path, apart: bool, limits: Limits = Limits()) -> References
         InputRefused: no sound archive, or its manifest is none.
     """
     found = carried(file)
-    if not (found.listed or found.trials):
+    if not (found.unread or found.trials):
         return None
     run = _apart if apart else _here
     return References(file, found, tuple(run(file, n, trial, limits) for n, trial in enumerate(found.trials)))
@@ -90,7 +91,7 @@ def references(file: Path, apart: bool, limits: Limits = Limits()) -> References
 
 def default_outcome(file: Path) -> Outcome:
     """What comes of the default experiment of an FMU, here."""
-    return _here(file, 0, Trial(Described(DEFAULT)), Limits())
+    return _here(file, 0, Trial(DEFAULT), Limits())
 
 
 def tried(reporter: Reporter, file: str, number: int) -> dict[str, Any]:
@@ -110,15 +111,15 @@ def _apart(file: Path, number: int, trial: Trial, limits: Limits) -> Outcome:
         if noted:
             outcome = Outcome(**noted[-1]["outcome"])
             return replace(outcome, detail=f"{outcome.detail}; then: {failure}")
-        return Outcome(trial.described.name, "lost", str(failure))
+        return Outcome(trial.name, "lost", str(failure))
     except InputRefused as refusal:
-        return Outcome(trial.described.name, "refused", str(refusal))
+        return Outcome(trial.name, "refused", str(refusal))
 
 
 def _here(
     file: Path, number: int, trial: Trial, limits: Limits, ended: Callable[[Outcome], None] = lambda outcome: None
 ) -> Outcome:
-    name = trial.described.name
+    name = trial.name
     outcomes: list[Outcome] = []
 
     def judge(run: BareRun) -> None:
@@ -127,7 +128,7 @@ def _here(
 
     try:
         description, files = _files(file, trial)
-        bare_run(description, trial.described, files, judge)
+        bare_run(description, trial, files, judge)
     except TwinError as trouble:
         word = "refused" if isinstance(trouble, InputRefused) else "failed"
         return Outcome(name, word, str(trouble))
@@ -135,8 +136,6 @@ def _here(
 
 
 def _files(file: Path, trial: Trial) -> tuple[FmuDescription, Prepared]:
-    if trial.problem:
-        raise InputRefused(trial.problem)
     description = described(file)
     return description, prepared(file, trial, description)
 
@@ -164,3 +163,42 @@ def _judged(name: str, run: BareRun, results: Series | None) -> Outcome:
     many = sum(share > 1.0 for share in shares.values())
     off = f"{worst.signal} by {worst.share:.3g} times the tolerance at {worst.t:g} s"
     return Outcome(name, "differs", f"{many} of {counted(len(shares), 'signal')} differ, {off}; {how}", shares)
+
+
+def came_with(table: Drive, apart: bool) -> list[References]:
+    """What came with each FMU of the drive that has something, run bare: its mapping and parameters are not for it.
+
+    Args:
+        apart: see `references`.
+
+    Raises:
+        InputRefused: no sound archive, a manifest that is none; an FMU that is not the one its mapping pins.
+    """
+    if table.sha256 or any(part.sha256 for part in table.parts.values()):
+        # nothing of it is run before that
+        planned(table)
+    files = [Path(fmu) for fmu in (table.fmu, *(part.fmu for part in table.parts.values())) if fmu]
+    return [found for file in files if (found := references(file, apart))]
+
+
+def no_drive(came: Sequence[References], refusal: str) -> Answer:
+    """The answer where the FMU is refused as a drive, after what came with it has been tried; `refused` says why."""
+    facts = {"qualified": False, "refused": refusal, "references": [one.facts() for one in came]}
+    return Answer(references_text(came), facts, 2)
+
+
+def references_text(found: Sequence[References]) -> str:
+    """What came with each FMU, then what came of it."""
+    lines = []
+    for one in found:
+        lines += wrapped(f"came with {one.file.name}:")
+        for name, why in one.carried.unread:
+            lines += wrapped(f"{name}: {why}", "  --    not read   ", whole=True)
+        for outcome in one.outcomes:
+            verdict = "FAIL" if outcome.word in BAD else "ok"
+            lines += wrapped(
+                f"{outcome.experiment}: {outcome.detail}", f"  {verdict:4}  {outcome.word:10} ", whole=True
+            )
+    if any(outcome.deviations for one in found for outcome in one.outcomes):
+        lines += labelled("note", f"tolerance: {TOLERANCE}")
+    return "\n".join(lines)

@@ -5,7 +5,7 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.drive.reuse import free_kept
+from twin.drive.component import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble

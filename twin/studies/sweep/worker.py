@@ -6,7 +6,7 @@ import json
 import shutil
 from pathlib import Path
 
-from twin.drive.reuse import keep_instances
+from twin.drive.component import keep_instances
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter
 from twin.studies.sweep.trial import record

@@ -11,10 +11,11 @@ import numpy as np
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.drive.component import FmuComponent
+from twin.drive.description import refuse_step
 from twin.drive.instance import Instance
-from twin.drive.ports import FmuPort
-from twin.drive.setup import Setup
-from twin.drive.steps import refuse_step
+from twin.drive.lifecycle import CosimInstance
+from twin.drive.setting import Setup
+from twin.drive.stepping import FmuPort
 from twin.errors import InputRefused
 from twin.runs.assembly.rates import stop_time
 from twin.studies.systems.plan import Part, Plan
@@ -58,7 +59,7 @@ def coupled(plan: Plan, folders: Mapping[str, Path]) -> Iterator[Coupled]:
             description = part.description
             setup = Setup(description.tolerance, stop_time(ticks, tick, 1), tick, waiting=True)
             folder = folders[description.sha256]
-            instances[part.name] = Instance(part.path, description, folder, part.settings, (), setup)
+            instances[part.name] = CosimInstance(part.path, description, folder, part.settings, (), setup)
             made.callback(instances[part.name].close)
         settled = _settle(plan, instances)
         components: list[Component] = []

@@ -9,11 +9,9 @@ from twin.cosim.ssp.flat import Assigned, FlatSystem, Hop, Lead
 from twin.cosim.ssp.package import Package
 from twin.cosim.ssp.structure import FMU, Connector
 from twin.drive.description import FmuDescription, described
-from twin.drive.parameter_values import given_values
-from twin.drive.ports import FmuPort
-from twin.drive.setting import Setting, Value, set_to
-from twin.drive.units import conversion
-from twin.drive.variable import Variable
+from twin.drive.setting import Setting, Value, given_values, set_to
+from twin.drive.stepping import FmuPort
+from twin.drive.variable import Variable, conversion
 from twin.errors import InputRefused, nearest
 from twin.recording.writer import EVENTS
 from twin.studies.systems.naming import distinct, topic

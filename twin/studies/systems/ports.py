@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from twin.cosim.port import Port
-from twin.drive.ports import FmuPort
+from twin.drive.stepping import FmuPort
 from twin.drive.variable import Variable
 from twin.studies.systems.naming import distinct, field
 

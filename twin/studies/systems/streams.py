@@ -1,7 +1,7 @@
 """A topic for each component of a system: its outputs, elements of an array as one signal again."""
 
 from twin.cosim.system import System
-from twin.drive.ports import FmuPort
+from twin.drive.stepping import FmuPort
 from twin.errors import InputRefused
 from twin.recording.layout import Field, Topic
 from twin.recording.schema import message_names

@@ -5,8 +5,7 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 from twin.cosim.ssp.package import Package
-from twin.drive.description import FmuDescription
-from twin.drive.steps import stated_step
+from twin.drive.description import FmuDescription, stated_step
 from twin.drive.variable import number
 from twin.errors import InputRefused
 from twin.files import xml_of

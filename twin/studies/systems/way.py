@@ -8,8 +8,8 @@ from twin.cosim.ssp.flat import Hop
 from twin.cosim.ssp.structure import Connector
 from twin.cosim.ssp.unit import UnitDefinition
 from twin.drive.description import FmuDescription
-from twin.drive.parameter_values import stated_unit
-from twin.drive.units import Conversion, conversion, meant
+from twin.drive.setting import stated_unit
+from twin.drive.variable import Conversion, conversion, meant
 from twin.errors import InputRefused
 
 

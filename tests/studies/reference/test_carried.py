@@ -1,0 +1,110 @@
+"""What an FMU carries: the files that its manifest lists, and values of parameters in its own units."""
+
+from pathlib import Path
+
+import pytest
+
+from tests.drive.archives import carrying
+from twin.drive.description import FmuDescription, described
+from twin.errors import InputRefused
+from twin.files import LIMIT
+from twin.studies.reference.carried import HOME, MANIFEST, MOST_RELATED, carried, parameters_of
+
+NAMED = (
+    'xmlns:fmi-ls="http://fmi-standard.org/fmi-ls-manifest" fmi-ls:fmi-ls-name="org.fmi-standard.fmi-ls-ref" '
+    'fmi-ls:fmi-ls-version="1.0.0-alpha.1"'
+)
+
+
+@pytest.fixture
+def file(root: Path) -> Path:
+    return root / "fmus" / "velocity_servo" / "velocity_servo.fmu"
+
+
+@pytest.fixture
+def servo(file: Path) -> FmuDescription:
+    return described(file)
+
+
+def manifest(*sources: str, role: str = "result", type_: str = "text/csv") -> str:
+    listed = "".join(f'<Related source="{source}" role="{role}" type="{type_}"/>' for source in sources)
+    return f"<fmiReferences {NAMED}>{listed}</fmiReferences>"
+
+
+def ssv(*parameters: str) -> bytes:
+    listed = "".join(f"<ssv:Parameter {one}</ssv:Parameter>" for one in parameters)
+    return (
+        '<ssv:ParameterSet xmlns:ssv="http://ssp-standard.org/SSP1/SystemStructureParameterValues" version="1.0" '
+        f'name="p"><ssv:Parameters>{listed}</ssv:Parameters></ssv:ParameterSet>'
+    ).encode()
+
+
+def real(name: str, value: str, unit: str = "") -> str:
+    return f'name="{name}"><ssv:Real value="{value}" unit="{unit}"/>'
+
+
+def test_an_fmu_without_a_manifest_carries_nothing(file: Path, tmp_path: Path):
+    found = carried(carrying(file, tmp_path / "a.fmu", {}))
+    assert found.trials == () and found.unread == ()
+
+
+def test_results_have_the_inputs_of_the_same_name(file: Path, tmp_path: Path):
+    """Reference-FMUs call results NAME_out.csv."""
+    entries: dict[str, str | bytes] = {f"{HOME}/a b_in.csv": "", f"{HOME}/a b_out.csv": "", f"{HOME}/c_ref.csv": ""}
+    first, second = carried(
+        carrying(file, tmp_path / "a.fmu", {MANIFEST: manifest("a%20b_out.csv", "c_ref.csv"), **entries})
+    ).trials
+    assert (first.results, first.stimuli) == (f"{HOME}/a b_out.csv", f"{HOME}/a b_in.csv")
+    assert (second.name, second.stimuli, second.parameters) == ("c_ref.csv", "", "")
+
+
+def test_a_source_is_a_file_of_the_fmu_or_none(file: Path, tmp_path: Path):
+    inside = ["../../modelDescription.xml", "./fmi-ls-manifest.xml", "../../sources/../modelDescription.xml#part"]
+    outside = [
+        "nothing.csv", "../../../etc/passwd", "../../../../modelDescription.xml", "/etc/passwd",
+        "/modelDescription.xml", "file:///etc/passwd", "http://example.org/modelDescription.xml",
+        "..%2F..%2F..%2Fetc%2Fpasswd", "C:/x", "..", "",
+    ]  # fmt: skip
+    found = carried(carrying(file, tmp_path / "a.fmu", {MANIFEST: manifest(*inside, *outside)}))
+    assert len(found.trials) == len(inside)
+    assert [name for name, why in found.unread if why.startswith("not in the FMU")] == outside
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("<fmiReferences/>", "expected <fmiReferences> of 'org.fmi-standard.fmi-ls-ref'"),
+        (manifest("x").replace("fmiReferences", "other"), "<other>"),
+        (manifest(*["x"] * (MOST_RELATED + 1)), f"expected at most {MOST_RELATED}"),
+        (f'<!DOCTYPE x [<!ENTITY y SYSTEM "/etc/passwd">]>{manifest("&y;")}', "DOCTYPE"),
+        ("not XML", "not valid XML"),
+        (" " * (LIMIT + 1), "expected at most 10 MB"),
+    ],
+)
+def test_a_manifest_that_is_none_is_refused_in_a_sentence(file: Path, tmp_path: Path, text: str, told: str):
+    bad = carrying(file, tmp_path / "a.fmu", {MANIFEST: text})
+    with pytest.raises(InputRefused, match=MANIFEST) as refused:
+        carried(bad)
+    assert told in str(refused.value) and "\n" not in str(refused.value)
+
+
+def test_values_are_in_the_units_of_the_fmu(servo: FmuDescription):
+    given = ssv(real("J_m", "1e-4", "kg.m2"), real("omega_max", "60"))
+    assert parameters_of(given, "x", servo) == {"J_m": 1e-4, "omega_max": 60.0}
+
+
+def test_names_and_values_that_the_fmu_does_not_know_are_refused(servo: FmuDescription):
+    for parameter, told in (
+        (real("drop", "1"), "no parameter 'drop'; did you mean 'droop'?"),
+        (real("omega_m", "1"), "no parameter 'omega_m'"),
+        (real("J_m", "-1"), "J_m = -1: expected 1e-09"),
+        (real("J_m", "1", "N.m"), "J_m in 'N.m'; expected 'kg.m2'"),
+        (real("omega_max", "60", "rpm"), "omega_max in 'rpm'; expected 'rad/s'"),
+        (real("J_m", "1 2 3"), "J_m: 3 values; expected 1"),
+        ('name="J_m"><ssv:String value="1"/>', "J_m"),
+        ('name="J_m"><ssv:Binary value="00"/>', "J_m is binary"),
+        ('name="J_m"><ssv:String value="file:/etc/passwd"/>', "may not name files of this machine"),
+    ):
+        with pytest.raises(InputRefused, match=r"a\.ssv: ") as refused:
+            parameters_of(ssv(parameter), "a.ssv", servo)
+        assert told in str(refused.value)

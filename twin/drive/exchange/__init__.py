@@ -1,1 +1,0 @@
-"""Model-exchange FMUs: the equations are theirs, the solver is ours."""

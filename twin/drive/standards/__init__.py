@@ -1,1 +1,0 @@
-"""The versions of the FMI, each in its own words: how an FMU is loaded, instantiated and brought into step mode."""

@@ -1,1 +1,0 @@
-"""A part of the robot of another make, put to the test on what twin's own gets."""

@@ -1,0 +1,307 @@
+"""A part of another make: whether it can take its place in the robot, called with what twin's own gets."""
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.cosim.component import Component
+from twin.cosim.port import Port, by_port
+from twin.drive.component import FmuComponent
+from twin.errors import ComponentFailed, InputRefused
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.load import load_experiment
+from twin.runs.assembly.roles import CONTRACTS, OtherPart, other_part
+from twin.runs.trace import Trace, run_in_memory
+from twin.studies.answer import Answer
+from twin.studies.lines import wrapped
+from twin.studies.metrics.needs import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
+from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
+from twin.studies.qualify.definitions import Check, judged
+
+VERDICTS = {"ok": "ok", "FAIL": "fails", "note": "note"}
+"""What a verdict is called here."""
+ENOUGH = 1000
+"""Calls of a check that repeats what another one has done."""
+LATE = 20
+"""Samples within which an output has to answer its inputs."""
+
+
+@dataclass(frozen=True)
+class Checked:
+    """A part that has been on the bench.
+
+    Attributes:
+        part: what it is.
+        period: between two calls (s).
+        checks: in the order in which they were made.
+        cost: wall time per call (s).
+        apart: largest difference to twin's own component on the same inputs, by output, SI; None: not compared.
+    """
+
+    part: OtherPart
+    period: float
+    checks: tuple[Check, ...]
+    cost: float
+    apart: dict[str, float] | None
+
+    @property
+    def good(self) -> bool:
+        return all(check.verdict != "FAIL" for check in self.checks)
+
+
+def checked_part(
+    part: OtherPart, experiment: Experiment, period: int, run: Trace, own: bool, say: Callable[[str], None]
+) -> Checked:
+    """Call `part` at what it would have got in `run`.
+
+    Args:
+        experiment: of the run.
+        period: of the part, in ticks.
+        own: whether twin's own component had the part in that run.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: the part cannot be made.
+    """
+    bench = _Bench(part, experiment, period, inputs_for(part, run, experiment, period))
+    say("calling it")
+    first = bench.play(bench.inputs)
+    checks = [_calls(bench, first), *_scored(part, bool(experiment.tasks))]
+    if not first.failure:
+        say("calling it again")
+        checks += [_repeats(bench, first), *_of_fmu(bench, first), _answers(bench, first)]
+    apart = _apart(part, run, bench.inputs, experiment, first.rows) if own else None
+    return Checked(part, bench.inputs.period, tuple(checks), first.cost, apart)
+
+
+@dataclass(frozen=True)
+class _Bench:
+    """Makes a part anew for each check: one that can live only once in a process has been freed then."""
+
+    part: OtherPart
+    experiment: Experiment
+    period: int
+    inputs: Inputs
+
+    def made(self) -> "closing[Component]":
+        return closing(self.part.make(self.experiment.cosim.tick, self.period, self.experiment.duration_ticks))
+
+    def play(self, inputs: Inputs) -> Played:
+        with self.made() as component:
+            return played(component, inputs)
+
+
+def _calls(bench: _Bench, first: Played) -> Check:
+    n, count = len(first.rows), len(bench.inputs.t)
+    if first.failure:
+        t = bench.inputs.t[n]
+        return Check("calls", "FAIL", f"{first.failure} at t = {t:.6g} s, call {n + 1}")
+    if n < count:
+        return Check("calls", "ok", f"{n} of {count} calls, all outputs finite; the rest would take too long")
+    return Check("calls", "ok", f"{n} calls, all outputs finite")
+
+
+def _scored(part: OtherPart, has_tasks: bool) -> Iterator[Check]:
+    """What a run with this part cannot be scored by, because the part lacks a port that twin's own has."""
+    ports = {f"{part.role}.{port.name}" for port in part.outputs}
+    measures = {name: needs for name, needs in MEASURES.items() if not (has_tasks and name in OF_A_CONSTANT_FORCE)}
+    figure, series = ("fig5", FIG5) if has_tasks else ("fig4", FIG4)
+    missing = [name for name in series if name.startswith(f"{part.role}.") and name not in ports]
+    lost = [name for name, needs in measures.items() if set(missing) & set(needs)]
+    if missing:
+        measured = f"twin report cannot score {', '.join(lost)}; " if lost else ""
+        names = ", ".join(name.removeprefix(f"{part.role}.") for name in missing)
+        detail = f"no output {names}: {measured}twin compare --paper {figure} not what rests on them"
+        yield Check("scored", "note", detail)
+
+
+def _repeats(bench: _Bench, first: Played) -> Check:
+    inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
+    again = bench.play(inputs)
+    same = _same(first, again)
+    return judged("repeatable", same, _sameness("a new one", same, again))
+
+
+def _of_fmu(bench: _Bench, first: Played) -> Iterator[Check]:
+    if bench.part.fmu is None:
+        return
+    inputs = bench.inputs.first(min(ENOUGH, len(first.rows)))
+    with bench.made() as component:
+        assert isinstance(component, FmuComponent)
+        played(component, inputs)
+        try:
+            component.instance.reset()
+            again = played(component, inputs)
+            same = _same(first, again)
+            yield judged("reset", same, _sameness("after a reset it", same, again), otherwise="note")
+        except ComponentFailed as problem:
+            yield Check("reset", "note", f"{problem}; runs and sweeps make it anew each time")
+    if not bench.part.fmu.interface.canGetAndSetFMUstate:
+        yield Check("state", "note", "cannot be saved and restored, which a run does not need")
+        return
+    with bench.made() as component:
+        assert isinstance(component, FmuComponent)
+        try:
+            same = replayed_from_state(component, inputs)
+            said = "set back, it does " + ("the same" if same else "something else")
+            yield judged("state", same, said, otherwise="note")
+        except ComponentFailed as problem:
+            yield Check("state", "note", str(problem))
+
+
+def _answers(bench: _Bench, first: Played) -> Check:
+    """When outputs answer inputs: at the sample itself, as twin takes it, or later."""
+    if not bench.part.inputs:
+        return Check("instant", "ok", "takes no inputs")
+    k = min(len(first.rows) // 2, ENOUGH)
+    rest = bench.inputs.after(k).first(LATE)
+    with bench.made() as component:
+        played(component, bench.inputs.first(k))
+        nudged = played(component, rest.nudged())
+    rows = first.rows[k : k + len(nudged.rows)]
+    moved = np.flatnonzero(np.any(nudged.rows[: len(rows)] != rows, axis=1))
+    if not len(moved):
+        return Check("instant", "note", f"no output answers its inputs within {LATE} samples")
+    if moved[0] == 0:
+        return Check("instant", "ok", "outputs of t_k answer the inputs of t_k")
+    late = 1e3 * bench.inputs.period * int(moved[0])
+    return Check("instant", "note", f"outputs answer inputs {late:g} ms late: a delay inside, besides delay_ticks")
+
+
+def _same(first: Played, again: Played) -> bool:
+    n = min(len(first.rows), len(again.rows))
+    return not again.failure and bool(np.array_equal(first.rows[:n], again.rows[:n]))
+
+
+def _sameness(who: str, same: bool, again: Played) -> str:
+    if again.failure:
+        return f"{who} {again.failure}"
+    return f"{who} gives " + ("the same bits" if same else "other outputs from the same inputs")
+
+
+def _apart(
+    part: OtherPart, run: Trace, inputs: Inputs, experiment: Experiment, rows: NDArray[np.float64]
+) -> dict[str, float]:
+    ticks = np.rint(inputs.t[: len(rows)] / experiment.cosim.tick).astype(int)
+    return {
+        name: float(np.max(np.abs(values - run.held(f"{part.role}.{name}")[ticks].reshape(values.shape)), initial=0.0))
+        for name, values in by_port(part.outputs, rows).items()
+        if f"{part.role}.{name}" in run.fields()
+    }
+
+
+def part_check(
+    role: str, part: str | None, experiment: Path, settings: Sequence[str], say: Callable[[str], None]
+) -> Answer:
+    """Whether a part of another make can take its place in the robot, called with what twin's own gets.
+
+    Exit code 1: it cannot.
+
+    Args:
+        role: which part of the robot, one of `CONTRACTS`.
+        part: an FMU, a mapping, a folder with one, or FILE:CLASS; None: the one that the experiment names.
+        experiment: its file or name; a run of it with twin's own part, or with the one it names, makes the inputs.
+        settings: laid over the experiment that has the part; mapping and parameters go here.
+        say: told what is being done.
+
+    Raises:
+        InputRefused: the part or the experiment cannot be used.
+        ComponentFailed: another component failed in the run.
+    """
+    if role not in CONTRACTS:
+        raise InputRefused(f"{role}: no part that may be of another make; these are {', '.join(CONTRACTS)}")
+    named = [] if part is None else [f"{role}.{'python' if '.py:' in part else 'fmu'}={_absolute(part)!r}"]
+    other = load_experiment(experiment, [*named, *settings])
+    if role not in other.stand_ins:
+        raise InputRefused(f"{other.name}: its {role} is twin's own; name an FMU, or FILE:CLASS")
+    found = other_part(role, other.stand_ins[role])
+    say(f"running {other.name}")
+    # settings of the part mean nothing to twin's own
+    rest = [text for text in settings if not text.startswith(f"{role}.")]
+    run = run_in_memory(load_experiment(experiment, rest))
+    ticks = {"monitor": other.monitor_ticks, "scale": other.scale_ticks, "body": 1}.get(role, other.controller_ticks)
+    done = checked_part(found, other, ticks, run, part is not None, say)
+    return Answer(checked_text(done), component_facts(done), 0 if done.good else 1)
+
+
+def contracts(say: Callable[[str], None]) -> Answer:
+    """The ports of every part that may be of another make."""
+    facts = {
+        role: {
+            side: [
+                {
+                    "name": port.name, "size": port.size, "unit": port.unit, "meaning": port.meaning,
+                    "required": side == "outputs" and port.name in contract.required,
+                }
+                for port in ports
+            ]
+            for side, ports in (("inputs", contract.inputs), ("outputs", contract.outputs))
+        }
+        for role, contract in CONTRACTS.items()
+    }  # fmt: skip
+    return Answer(contracts_text(), facts)
+
+
+def _absolute(part: str) -> str:
+    """`part` as seen from the current folder, if it is there: an experiment looks beside itself."""
+    file, colon, name = part.rpartition(":") if ".py:" in part else (part, "", "")
+    return f"{Path(file).absolute()}{colon}{name}" if Path(file).exists() else part
+
+
+def checked_text(done: Checked) -> str:
+    """For people, at most 80 columns."""
+    part = done.part
+    lines = [f"{part.role}: {part.label}, every {1e3 * done.period:g} ms, sha256 {part.sha256[:12]}"]
+    lines += [line for text in part.facts.get("mapped", ()) for line in wrapped(text, "  ", 4)]
+    for check in done.checks:
+        lines += wrapped(check.detail, f"  {VERDICTS[check.verdict]:6} {check.name:11} ")
+    lines.append(f"  {'':6} {'cost':11} {1e6 * done.cost:.2g} us per call")
+    for name, apart in (done.apart or {}).items():
+        unit = next(port.unit for port in part.outputs if port.name == name)
+        lines.append(f"  {'':6} {name:11} {_difference(apart, unit)}")
+    verdict = "can take its place" if done.good else "cannot take its place"
+    return "\n".join([*lines, f"{part.label} {verdict} as {part.role}"])
+
+
+def _difference(apart: float, unit: str) -> str:
+    if apart == 0.0:
+        return "as twin's own, bit for bit"
+    return f"at most {apart:.3g}{'' if unit == '1' else f' {unit}'} from twin's own on the same inputs"
+
+
+def component_facts(done: Checked) -> dict[str, object]:
+    """For programs, SI."""
+    part = done.part
+    return {
+        "role": part.role,
+        "part": dict(part.facts),
+        "period_s": done.period,
+        "inputs": [port.name for port in part.inputs],
+        "outputs": [port.name for port in part.outputs],
+        "checks": [{"name": c.name, "verdict": VERDICTS[c.verdict], "detail": c.detail} for c in done.checks],
+        "cost_s": done.cost,
+        "largest_difference_to_own": done.apart,
+        "good": done.good,
+    }
+
+
+def contracts_text() -> str:
+    """Every part and its ports, for people."""
+    return "\n".join(line for role in CONTRACTS for line in _contract(role))
+
+
+def _contract(role: str) -> Iterator[str]:
+    contract = CONTRACTS[role]
+    yield f"[{role}]"
+    for arrow, ports in (("<-", contract.inputs), ("->", contract.outputs)):
+        for port in ports:
+            needed = " (needed)" if arrow == "->" and port.name in contract.required else ""
+            yield from wrapped(f"{port.meaning}{needed}", f"  {arrow} {_sized(port):12} {port.unit:6} ")
+
+
+def _sized(port: Port) -> str:
+    return port.name if port.size == 1 else f"{port.name}[{port.size}]"

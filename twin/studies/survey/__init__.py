@@ -1,1 +1,0 @@
-"""What the twin can do with the FMUs of others."""

@@ -1,0 +1,272 @@
+"""`python -m validation.survey FOLDER`: try every FMU below a folder, and write down what came out as data and a page.
+
+Each is tried in a process of its own: one that crashes, hangs or grows costs itself only. Of the .json of an earlier
+survey only the page is made again.
+"""
+
+import argparse
+import platform
+import re
+import sys
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from twin.archive import content_of, entries, sha256
+from twin.cache_folder import cache_folder
+from twin.drive.description import DESCRIPTION, MOST_DESCRIPTION
+from twin.drive.unpacked import CONTENT, HOME
+from twin.errors import InputRefused, TwinError, visible
+from twin.experiment.drive_files import lone_drive
+from twin.files import read_json, read_toml, xml_of
+from twin.runs.assembly.drives import planned
+from twin.runs.guard.guard import JobEnded, JobEndedLoading, guarded
+from twin.runs.guard.limits import Limits
+from twin.runs.guard.reporter import Reporter
+from twin.studies.lines import counted, labelled, markdown
+from twin.studies.reference.bare_run import TOLERANCE
+from twin.studies.reference.carried import carried
+from twin.studies.reference.outcome import BAD, DEFAULT, WORDS, Outcome, default_outcome, references
+from twin.writing import made_folder, write_json, write_text
+
+DOCS = Path(__file__).parents[1] / "docs"
+JOB = "validation.survey:tried"
+POINTER = b"version https://git-lfs"
+LONGEST = 400
+"""Characters of a sentence: what an FMU says in its own words may be long."""
+MOST_FMUS = 5_000
+MEMORY = 2e9
+"""Bytes that one FMU may take."""
+KINDS = {
+    "CoSimulation": "co-simulation",
+    "ModelExchange": "model exchange",
+    "ScheduledExecution": "scheduled execution",
+}
+
+HEAD = """# Which FMUs work
+
+What came of the FMUs that were tried, each by itself and in a process of its own: the reference experiments that came
+with it ([FMI-LS-REF](drives_method.md#what-came-with-an-fmu), or the files of the FMI Cross-Check beside it), and
+without such its default experiment, with its own start values and no inputs. Whether it is a drive is another question:
+*drive* says that names, units and causalities fit the [contract](drives_reference.md#the-contract) as they are; most
+others need a mapping.
+
+This page is made from `docs/compatibility.json` by `make survey`; the FMUs are their makers' and no part of this
+project. An FMU runs with the rights of who starts it: a survey is for FMUs that one trusts.
+"""
+
+
+def survey(place: Path, sources: Path | None, data: Path, page: Path | None, wall: float) -> dict[str, Any]:
+    """Try every FMU below a folder, each in a process of its own, and write down what came out.
+
+    Args:
+        place: folder; or the data of an earlier survey, of which only the page is made again.
+        sources: TOML with a table for each folder in `place`: `from`, where its FMUs are from.
+        data: JSON that is written.
+        page: Markdown that is written; None: none.
+        wall: longest time that an FMU may take (s).
+
+    Returns:
+        The data.
+
+    Raises:
+        InputRefused: no such folder, no FMU in it, a folder of which the sources say nothing.
+        NotWritten: the disk refuses.
+    """
+    if place.suffix == ".json":
+        facts = read_json(place)
+        if not isinstance(facts, dict) or not isinstance(facts.get("fmus"), list):
+            raise InputRefused(f"{place}: no data of a survey; expected what `python -m validation.survey` wrote")
+    else:
+        facts = _surveyed(place, sources, wall)
+        write_json(made_folder(data.parent) / data.name, facts)
+    if page is not None:
+        write_text(made_folder(page.parent) / page.name, page_text(facts))
+    return facts
+
+
+def _surveyed(place: Path, sources: Path | None, wall: float) -> dict[str, Any]:
+    if not place.is_dir():
+        raise InputRefused(f"{place}: no such folder; expected one with FMUs, or the .json of an earlier survey")
+    files = sorted(file for file in place.rglob("*.fmu") if file.is_file())
+    if not 0 < len(files) <= MOST_FMUS:
+        raise InputRefused(f"{place}: {len(files)} FMUs below it; expected 1 to {MOST_FMUS}")
+    told = read_toml(sources) if sources else {}
+    groups = {file: file.relative_to(place).parts[0] if file.parent != place else "" for file in files}
+    if sources and (silent := sorted(set(groups.values()) - set(told))):
+        raise InputRefused(f"{sources}: nothing of {', '.join(silent)}; expected a table for each folder in {place}")
+    rows: dict[str, dict[str, Any]] = {}
+    for number, file in enumerate(files, 1):
+        # the same file in several places is one FMU
+        if (digest := sha256(file)) not in rows:
+            print(f"{number} of {len(files)}: {file.name}", flush=True)
+            rows[digest] = {"source": groups[file], **row(file, digest, Limits(wall=wall, memory=MEMORY))}
+    origins = {name: told.get(name, {}).get("from", "") for name in sorted(set(groups.values()))}
+    where = f"{platform.machine()} {platform.system()}"
+    return {"platform": where, "sources": origins, "fmus": list(rows.values())}
+
+
+def row(file: Path, digest: str, limits: Limits) -> dict[str, Any]:
+    """What the FMU `file` is and what came of trying it, in a process that may crash or hang.
+
+    Keys: file, sha256; model, tool, fmi, kinds, platforms as of `Stated`, where it can be read; drive, whether it fits
+    the contract as it is; tried; word, one of `WORDS`; detail, one sentence.
+
+    Raises:
+        InputRefused: the disk refuses to read it.
+    """
+    known: dict[str, Any] = {"file": file.name, "sha256": digest, "drive": False, "tried": "nothing"}
+    with file.open("rb") as stream:
+        if stream.read(len(POINTER)) == POINTER:
+            return known | {"word": "refused", "detail": "a Git LFS pointer stands in its place"}
+    try:
+        found = guarded(JOB, {"file": str(file)}, limits, known.update)
+    except (JobEnded, JobEndedLoading) as failure:
+        found = {"word": "lost", "detail": str(failure)}
+    except TwinError as refusal:
+        found = {"word": "refused", "detail": str(refusal)}
+    known |= found
+    return known | {"detail": _without_paths(known["detail"], file, digest)}
+
+
+def tried(reporter: Reporter, file: str) -> dict[str, Any]:
+    """What came of trying the FMU `file`; a job of the guard.
+
+    Notes what it says of itself, then what is tried.
+
+    Raises:
+        InputRefused: it is no FMU.
+    """
+    path = Path(file)
+    reporter.note(**asdict(stated(path)))
+    try:
+        planned(lone_drive(file, path.parent))
+        reporter.note(drive=True)
+    except InputRefused:
+        pass
+    came = len(carried(path).trials)
+    reporter.note(tried=counted(came, "experiment") + " that came with it" if came else DEFAULT)
+    found = references(path, apart=False)
+    if not (came and found):
+        return _told(default_outcome(path))
+    order = (*BAD, "agrees", "ran")
+    return _told(min(found.outcomes, key=lambda outcome: order.index(outcome.word)))
+
+
+def _told(outcome: Outcome) -> dict[str, Any]:
+    return {"word": outcome.word, "detail": outcome.detail}
+
+
+def _without_paths(sentence: str, file: Path, digest: str) -> str:
+    """A sentence on one line that tells nothing of this machine."""
+    unpacked = cache_folder(HOME) / digest / CONTENT
+    for place in (f"{unpacked}/", f"{unpacked}", f"{file.parent}/"):
+        sentence = sentence.replace(place, "")
+    sentence = visible(" ".join(sentence.split()))
+    return sentence if len(sentence) <= LONGEST else sentence[: LONGEST - 3] + "..."
+
+
+@dataclass(frozen=True)
+class Stated:
+    """What stands in modelDescription.xml; "" where it says nothing.
+
+    Attributes:
+        model: its name.
+        tool: that made it, with its version.
+        fmi: version of the standard.
+        kinds: values of `KINDS`.
+        platforms: folders of binaries.
+    """
+
+    model: str
+    tool: str
+    fmi: str
+    kinds: tuple[str, ...]
+    platforms: tuple[str, ...]
+
+
+def stated(file: Path) -> Stated:
+    """What the FMU `file` says of itself.
+
+    Raises:
+        InputRefused: no sound archive, or no description in it that is XML.
+    """
+    names = entries(file)
+    if DESCRIPTION not in names:
+        raise InputRefused(f"{file}: no {DESCRIPTION} inside; this is not an FMU")
+    root = xml_of(content_of(file, DESCRIPTION, MOST_DESCRIPTION), f"{file}: {DESCRIPTION}")
+    version = root.get("fmiVersion", "")
+    kinds = tuple(kind for tag, kind in KINDS.items() if root.find(tag) is not None)
+    if version.startswith("1"):
+        # FMI 1.0 tells co-simulation by the element that says how it is implemented
+        kinds = (KINDS["ModelExchange"] if root.find("Implementation") is None else KINDS["CoSimulation"],)
+    folders = {PurePosixPath(name).parts[1] for name in names if name.startswith("binaries/") and name.count("/") > 1}
+    tool = " ".join(root.get("generationTool", "").split())
+    return Stated(root.get("modelName", ""), tool, version, kinds, tuple(sorted(folders)))
+
+
+def page_text(facts: Mapping[str, Any]) -> str:
+    """The page, Markdown."""
+    tried = (
+        f"Tried on {facts['platform']}: {counted(len(facts['fmus']), 'FMU')}, each with the beginning of its SHA-256."
+    )
+    lines = [HEAD, f"{tried} Held to results within {TOLERANCE}.", ""]
+    words = Counter(row["word"] for row in facts["fmus"])
+    lines += [markdown(["word", "FMUs", "meaning"], ([word, str(words[word]), WORDS[word]] for word in WORDS)), ""]
+    for source, origin in facts["sources"].items():
+        rows = [row for row in facts["fmus"] if row["source"] == source]
+        lines += [f"## {source or 'FMUs'}", "", *([f"{origin}", ""] if origin else [])]
+        lines += [markdown(["FMU", "made with", "FMI", "tried", "came out", "in a sentence"], map(_cells, rows)), ""]
+    return "\n".join(lines)
+
+
+def survey_text(facts: Mapping[str, Any]) -> str:
+    """How many came out how, then those that did not run."""
+    words = Counter(row["word"] for row in facts["fmus"])
+    lines = [
+        f"{counted(len(facts['fmus']), 'FMU')}: " + ", ".join(f"{words[word]} {word}" for word in WORDS if words[word])
+    ]
+    for row in facts["fmus"]:
+        if row["word"] not in ("agrees", "ran"):
+            lines += labelled(
+                row["word"], f"{row['file']}: {row['detail'].removeprefix(row['file'] + ': ')}", whole=True
+            )
+    return "\n".join(lines)
+
+
+def _cells(row: Mapping[str, Any]) -> list[str]:
+    kinds = ", ".join(row.get("kinds", ()))
+    name = f"{row['file']} ({row['sha256'][:8]}){', drive' if row['drive'] else ''}"
+    detail = row["detail"].removeprefix(f"{row['file']}: ")
+    made = (row.get("tool") or "not stated", f"{row.get('fmi', '')} {kinds}".strip())
+    return [_plain(text) for text in (name, *made, row["tried"], row["word"], detail)]
+
+
+def _plain(text: str) -> str:
+    """Words of strangers in a cell, in which nothing is Markdown or HTML."""
+    text = text.replace("&", "&amp;").replace("<", "&lt;")
+    return re.sub(r"([\\`*_\[\]|!])", r"\\\1", text)
+
+
+def main(arguments: Sequence[str]) -> int:
+    """The exit code: 0 done whatever came out, 2 refused."""
+    told = argparse.ArgumentParser(prog="python -m validation.survey", description=__doc__)
+    told.add_argument("place", metavar="FOLDER", type=Path, help="with FMUs, or the .json of an earlier survey")
+    told.add_argument("--sources", metavar="FILE", type=Path, help="TOML: for each folder in FOLDER a table, `from`")
+    told.add_argument("--data", metavar="FILE", type=Path, default=DOCS / "compatibility.json", help="JSON to write")
+    told.add_argument("--page", metavar="FILE", type=Path, default=DOCS / "compatibility.md", help="page to write")
+    told.add_argument("--limit-wall", metavar="S", type=float, default=60.0, help="longest time of one FMU")
+    asked = told.parse_args(arguments)
+    try:
+        facts = survey(asked.place, asked.sources, asked.data, asked.page, asked.limit_wall)
+    except TwinError as refusal:
+        print(refusal, file=sys.stderr)
+        return 2
+    print(survey_text(facts))
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main(sys.argv[1:]))
