@@ -19,9 +19,9 @@ from mcap.writer import CompressionType, Writer
 
 from tests.memory import growth
 from twin.recording.chunks import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
+from twin.recording.logs.bag import MAGIC, topics_in
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.mcap_file import MAGIC, topics_in
+from twin.recording.logs.log import LogRefused
 from twin.recording.logs.reader import read_log
 
 F = [4.0, 5.0, 6.5]

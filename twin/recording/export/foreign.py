@@ -5,8 +5,7 @@ import re
 import numpy as np
 
 from twin.recording.layout import FIELD_NAME, TOPIC_NAME, Field
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, LogSeries
+from twin.recording.logs.log import Log, LogRefused, LogSeries
 from twin.recording.messages import message_layout, message_records
 from twin.recording.recording import Recording, Stream
 from twin.recording.series import NANOSECONDS
