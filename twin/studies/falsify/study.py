@@ -10,7 +10,7 @@ from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Required
 from twin.experiment.named import experiment_file
-from twin.experiment.source import toml_value
+from twin.experiment.source import Source, override
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.streams import fields_of
@@ -18,7 +18,7 @@ from twin.studies.answer import Answer
 from twin.studies.falsify.crew import Crew, crew
 from twin.studies.falsify.holes import Ended, Holes
 from twin.studies.falsify.search import Search
-from twin.studies.falsify.space import Space, Wrong, settings_as_toml
+from twin.studies.falsify.space import Space, Wrong
 from twin.studies.falsify.text import Found, Requirement, falsify_text, header
 from twin.studies.faults.case import cases, known_kinds
 from twin.studies.left_behind import SCRATCH, held_folder
@@ -78,11 +78,12 @@ def falsify(
     wanted = _requirements(loaded, requirements, path)
     # a duration is refused as `twin faults` refuses it
     cases(loaded, (), (), duration)
-    base = settings_as_toml(settings)
+    base = Source()
+    override(base, settings)
     if drive is not None:
-        base["drive.fmu"] = toml_value(loaded.values["drive"]["fmu"])
+        base.values.setdefault("drive", {})["fmu"] = loaded.values["drive"]["fmu"]
     space = Space(
-        base,
+        base.values,
         [(requirement.name, requirement.formula) for requirement in wanted],
         chosen,
         loaded.duration_ticks,
