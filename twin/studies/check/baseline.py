@@ -67,7 +67,7 @@ class Entry(_Table):
     reason: str
 
 
-class Tube(_Table):
+class StoredCurve(_Table):
     """A curve, thinned; as `Sampled` has it, with the units of times in their names."""
 
     signal: str
@@ -78,7 +78,7 @@ class Tube(_Table):
     values: tuple[Number, ...]
 
     @model_validator(mode="after")
-    def _rising(self) -> "Tube":
+    def _rising(self) -> "StoredCurve":
         # compared, not subtracted: the difference of two numbers may be more than any number
         rising = len(self.t_s) > 1 and all(before < after for before, after in pairwise(self.t_s))
         if not rising or len(self.t_s) != len(self.values):
@@ -111,7 +111,7 @@ class Baseline(_Table):
     fmus: dict[str, str]
     history: tuple[Entry, ...]
     metrics: dict[str, Kept]
-    tubes: dict[str, Tube] = Field(default={})
+    tubes: dict[str, StoredCurve] = Field(default={})
 
 
 def baselines_here() -> Path:
@@ -249,10 +249,10 @@ def _array(values: Sequence[float]) -> Any:
     return array
 
 
-def _thinned(curve: Sampled) -> Tube:
+def _thinned(curve: Sampled) -> StoredCurve:
     """Some samples, evenly spread, with six digits."""
     chosen = np.unique(np.linspace(0, len(curve.t) - 1, POINTS).round().astype(int))
-    return Tube(
+    return StoredCurve(
         signal=curve.signal,
         unit=curve.unit,
         tolerance=_rounded(curve.tolerance, 3),
