@@ -91,7 +91,7 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
     found: list[LoggedTopic] = []
     for file in files:
         with _plain_file(file) as plain:
-            topics, note = (topics_in if plain.suffix == ".mcap" else _rows_of)(plain, columns, file)
+            topics, note = (topics_in if plain.name.endswith(".mcap") else _rows_of)(plain, columns, file)
         found += topics
         notes += [f"{file.name}: {note}"] if note else []
     for topic in found:

@@ -32,7 +32,8 @@ def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
 
     def found(value: float, before: float) -> Any:
-        return inline_table({"value": six_digits(value), "source": f"{source}; was {before:.6g}"})
+        # six digits are more than a search knows
+        return inline_table({"value": float(f"{value:.6g}"), "source": f"{source}; was {before:.6g}"})
 
     before, after = done.before.gains, done.after.gains
     laws = {"position": {"kp_per_s": found(after.kp, before.kp), "ki_per_s2": 0, "kd": 0}}
@@ -51,8 +52,3 @@ def findable(experiment: Path, folder: Path) -> Path:
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
     return experiment if found is not None and found.resolve() == file else file
-
-
-def six_digits(value: float) -> float:
-    """`value` without the digits that a search does not know."""
-    return float(f"{value:.6g}")

@@ -4,10 +4,8 @@ import math
 from collections.abc import Iterator
 from pathlib import Path
 
-import tomlkit
-
 from twin.studies.lines import wrapped
-from twin.studies.tune.fragment import goals_sentence, six_digits
+from twin.studies.tune.fragment import goals_sentence
 from twin.studies.tune.schedule import Point, Scheduled
 from twin.studies.tune.trial import Whole
 
@@ -29,16 +27,16 @@ def schedule_lines(done: Scheduled, own_tissue: bool) -> str:
         own_tissue: whether the experiment has a [controller.tissue] of its own.
     """
     source = f"twin tune --schedule: {goals_sentence(done.base)}" + ("" if done.met else "; GOALS NOT MET")
-    schedule = [
-        {
-            "stiffness_N_per_m": six_digits(point.stiffness),
-            "kp_mm_per_N": six_digits(1e3 * point.gains.force_kp),
-            "ki_mm_per_N_s": six_digits(1e3 * point.gains.force_ki),
-        }
-        for point in done.points
-    ]
-    tables = {"force": {"schedule": schedule}} | ({} if own_tissue else {"tissue": {}})
-    return f"\n# {source}\n{tomlkit.dumps({'controller': tables})}"
+    lines = ["", f"# {source}"]
+    for point in done.points:
+        lines += [
+            "[[controller.force.schedule]]",
+            f"stiffness_N_per_m = {point.stiffness:.6g}",
+            f"kp_mm_per_N = {1e3 * point.gains.force_kp:.6g}",
+            f"ki_mm_per_N_s = {1e3 * point.gains.force_ki:.6g}",
+            "",
+        ]
+    return "\n".join(lines if own_tissue else [*lines, "[controller.tissue]", ""])
 
 
 def _verdict(done: Scheduled) -> Iterator[str]:
