@@ -5,7 +5,7 @@ import json
 import math
 import os
 import tempfile
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -125,6 +125,16 @@ def json_text(facts: Any, indent: int | None = None) -> str:
         return json.dumps(facts, indent=indent, allow_nan=False)
     except ValueError:
         return json.dumps(finite(facts), indent=indent, allow_nan=False)
+
+
+def inline_table(facts: Mapping[str, Any]) -> Any:
+    """`facts` as a table of TOML on one line, for tomlkit to write."""
+    # takes some 30 ms to import, which commands that write no TOML need not spend
+    from tomlkit import inline_table
+
+    table = inline_table()
+    table.update(facts)
+    return table
 
 
 def finite(facts: Any) -> Any:

@@ -10,7 +10,7 @@ from tests.report.test_run_text import RUN
 from twin.cli import compiling, display, progress
 from twin.cli.compiling import PIECES
 from twin.cli.display import Display, program
-from twin.cli.progress import Progress, Speed, clock
+from twin.cli.progress import Progress
 from twin.cli.progress import compiling as compiling_text
 
 
@@ -135,19 +135,15 @@ def test_runs_follow_one_another_and_the_next_step_names_all_of_them(heard: Hear
     assert re.findall(r"recording +(.*)", out) == ["results/a/2026/run.mcap", "results/b/2026/run.mcap"]
 
 
-def test_the_clock_keeps_its_width():
-    assert [clock(share, 200.0) for share in (0.0, 0.5, 1.0)] == [
-        "  0.0 / 200.0 s",
-        "100.0 / 200.0 s",
-        "200.0 / 200.0 s",
-    ]
-
-
-def test_speed_is_simulated_over_wall_time(monkeypatch: pytest.MonkeyPatch):
-    now = iter([10.0, 10.05, 12.0])
+def test_the_clock_keeps_its_width_and_speed_is_simulated_over_wall_time(monkeypatch: pytest.MonkeyPatch):
+    now = iter([0.0, 10.0, 10.05, 12.0])
     monkeypatch.setattr("twin.cli.progress.time.monotonic", lambda: next(now))
-    speed = Speed()
-    assert [speed.text(simulated) for simulated in (1.0, 2.0, 801.0)] == ["", "", "400 x real time"]
+    line, said = Progress(), list[str]()
+    monkeypatch.setattr(line, "say", said.append)
+    line.begin("a", 1000.0)
+    for share in (0.001, 0.002, 0.801):
+        line.move(share)
+    assert said == ["   1.0 / 1000.0 s", "   2.0 / 1000.0 s", " 801.0 / 1000.0 s  400 x real time"]
 
 
 def test_what_is_compiled_leaves_room_for_a_bar():

@@ -19,38 +19,10 @@ MINUTE = 60.0
 """How often (s) whoever has no terminal is told how far it is."""
 
 
-def clock(share: float, duration: float) -> str:
-    """`12.3 / 20.0 s`, as wide at the beginning as at the end."""
-    total = f"{duration:.1f}"
-    return f"{share * duration:{len(total)}.1f} / {total} s"
-
-
 def compiling(done: int, about: int, seconds: float) -> str:
     """`compiling, once: 12 of about 13, 9 s`; pieces of machine code."""
     of = f" of about {about}" if about else ""
     return f"compiling, once: {done}{of}, {seconds:.0f} s"
-
-
-class Speed:
-    """Simulated time per wall time since the first step."""
-
-    def __init__(self) -> None:
-        self._began: float | None = None
-
-    def text(self, simulated: float) -> str:
-        """`412 x real time`; "" as long as nothing can be said."""
-        now = time.monotonic()
-        if self._began is None:
-            self._began, self._start = now, simulated
-        taken = now - self._began
-        return f"{(simulated - self._start) / taken:.3g} x real time" if taken > 0.1 else ""
-
-    def left(self, simulated: float, duration: float) -> str:
-        """`14 minutes left`, of what simulates `duration` (s); "" if it is a minute at most, or nobody knows."""
-        if self._began is None or simulated <= self._start:
-            return ""
-        seconds = (time.monotonic() - self._began) * (duration - simulated) / (simulated - self._start)
-        return f"{duration_text(seconds)} left" if seconds > MINUTE else ""
 
 
 class Progress:
@@ -58,11 +30,12 @@ class Progress:
     own, and a line each minute. Others show one thing after the other."""
 
     _told = False
+    _name, _duration = "", 0.0
     _began: float | None = None
     _share = _first = 0.0
 
     def __init__(self) -> None:
-        self._name, self._duration, self._speed, self._next = "", 0.0, Speed(), time.monotonic() + MINUTE
+        self._next = time.monotonic() + MINUTE
 
     def say(self, what: str) -> None:
         """From now on `what` is going on, `3 of 8 checks` or nobody knows for how long."""
@@ -75,17 +48,8 @@ class Progress:
         if share is None:
             self.say(what)
             return
-        if self._began is None or share < self._share:
-            self._began, self._first = time.monotonic(), share
-        self._share = share
-        self.say("  ".join(filter(None, (what, f"{share:.0%}", self._left(share)))))
-
-    def _left(self, share: float) -> str:
-        """`14 minutes left`; "" if it is not worth telling, or nobody can know yet."""
-        if self._began is None or share <= self._first:
-            return ""
-        seconds = (time.monotonic() - self._began) * (1.0 - share) / (share - self._first)
-        return f"about {duration_text(seconds)} left" if seconds > SOON else ""
+        _, left = self._pace(share)
+        self.say(f"{what}  {share:.0%}" + (f"  about {duration_text(left)} left" if left > SOON else ""))
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         """For `seconds` code has been compiled: `done` pieces of about so many, 0 if nobody knows."""
@@ -95,26 +59,35 @@ class Progress:
 
     def begin(self, name: str, duration: float) -> None:
         """The run `name` is made ready; it will simulate `duration` (s)."""
-        self._name, self._duration, self._speed = visible(name), duration, Speed()
+        self._name, self._duration, self._began = visible(name), duration, None
 
     def move(self, share: float) -> None:
         """So much of it has been simulated, 0 .. 1."""
-        simulated = share * self._duration
-        parts = (
-            clock(share, self._duration), self._speed.text(simulated), self._speed.left(simulated, self._duration)
-        )  # fmt: skip
-        self.say("  ".join(filter(None, parts)))
+        clock, speed, left = self._simulated(share)
+        self.say("  ".join(filter(None, (clock, speed, f"{duration_text(left)} left" if left > MINUTE else ""))))
 
     def clear(self) -> None:
         """Leave the line to others; whatever comes next takes it back."""
 
+    def _simulated(self, share: float) -> tuple[str, str, float]:
+        """`12.3 / 20.0 s`, as wide at the beginning as at the end; `412 x real time`; the time (s) that is left."""
+        speed, left = self._pace(share)
+        total = f"{self._duration:.1f}"
+        clock = f"{share * self._duration:{len(total)}.1f} / {total} s"
+        return clock, f"{speed * self._duration:.3g} x real time" if speed else "", left
+
+    def _pace(self, share: float) -> tuple[float, float]:
+        """(how much of all goes by in a second, wall time (s) that is left); 0 as long as nobody can know."""
+        now = time.monotonic()
+        if self._began is None or share < self._share:
+            self._began, self._first = now, share
+        self._share = share
+        taken, gone = now - self._began, share - self._first
+        return gone / taken if taken > 0.1 else 0.0, taken * (1.0 - share) / gone if gone > 0.0 else 0.0
+
 
 class PlainLine(Progress):
-    """A line of text that is written over itself."""
-
-    def __init__(self) -> None:
-        super().__init__()
-        self._width = 0
+    """A line of text that is written over itself; `rich` would move the cursor by escape codes."""
 
     def say(self, what: str) -> None:
         self._write(f"{self._name}  {what}".strip())
@@ -127,16 +100,12 @@ class PlainLine(Progress):
         self.say("loading")
 
     def clear(self) -> None:
-        self._write("")
-        sys.stderr.write("\r")
-        sys.stderr.flush()
+        self._write("", "\r")
 
-    def _write(self, text: str) -> None:
+    def _write(self, text: str, end: str = "") -> None:
         # the last column is left free: some terminals would go on to the next line
-        text = text[: shutil.get_terminal_size().columns - 1]
-        sys.stderr.write("\r" + text.ljust(self._width))
-        sys.stderr.flush()
-        self._width = len(text)
+        width = shutil.get_terminal_size().columns - 1
+        print("\r" + text[:width].ljust(width), end=end, file=sys.stderr, flush=True)
 
 
 class Bar(Progress):
@@ -168,41 +137,37 @@ class Bar(Progress):
             *columns, console=console, transient=True, expand=True, redirect_stdout=False, redirect_stderr=False
         )
         self._task = self._line.add_task("", total=None, clock="", speed="")
-        self._moving = False
 
     def compile(self, done: int, about: int, seconds: float) -> None:
         self._count_to(about or None)
-        self._line.update(self._task, clock=compiling(done, about, seconds), completed=done)
-        self._line.start()
+        self._show(clock=compiling(done, about, seconds), completed=done)
 
     def say(self, what: str) -> None:
-        self._line.update(self._task, clock=what)
-        self._line.start()
+        self._show(clock=what)
 
     def step(self, what: str, share: float | None) -> None:
         if share is None:
             self.say(what)
             return
         self._count_to(1.0)
-        self._line.update(self._task, description=visible(what), completed=share, clock=f"{share:4.0%}")
-        self._line.start()
+        self._show(description=visible(what), completed=share, clock=f"{share:4.0%}")
 
     def begin(self, name: str, duration: float) -> None:
-        self._duration, self._speed, self._moving = duration, Speed(), False
-        self._line.reset(self._task, total=None, description=visible(name), clock="loading", speed="")
-        self._line.start()
+        super().begin(name, duration)
+        self._count_to(None)
+        self._show(description=self._name, clock="loading", speed="")
 
     def move(self, share: float) -> None:
-        if not self._moving:
-            self._line.reset(self._task, total=1.0)
-            self._moving = True
-        simulated = share * self._duration
-        self._line.update(
-            self._task, completed=share, clock=clock(share, self._duration), speed=self._speed.text(simulated)
-        )
+        self._count_to(1.0)
+        clock, speed, _ = self._simulated(share)
+        self._line.update(self._task, completed=share, clock=clock, speed=speed)
 
     def clear(self) -> None:
         self._line.stop()
+
+    def _show(self, **fields: Any) -> None:
+        self._line.update(self._task, **fields)
+        self._line.start()
 
     def _count_to(self, total: float | None) -> None:
         """What is left is estimated anew where something else is counted; None: nobody knows how much."""

@@ -8,10 +8,8 @@ import scipy.io
 from tests.recording import samples
 from tests.recording.export.readers import csv_columns
 from twin.errors import InputRefused, NotWritten
-from twin.recording.export import formats
 from twin.recording.export.export import export_recording
-from twin.recording.export.formats import write_csv
-from twin.recording.export.table import NANOSECONDS, Column, Table, row_times
+from twin.recording.export.table import NANOSECONDS, Column, Table, row_times, write_csv
 from twin.recording.reader import read
 
 pq = pytest.importorskip("pyarrow.parquet")
@@ -157,7 +155,7 @@ def test_a_rate_that_fills_the_memory_is_refused():
 def test_rows_are_written_in_blocks_as_in_one(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     table = Table(np.arange(7.0), (Column("a", "1", "", np.arange(7) > 3), Column("b", "m", "", np.arange(7) / 3)))
     write_csv(tmp_path / "whole.csv", table)
-    monkeypatch.setattr(formats, "ROWS_AT_ONCE", 3)
+    monkeypatch.setattr("twin.recording.export.table.ROWS_AT_ONCE", 3)
     write_csv(tmp_path / "blocks.csv", table)
     assert (tmp_path / "blocks.csv").read_bytes() == (tmp_path / "whole.csv").read_bytes()
 

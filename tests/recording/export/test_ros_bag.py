@@ -12,9 +12,9 @@ from tests.recording import samples
 from tests.recording.logs.bags import bag, joints, wrench
 from twin.errors import InputRefused
 from twin.recording.export.export import export_recording
-from twin.recording.export.ros_layout import _MADE_OF, definition
+from twin.recording.export.ros_bag import _MADE_OF, definition
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import LogRefused
 from twin.recording.logs.reader import is_recording, read_log
 from twin.recording.reader import read
 

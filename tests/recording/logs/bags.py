@@ -12,8 +12,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
+from twin.recording.logs.log import Log, LogRefused
 from twin.recording.logs.reader import read_log
 
 OWN = "robot_msgs/msg/Tool"

@@ -2,8 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from twin.recording.logs.column_map import MappedColumn, column_map, split_unit
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.column_map import MappedColumn, column_map, split_unit, unit
+from twin.recording.logs.log import LogRefused
 
 
 def test_file_and_command_line_say_the_same(tmp_path: Path):
@@ -84,3 +84,8 @@ def test_every_wrong_text_is_told_at_once():
     with pytest.raises(LogRefused) as refused:
         column_map(["=x", "F=", "nowhere.toml"])
     assert len(str(refused.value).splitlines()) == 3
+
+
+def test_an_unknown_unit_is_refused_with_the_nearest():
+    with pytest.raises(LogRefused, match=r"a.csv: column 'F': unknown unit 'kgff'; did you mean 'kgf'\?"):
+        unit("kgff", "a.csv: column 'F'")

@@ -1,11 +1,15 @@
+import random
+import time
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from twin.recording.logs import csv_file
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
+from twin.recording.logs.csv_file import CsvTable, read_table
+from twin.recording.logs.log import LARGEST, Log, LogRefused
 from twin.recording.logs.reader import read_log
 
 
@@ -134,3 +138,92 @@ def test_every_mistake_is_told_at_once(tmp_path: Path):
 def test_a_file_that_is_not_there_is_refused(tmp_path: Path):
     with pytest.raises(LogRefused, match=r"nowhere.csv: no such file"):
         read_log(tmp_path / "nowhere.csv")
+
+
+def table(tmp_path: Path, text: str) -> CsvTable:
+    (tmp_path / "a.csv").write_text(text, newline="")
+    return read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "t_s,F_N\n0,1\n1,2\n",
+        "t_s,F_N\r\n0,1\r\n1,2",
+        "# a\n\n# b\nt_s;F_N;state\n0;1.5;up\n1;-2e-3;down\n2; 3 ;\n",
+        't_s,"F, in N"\n0,"1"\n 1 , 2\n',
+        "t_s\tF_N\n0\t.5\n1\t1e5\n",
+        "t_s,F_N,x\n0,1,n/a\n1,2,3\n",
+        "t_s,F_N\n0,1\n\n1,2\n",
+        '"t\ns",F_N\n0,1\n1,2\n',
+        "t_s,F_N\n0,1_0\n1,nan\n",
+        f"t_s,F_N\n0,{LARGEST!r}\n1,-1e308\n",
+    ],
+)
+def test_the_table_is_the_same_however_many_rows_are_converted_together(
+    tmp_path: Path, text: str, monkeypatch: pytest.MonkeyPatch
+):
+    one = table(tmp_path, text)
+    monkeypatch.setattr(csv_file, "ROWS_AT_ONCE", 1)
+    other = table(tmp_path, text)
+    assert (one.head, one.comments, one.wrong) == (other.head, other.comments, other.wrong)
+    np.testing.assert_array_equal(one.values, other.values)
+    assert one.lines.tolist() == other.lines.tolist()
+
+
+def test_random_numbers_come_back_to_the_last_bit(tmp_path: Path):
+    rng = random.Random(7)
+    rows = [
+        [k, rng.gauss(0, 1), rng.uniform(-1, 1) * 10 ** rng.randint(-300, 90)]
+        for k in range(2 * csv_file.ROWS_AT_ONCE + 500)
+    ]
+    text = "t_s,a,b\n" + "".join(",".join(map(repr, row)) + "\n" for row in rows)
+    assert table(tmp_path, text).values.tolist() == rows
+
+
+@pytest.mark.parametrize("cell", ["1e308", "-1e101", "nan", "inf", "9" * 400])
+def test_a_number_that_no_quantity_has_is_none(tmp_path: Path, cell: str):
+    wrong = table(tmp_path, f"t_s,F_N\n0,1\n1,{cell}\n2,3\n").mistakes("F_N")
+    assert wrong is not None and (wrong.count, wrong.line, wrong.text) == (1, 3, cell)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        (b"\x89PNG\r\n\x1a\n", "a PNG picture; expected CSV in UTF-8"),
+        ("t_s,F_N\n0,1\n".encode("utf-16"), "text in UTF-16; expected CSV in UTF-8"),
+        (b"t_s," + b",".join(b"a%d" % i for i in range(3000)) + b"\n", "3,001 columns, expected at most 2,000"),
+        (b"t_s,F\n" + b"0,1\n" * 300_000 + b"0,\xff\n", "byte 1200008 is not UTF-8"),
+    ],
+)
+def test_what_is_no_log_is_told_for_what_it_is(tmp_path: Path, content: bytes, said: str):
+    (tmp_path / "a.csv").write_bytes(content)
+    with pytest.raises(LogRefused, match=said):
+        read_table(tmp_path / "a.csv")
+
+
+@pytest.mark.parametrize("rows", [20_000, pytest.param(200_000, marks=pytest.mark.endurance)])
+@pytest.mark.parametrize("last", ["1.5", "x"])
+def test_a_long_log_of_36_columns_takes_little_time_and_memory(tmp_path: Path, rows: int, last: str):
+    line = ",".join(f"{1.23456789 * k:.8f}" for k in range(35))
+    with (tmp_path / "a.csv").open("w") as file:
+        file.write("t_s," + ",".join(f"a{k}_N" for k in range(35)) + "\n")
+        file.writelines(f"{0.001 * k:.3f},{line}\n" for k in range(rows - 1))
+        file.write(f"1e9,{line.rpartition(',')[0]},{last}\n")
+    tracemalloc.start()
+    began = time.process_time()
+    try:
+        assert len(read_table(tmp_path / "a.csv").values) == rows
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    # 8 bytes a number, and as much again while they are gathered; lists of texts took 300
+    assert peak < 3 * 8 * 36 * rows + 10e6
+    # two seconds for 200,000 rows on an idle machine; tracing memory takes its time, too
+    assert time.process_time() - began < 30.0 * rows / 200_000 + 2.0
+
+
+def test_columns_of_words_and_of_nothing_are_told_apart(tmp_path: Path):
+    found = table(tmp_path, "# a\nt_s,F_N,state,seen\n0,1,up,\n1,2,down,\n")
+    assert [found.is_words(name) for name in found.head] == [False, False, True, False]
+    assert found.lines.tolist() == [3, 4]

@@ -1,5 +1,6 @@
 import json
 import os
+import re
 import sys
 import zlib
 from collections.abc import Sequence
@@ -19,9 +20,9 @@ from mcap.writer import CompressionType, Writer
 
 from tests.memory import growth
 from twin.recording.chunks import FEW_BYTES, LARGEST_CHUNK, encoded, unpacked
+from twin.recording.logs.bag import MAGIC, topics_in
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.mcap_file import MAGIC, topics_in
+from twin.recording.logs.log import LogRefused
 from twin.recording.logs.reader import read_log
 
 F = [4.0, 5.0, 6.5]
@@ -101,6 +102,39 @@ def test_protobuf_messages_are_read_by_the_schema_in_the_file_and_timed_by_their
     assert log.notes[0].startswith("two clocks: the stamps of /robot/tool are 1700000000.000 s ahead of its log times")
     assert "2023-11-14 22:13:20 UTC" in log.notes[1]
     assert "two messages at 0 s" in refusal(path, "F=/robot/tool.F_N")
+
+
+def schema_of(*names: str, imports: str = "") -> bytes:
+    """A schema of one file, `a.proto`, with the messages `names`."""
+    files = FileDescriptorSet()
+    file = files.file.add(name="a.proto", package="a", dependency=[imports] if imports else [])
+    for name in names:
+        file.message_type.add(name=name)
+    return files.SerializeToString()
+
+
+@pytest.mark.parametrize(
+    ("schema", "said"),
+    [
+        (b"\xff", "its schema a.Tool cannot be used: "),
+        (schema_of("Other"), "its schema a.Tool cannot be used: "),
+        (schema_of("Tool", imports="a.proto"), "its schema a.Tool cannot be used: "),
+        (schema_of("Tool", "Tool"), "its schema a.Tool cannot be used: "),
+        (schema_of(2**20 * "a"), "its schema a.Tool has 1048600 bytes, more than 1048576"),
+    ],
+    ids=["none", "without it", "imports itself", "twice", "too large"],
+)
+def test_a_protobuf_schema_that_is_wrong_or_asks_for_too_much_is_refused(tmp_path: Path, schema: bytes, said: str):
+    path = tmp_path / "p.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channel = writer.register_channel("/t", "protobuf", writer.register_schema("a.Tool", "protobuf", schema))
+        for k in range(2):
+            writer.add_message(channel, k, b"", k)
+        writer.finish()
+    text = refusal(path, "F=/t.F_N")
+    assert re.search(f"/t: {said}", text) and "\n" not in text
 
 
 def test_messages_out_of_order_are_put_in_order(tmp_path: Path):

@@ -6,7 +6,7 @@ import pytest
 
 from tests.studies.replay.logs import FIG4, ran, write_log
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import LogRefused
 from twin.recording.logs.proposal import propose
 from twin.recording.logs.reader import read_log
 

@@ -6,7 +6,7 @@ import pytest
 from tests.recording import samples
 from twin.recording.errors import RecordingDamaged, RecordingRefused
 from twin.recording.logs.column_map import column_map
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import LogRefused
 from twin.recording.logs.reader import read_log
 from twin.recording.reader import read
 from twin.recording.writer import Writer

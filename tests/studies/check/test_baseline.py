@@ -22,7 +22,7 @@ from twin.studies.check.baseline import (
 from twin.studies.check.measurement import Measured, Sampled
 from twin.studies.check.metric import Metric
 
-FIRST = Entry("2026-01-01", 'first, "as it is"')
+FIRST = Entry(date="2026-01-01", reason='first, "as it is"')
 NOW = Measured(
     {"z.rise_time": Metric(1.0, "s", 2e-3), "z.peak": Metric(-0.09, "m", 2e-6, "none", scale=0.005)},
     {"z": Sampled("plant.p_B[2]", "m", t, np.sin(t), 0.05, 0.004)},
@@ -52,7 +52,7 @@ def test_a_bound_is_2_percent_of_the_value_or_of_the_step_that_a_coordinate_belo
 
 def test_an_update_leaves_a_bound_that_is_to_be_kept_and_no_other(tmp_path: Path):
     text = baseline_text(baseline_of(EXPERIMENT, "x", NOW, [FIRST], None))
-    edited = text.replace("bound = 0.02 }", "bound = 0.3, keep = true }").replace("bound = 0.0001 }", "bound = 0.7 }")
+    edited = text.replace("bound = 0.02}", "bound = 0.3, keep = true}").replace("bound = 0.0001}", "bound = 0.7}")
     before = read_baseline(stored(tmp_path, edited))
     after = baseline_of(EXPERIMENT, "x", NOW, [FIRST], before).metrics
     assert (after["z.rise_time"].bound, after["z.rise_time"].keep) == (0.3, True)
@@ -60,7 +60,7 @@ def test_an_update_leaves_a_bound_that_is_to_be_kept_and_no_other(tmp_path: Path
 
 
 def test_a_curve_is_thinned_to_a_few_samples_of_itself():
-    tube = baseline_of(EXPERIMENT, "x", NOW, [FIRST], None).tubes["z"]
+    tube = baseline_of(EXPERIMENT, "x", NOW, [FIRST], None).tubes["z"].curve
     assert len(tube.t) == 40
     # six digits are kept
     assert np.allclose(tube.values, np.sin(tube.t), atol=1e-5)
@@ -80,14 +80,15 @@ def test_the_fingerprint_tells_experiments_from_one_another_but_not_titles_or_pl
         ('drive = "x"\n', "", "no baseline: missing key 'drive'"),
         ("[metrics]", "[metrics", "not valid TOML"),
         ('unit = "s", ', "", "no baseline: .*'unit'"),
-        ("  0.0, 0.256", "  0.5, 0.256", "times that increase"),
-        ("  0.0, 0.256", "  nan, 0.256", "times that increase"),
-        ("  0.0, 0.253", "  nan, 0.253", "tube z: expected as many numbers"),
-        ("tolerance = 0.05", "tolerance = -0.05", "tube z: expected tolerance and dt_s to be numbers >= 0"),
-        ("value = 1.0,", "value = nan,", '"z.rise_time": expected a number and a bound >= 0'),
-        ("value = 1.0,", 'value = "fast",', "no baseline: must be real number"),
-        ("bound = 0.02 ", "bound = -0.02 ", '"z.rise_time": expected a number and a bound >= 0'),
-        ('drive = "x"', "drive = 3", "drive = 3: expected a text"),
+        ("  0.0, 0.256", "  0.5, 0.256", r"\[tubes.z\] .*times that increase"),
+        ("  0.0, 0.256", "  nan, 0.256", r"\[tubes.z\] t_s = nan \(entry 1\): expected a finite number"),
+        ("  0.0, 0.253", "  nan, 0.253", r"\[tubes.z\] values = nan \(entry 1\): expected a finite number"),
+        ("tolerance = 0.05", "tolerance = -0.05", r"\[tubes.z\] tolerance = -0.05: expected a number >= 0"),
+        ("value = 1.0,", "value = nan,", r"\[metrics.z.rise_time\] value = nan: expected a finite number"),
+        ("value = 1.0,", 'value = "fast",', r'\[metrics.z.rise_time\] value = "fast": expected a number'),
+        ("bound = 0.02}", "bound = -0.02}", r"\[metrics.z.rise_time\] bound = -0.02: expected a number >= 0"),
+        ("bound = 0.02}", "bound = 0.02, kep = true}", "unknown key 'kep'; did you mean 'keep'"),
+        ('drive = "x"', "drive = 3", "drive = 3: expected text in quotes"),
         ("[metrics]", "[[metrics]]", "no baseline: "),
     ],
 )

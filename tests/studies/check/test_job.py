@@ -53,7 +53,7 @@ def test_a_stiffer_loop_is_better_is_outside_of_the_tube_and_is_accepted_with_it
     assert words(stiffer)["z.tube"] == "outside"
     assert stiffer.verdict and stiffer.verdict.notes[0].startswith("the experiment's file has changed")
     history = read_baseline(folder / f"mine/{DRIVE}.toml").history
-    assert history == (Entry("2026-01-02", "first"), Entry("2026-01-02", "stiffer on purpose"))
+    assert history == (Entry(date="2026-01-02", reason="first"), Entry(date="2026-01-02", reason="stiffer on purpose"))
     assert check(mine, baselines=folder) == []
 
 

@@ -21,7 +21,7 @@ def coming_to(value: float, sense: Sense = "less", curve: np.ndarray = SINE, uni
 
 
 def baseline(value: float = 1.0, sense: Sense = "less") -> Baseline:
-    return baseline_of(EXPERIMENT, "x", coming_to(value, sense), [Entry("2026-01-01", "first")], None)
+    return baseline_of(EXPERIMENT, "x", coming_to(value, sense), [Entry(date="2026-01-01", reason="first")], None)
 
 
 def words(found: CheckVerdict) -> list[str]:
@@ -84,7 +84,7 @@ def test_what_is_only_in_one_of_them_deviates():
 
 
 def test_another_fmu_another_experiment_and_another_version_are_told_and_compared_all_the_same():
-    stored = replace(baseline(), twin="0.0.1")
+    stored = baseline().model_copy(update={"twin": "0.0.1"})
     other = replace(coming_to(1.0), fmus={"x.fmu": "1" * 64})
     found = verdict(shipped("step_z_air", "controller.position.kp_per_s=2"), "x", stored, other)
     assert found.deviations == ()
@@ -103,5 +103,5 @@ def test_a_tube_may_begin_at_any_tick(first: int):
     # one tick in eight is a little later than its decimals say
     window = Sampled("plant.p_B[2]", "m", t[first:], SINE[first:], 0.05, 0.004)
     now = replace(coming_to(1.0), curves={"z": window})
-    stored = baseline_of(EXPERIMENT, "x", now, [Entry("2026-01-01", "first")], None)
+    stored = baseline_of(EXPERIMENT, "x", now, [Entry(date="2026-01-01", reason="first")], None)
     assert words(verdict(EXPERIMENT, "x", stored, now)) == ["ok", "ok"]

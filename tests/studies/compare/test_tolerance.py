@@ -2,7 +2,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.recording.logs.units import unit
+from twin.recording.logs.column_map import unit
 from twin.studies.compare.tolerance import Allowance, ComparisonRefused, allowance, matches, rules
 
 N, M = unit("N", ""), unit("m", "")

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given
@@ -18,7 +19,7 @@ PRESSING = EXPERIMENTS / "pressing.toml"
 TICK = 0.001
 
 
-def space(base: Mapping[str, str] | None = None, seed: int = 0) -> Space:
+def space(base: Mapping[str, Any] | None = None, seed: int = 0) -> Space:
     quiet = [("quiet", "always (|plant.F_ee_B| <= 18 N)")]
     return Space(base or {}, quiet, tuple(CATALOGUE), 13_000, TICK, None, (None,), seed)
 
@@ -36,7 +37,7 @@ def test_what_is_drawn_as_seed_is_added_to_that_of_the_noise_and_is_that_of_the_
 
 
 def test_another_seed_is_another_run_of_a_noisy_robot_and_the_same_one_the_same(tmp_path: Path):
-    noisy = {"plant.joint_noise_deg": "0.02"}
+    noisy = {"plant": {"joint_noise_deg": 0.02}}
     files = [written(tmp_path, space(noisy), Wrong("breathing", "contact", 1.0, 2000, seed=s)) for s in (1, 2)]
     one, other, again = (judged(PRESSING, None, [str(file)]).metrics["quiet.distance"] for file in (*files, files[0]))
     assert one == again != other

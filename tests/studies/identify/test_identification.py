@@ -9,8 +9,7 @@ import pytest
 from tests.studies.identify.calibrations import identification, run
 from tests.studies.replay.logs import EXPERIMENTS, NOISE
 from twin.errors import TwinError
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, LogSeries
+from twin.recording.logs.log import Log, LogRefused, LogSeries
 from twin.studies.identify.identification import NotIdentifiable, identified
 from twin.studies.identify.truth import truth
 from twin.studies.replay.model import RobotModel, loaded_model

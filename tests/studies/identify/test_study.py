@@ -89,9 +89,9 @@ def test_a_log_that_does_not_name_its_robot_is_refused(tmp_path: Path):
 
 
 def test_the_model_to_paste_is_an_experiments_and_makes_the_estimate_right(tmp_path: Path):
-    fragment = model_fragment(identification(height=-0.101), "run.mcap")
+    fragment = model_fragment(identification(height=-0.101), 'run "1".mcap')
     controller = tomllib.loads(fragment)["controller"]
-    assert controller["model"]["k_s_Nm_per_rad"]["source"].startswith("identified from run.mcap: k_s eta = 1.070")
+    assert controller["model"]["k_s_Nm_per_rad"]["source"].startswith('identified from run "1".mcap: k_s eta = 1.070')
     (tmp_path / "calibrated.toml").write_text(f'extends = "{ROBOT}"\n{fragment}')
     model = load_experiment(tmp_path / "calibrated.toml").controller.model
     assert model.k_s * model.eta == pytest.approx(1.07, rel=2e-3)

@@ -4,8 +4,7 @@ import numpy as np
 import pytest
 
 from tests.studies.identify.calibrations import belief
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import LogSeries
+from twin.recording.logs.log import LogRefused, LogSeries
 from twin.studies.identify.windows import windows
 from twin.studies.replay.robot_log import RobotLog
 

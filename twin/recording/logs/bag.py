@@ -1,34 +1,46 @@
-"""Bags of ROS 2: a folder as `ros2 bag record` leaves it, or one of its files; SQLite and MCAP.
+"""Files of logged messages: MCAP of any writer, and bags of ROS 2 in MCAP or SQLite, packed or not.
 
-Layout: https://github.com/ros2/rosbag2. What the folder's metadata.yaml says is needed for nothing but the names of
-files that should be there: a recorder that was killed writes none.
+Layouts: https://mcap.dev/spec, https://github.com/ros2/rosbag2. They are opened here and not by rosbags, which reads as
+much as a file says: what a file may ask for is bounded by its size. What a bag's metadata.yaml says is needed for
+nothing but the names of files that should be there: a recorder that was killed writes none.
 """
 
 import os
 import re
 import sqlite3
+import struct
 import tempfile
+import zlib
 from collections.abc import Iterator, Mapping
 from contextlib import closing, contextmanager
+from io import BytesIO
 from pathlib import Path
 from typing import Any
 
 import zstandard
-from mcap.records import Channel, Schema
+from mcap.data_stream import ReadDataStream
+from mcap.exceptions import EndOfFile, McapError
+from mcap.opcode import Opcode
+from mcap.records import Channel, Chunk, Header, McapRecord, Message, Schema, Statistics
+from mcap.stream_reader import StreamReader
+from mcap.writer import MCAP0_MAGIC
 
 from twin.errors import InputRefused
 from twin.files import open_regular, read_text
-from twin.recording.chunks import LARGEST_RATIO, allowance
+from twin.recording.chunks import LARGEST_RATIO, allowance, unpacked
 from twin.recording.folder import LATEST, RECORDING
-from twin.recording.logs import ros_messages
+from twin.recording.logs import decoding
 from twin.recording.logs.column_map import MappedColumn
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
-from twin.recording.logs.mcap_file import topics_in
-from twin.recording.logs.topic import LoggedTopic
-from twin.recording.logs.topics import log_of, merged, wanted
+from twin.recording.logs.log import Log, LogRefused
+from twin.recording.logs.topics import NANOSECONDS, LoggedTopic, log_of, merged, wanted
+from twin.recording.messages import RECORD_PREFIX
 from twin.writing import written
 
+MAGIC = MCAP0_MAGIC
+_PREFIX, _MESSAGE = struct.Struct("<BQ"), struct.Struct("<HIQQ")
+"""What every record begins with, and a message behind that: https://mcap.dev/spec#message-op0x05."""
+LONGEST_RECORD, LONGEST_HEADER = 2**30, 2**20
+"""Bytes; a damaged length must not ask for any amount of memory."""
 SQLITE = b"SQLite format 3\0"
 HEAD = 100
 """Bytes of its header (https://sqlite.org/fileformat2.html)."""
@@ -78,11 +90,8 @@ def read_bag(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
         raise LogRefused(f"{path}: a bag without a file; {'; '.join(notes) or 'expected .db3 or .mcap in it'}")
     found: list[LoggedTopic] = []
     for file in files:
-        with _unpacked(file) as plain:
-            if file.name.removesuffix(".zstd").endswith(".mcap"):
-                topics, note = _mcap(plain, file, columns)
-            else:
-                topics, note = _rows_of(plain, file, columns)
+        with _plain_file(file) as plain:
+            topics, note = (topics_in if plain.name.endswith(".mcap") else _rows_of)(plain, columns, file)
         found += topics
         notes += [f"{file.name}: {note}"] if note else []
     for topic in found:
@@ -109,7 +118,7 @@ def _absent(folder: Path, files: list[Path]) -> list[str]:
 
 
 @contextmanager
-def _unpacked(file: Path) -> Iterator[Path]:
+def _plain_file(file: Path) -> Iterator[Path]:
     """`file` itself, or what it is when unpacked."""
     try:
         with open_regular(file, LARGEST_FILE) as content:
@@ -135,15 +144,7 @@ def _unpacked(file: Path) -> Iterator[Path]:
         raise LogRefused(str(problem)) from None
 
 
-def _mcap(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tuple[list[LoggedTopic], str]:
-    """`topics_in` of `plain`, unpacked from `file`, which is what refusals are to name."""
-    try:
-        return topics_in(plain, columns)
-    except LogRefused as problem:
-        raise LogRefused(str(problem).replace(str(plain), str(file))) from None
-
-
-def _rows_of(plain: Path, file: Path, columns: Mapping[str, MappedColumn]) -> tuple[list[LoggedTopic], str]:
+def _rows_of(plain: Path, columns: Mapping[str, MappedColumn], file: Path) -> tuple[list[LoggedTopic], str]:
     """Topics of the SQLite file `plain`, unpacked from `file`, and a sentence on what the recorder left undone."""
     size = plain.stat().st_size
     with plain.open("rb") as start:
@@ -275,7 +276,7 @@ def _read(rows: Rows, file: Path, size: int, columns: Mapping[str, MappedColumn]
 def _define(topic: LoggedTopic, folder: Path) -> None:
     """Give a topic whose type nobody defines what `PACKAGE/msg/NAME.msg` files in the bag's folder say."""
     schema = topic.schema
-    if not topic.data or schema is None or schema.data or ros_messages.is_known(schema.name):
+    if not topic.data or schema is None or schema.data or decoding.is_known(schema.name):
         return
     texts = {}
     for file in sorted(folder.glob("*/msg/*.msg"))[:MOST_DEFINITIONS]:
@@ -287,3 +288,113 @@ def _define(topic: LoggedTopic, folder: Path) -> None:
         own = texts.pop(schema.name)
         others = "".join(f"{'=' * 80}\nMSG: {name}\n{text.rstrip()}\n" for name, text in texts.items())
         topic.schema = Schema(0, f"{own.rstrip()}\n{others}".encode(), "ros2msg", schema.name)
+
+
+def written_by_twin(path: Path) -> bool:
+    """Whether the header of an MCAP file says that `twin.recording` wrote it; a damaged header does not."""
+    with path.open("rb") as file:
+        try:
+            header = next(StreamReader(file, record_size_limit=LONGEST_HEADER).records)
+        except (McapError, ValueError, struct.error, StopIteration, OverflowError, MemoryError):
+            return False
+    return isinstance(header, Header) and header.library.startswith("twin ")
+
+
+def read_mcap(path: Path, columns: Mapping[str, MappedColumn]) -> Log:
+    """The log in the MCAP file `path`; one that ends early is read up to there, and a note says so.
+
+    Args:
+        columns: see `log_of`.
+
+    Raises:
+        LogRefused: damaged, or as `log_of`.
+    """
+    found, note = topics_in(path, columns)
+    return log_of(path, merged(found), columns, (note,) if note else ())
+
+
+def topics_in(
+    path: Path, columns: Mapping[str, MappedColumn], file: Path | None = None
+) -> tuple[list[LoggedTopic], str]:
+    """Topics of the MCAP file `path`, one for each publisher, and a sentence on what is missing at the end.
+
+    Args:
+        columns: of which topics the messages are kept.
+        file: that it was unpacked from, which refusals name instead of it.
+
+    Raises:
+        LogRefused: damaged.
+    """
+    where = file or path
+    schemas: dict[int, Schema] = {}
+    channels: dict[int, LoggedTopic] = {}
+    kept: set[int] = set()
+    with path.open("rb") as content:
+        content.seek(-len(MAGIC), 2)
+        finished = content.read() == MAGIC and content.tell() > len(MAGIC)
+        content.seek(0)
+        reader = StreamReader(content, emit_chunks=True, validate_crcs=True, record_size_limit=LONGEST_RECORD)
+        note, expected = "", None
+        try:
+            for record in _records(reader, allowance(path.stat().st_size)):
+                if isinstance(record, Schema):
+                    schemas[record.id] = record
+                elif isinstance(record, Channel):
+                    channels.setdefault(record.id, LoggedTopic(record, schemas.get(record.schema_id)))
+                    if wanted(record.topic, columns):
+                        kept.add(record.id)
+                elif isinstance(record, Message):
+                    channels[record.channel_id].times.append(record.log_time)
+                    if record.channel_id in kept:
+                        channels[record.channel_id].data.append(record.data)
+                elif isinstance(record, Statistics):
+                    expected = record.message_count
+        except (McapError, ValueError, LookupError, OverflowError, struct.error, MemoryError) as problem:
+            if finished or not isinstance(problem, EndOfFile | struct.error):
+                raise LogRefused(
+                    f"{where}: damaged near byte {content.tell()}: {problem or 'a record is cut short'}; "
+                    "recover what is readable first (mcap recover)"
+                ) from None
+            note = "the file ends early"
+    topics = list(channels.values())
+    count = sum(len(topic.times) for topic in topics)
+    # few writers fill in the CRC of the whole, and a record whose kind is damaged is skipped
+    if expected not in (None, count):
+        raise LogRefused(f"{where}: damaged: {count} messages where its index says {expected}; mcap recover may help")
+    last = max((max(t.times) for t in topics if t.times), default=0)
+    first = min((min(t.times) for t in topics if t.times), default=0)
+    return topics, f"{note}: read {(last - first) / NANOSECONDS:.3f} s of it" if note else ""
+
+
+def _records(reader: StreamReader, most: int) -> Iterator[McapRecord]:
+    """Records of a file, those in its chunks among them, which may unpack to `most` bytes in all."""
+    for record in reader.records:
+        if isinstance(record, Chunk):
+            content = unpacked(record, most)
+            most -= len(content)
+            if record.uncompressed_crc not in (0, found := zlib.crc32(content)):
+                raise ValueError(f"a chunk has the CRC {found:08x}, expected {record.uncompressed_crc:08x}")
+            yield from _inside(content)
+        else:
+            yield record
+
+
+def _inside(content: bytes) -> Iterator[McapRecord]:
+    """The records in a chunk, one by one: mcap's own way has all of them in memory, ten times what they unpack to."""
+    place = 0
+    while place < len(content):
+        if place + RECORD_PREFIX > len(content):
+            raise EndOfFile
+        opcode, length = _PREFIX.unpack_from(content, place)
+        begin, place = place + RECORD_PREFIX, place + RECORD_PREFIX + length
+        if place > len(content):
+            raise EndOfFile
+        if opcode == Opcode.MESSAGE:
+            if length < _MESSAGE.size:
+                raise ValueError("a message is cut short")
+            channel, sequence, logged, published = _MESSAGE.unpack_from(content, begin)
+            data = content[begin + _MESSAGE.size : place]
+            yield Message(channel_id=channel, sequence=sequence, log_time=logged, publish_time=published, data=data)
+        elif opcode in (Opcode.SCHEMA, Opcode.CHANNEL):
+            kind = Schema if opcode == Opcode.SCHEMA else Channel
+            yield kind.read(ReadDataStream(BytesIO(content[begin:place])))

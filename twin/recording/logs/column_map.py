@@ -20,10 +20,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from twin.errors import InputRefused
+from twin.errors import InputRefused, nearest
 from twin.files import read_toml
-from twin.recording.logs.errors import LogRefused
-from twin.units import known_unit
+from twin.recording.logs.log import LogRefused
+from twin.units import ATOMS, Unit, known_unit
 
 TIME = "time"
 TIME_NAMES = ("t", "time", "timestamp")
@@ -89,6 +89,23 @@ def split_unit(header: str) -> tuple[str, str]:
     if name and known_unit(text) and not _MOTOR_SIDE.fullmatch(header):
         return name, text
     return header, ""
+
+
+def unit(text: str, where: str) -> Unit:
+    """The unit that `text` spells.
+
+    Args:
+        text: `mm`, `rad/s`, `deg_per_s`.
+        where: begins the sentence of the refusal: file and column.
+
+    Raises:
+        LogRefused: there is no such unit; it names the nearest.
+    """
+    found = known_unit(text)
+    if found is None:
+        hint = nearest(text, ATOMS, "expected one such as mm, N, deg, rad/s, Nm, ms, A or 1")
+        raise LogRefused(f"{where}: unknown unit '{text}'; {hint}")
+    return found
 
 
 def _column(source: str) -> MappedColumn:

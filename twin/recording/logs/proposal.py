@@ -14,8 +14,8 @@ import numpy as np
 
 from twin.errors import visible
 from twin.recording.logs.column_map import TIME, TIME_NAMES, split_unit
-from twin.recording.logs.csv_table import CsvTable, read_table
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.csv_file import CsvTable, read_table
+from twin.recording.logs.log import LogRefused
 from twin.units import FORCE, Dimension, known_unit
 from twin.writing import write_text
 

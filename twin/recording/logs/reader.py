@@ -11,12 +11,10 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.files import open_regular
 from twin.recording.folder import recording_in
-from twin.recording.logs.bag import SQLITE, is_bag, read_bag
+from twin.recording.logs.bag import MAGIC, SQLITE, is_bag, read_bag, read_mcap, written_by_twin
 from twin.recording.logs.column_map import MappedColumn
 from twin.recording.logs.csv_file import read_csv
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, LogSeries
-from twin.recording.logs.mcap_file import MAGIC, read_mcap, written_by_twin
+from twin.recording.logs.log import Log, LogRefused, LogSeries
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 

@@ -1,19 +1,18 @@
-"""Topics of a log, and the series that a column map takes from them."""
+"""Topics of a log: their messages as they lie in the file, and the series that a column map takes from them."""
 
 from array import array
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
+from mcap.records import Channel, Schema
 from numpy.typing import NDArray
 
 from twin.errors import nearest
-from twin.recording.logs.clocks import clock_note, restart
-from twin.recording.logs.column_map import TIME, MappedColumn, split_unit
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, LogSeries
-from twin.recording.logs.topic import LoggedTopic, NoField, Numbers, numbers_of
-from twin.recording.logs.units import unit
+from twin.recording.logs import decoding
+from twin.recording.logs.column_map import TIME, MappedColumn, split_unit, unit
+from twin.recording.logs.log import LARGEST, Log, LogRefused, LogSeries
 from twin.units import Dimension
 
 NANOSECONDS = 1e9
@@ -21,6 +20,36 @@ STAMP = "header.stamp"
 """Of a message of ROS 2 that has one."""
 SAME_CLOCK = 1.0
 """Log times and stamps that are further apart (s) are not taken for those of one clock."""
+BACK, PERIODS = 0.1, 10.0
+"""Messages may overtake each other by less than `BACK` (s) or so many of their periods, whichever is more; what goes
+back further was started anew. Two publishers and a network come to some milliseconds."""
+LATE, DRIFT = 0.1, 0.02
+"""Stamps of the clock of the log are this much (s) behind it at most, and their delay changes by less than `DRIFT`; a
+camera is as late, a robot's drive is not."""
+SHARE = 8
+"""Of the messages, this part at either end tells what a delay is there."""
+
+
+@dataclass
+class LoggedTopic:
+    """Messages of one topic.
+
+    Attributes:
+        channel, schema: as in an MCAP file.
+        times: log times, ns, in the order of the file.
+        data: of the messages; empty if no column is of this topic.
+    """
+
+    channel: Channel
+    schema: Schema | None
+    # a list of numbers takes five times the memory
+    times: "array[int]" = field(default_factory=lambda: array("Q"))
+    data: list[bytes] = field(default_factory=list)
+
+    @property
+    def kind(self) -> str:
+        """Type of the messages."""
+        return self.schema.name if self.schema else "json"
 
 
 def wanted(topic: str, columns: Mapping[str, MappedColumn]) -> bool:
@@ -209,3 +238,111 @@ class TopicReading:
                 "out --map time=... to take log times"
             )
         return factor.in_si(stamps.values)
+
+
+@dataclass(frozen=True)
+class Numbers:
+    """What the messages of a topic say in one field.
+
+    Attributes:
+        values: as they are there, (k,).
+        rows: which of the messages have it, ascending, (k,).
+        unit: that their type gives it; empty if none.
+    """
+
+    values: NDArray[np.float64]
+    rows: NDArray[np.int64]
+    unit: str
+
+
+class NoField(LogRefused):
+    """The messages of a topic have no such field."""
+
+
+def numbers_of(
+    path: Path, name: str, topic: LoggedTopic, field_paths: Sequence[str]
+) -> dict[str, Numbers | LogRefused]:
+    """The numbers at each of `field_paths` of the messages of a topic, or why there are none."""
+    try:
+        decode = decoding.decoder(topic.channel, topic.schema)
+    except ValueError as problem:
+        raise LogRefused(f"{path}: {name}: {problem}") from None
+    if decode is None:
+        encoding = topic.channel.message_encoding or "nothing known"
+        raise LogRefused(f"{path}: {name} is encoded as {encoding}; protobuf, json and cdr are read")
+    found: dict[str, Numbers | LogRefused] = {}
+    parts = {one: decoding.path_parts(one) for one in field_paths}
+    values = {one: array("d") for one in field_paths}
+    rows = {one: array("q") for one in field_paths}
+    unnamed: dict[str, str] = {}
+    units: dict[str, str] = {}
+    for k, data in enumerate(topic.data):
+        try:
+            message = decode(data)
+        except ValueError as problem:
+            raise LogRefused(f"{path}: {name}: message {k + 1} of {len(topic.data)}: {problem}") from None
+        if not units:
+            units = {one: decoding.unit_of(message, parts[one]) for one in field_paths}
+        for one in field_paths:
+            if one in found:
+                continue
+            try:
+                values[one].append(decoding.field(message, parts[one]))
+                rows[one].append(k)
+            except decoding.Unnamed as problem:
+                unnamed[one] = str(problem)
+            except LookupError as problem:
+                found[one] = NoField(f"{path}: {name} has no field '{one}'; {problem.args[0]}")
+            except ValueError as problem:
+                found[one] = LogRefused(f"{path}: {name}.{one}: {problem}")
+    for one in field_paths:
+        if one in found:
+            continue
+        numbers = np.array(values[one], dtype=np.float64)
+        # nan is no number either
+        wrong = np.flatnonzero(~(np.abs(numbers) <= LARGEST))
+        if len(wrong):
+            found[one] = LogRefused(
+                f"{path}: {name}.{one} is {numbers[wrong[0]]} in message {rows[one][wrong[0]] + 1} of "
+                f"{len(topic.data)}, expected numbers"
+            )
+        elif not len(numbers):
+            found[one] = LogRefused(f"{path}: {name} has no '{one}'; {unnamed.get(one, 'it has no messages')}")
+        else:
+            found[one] = Numbers(numbers, np.array(rows[one], dtype=np.int64), units[one])
+    return found
+
+
+def restart(t: NDArray[np.float64]) -> int:
+    """Index at which the times t (n,), n >= 2, in s, in the order of a log, first start anew; 0 if nowhere."""
+    steps = np.diff(t)
+    back = np.flatnonzero(steps < -max(BACK, PERIODS * float(np.median(np.abs(steps)))))
+    return int(back[0]) + 1 if len(back) else 0
+
+
+def clock_note(name: str, logged: NDArray[np.float64], stamps: NDArray[np.float64], by_stamp: bool) -> str:
+    """A sentence if the stamps of a topic are of another clock than the log's; empty if not.
+
+    Args:
+        name: of the topic.
+        logged: log times in the order of the log, s, (n,).
+        stamps: of the messages, s, (n,).
+        by_stamp: whether stamps are the times that are used.
+    """
+    if not by_stamp and (again := restart(stamps)):
+        return (
+            f"the stamps of {name} start anew {logged[again] - logged[0]:.3f} s after its first message: "
+            f"from {stamps[again - 1]:.3f} s back to {stamps[again]:.3f} s"
+        )
+    delay = logged - stamps
+    few = max(1, len(delay) // SHARE)
+    first, last = float(np.median(delay[:few])), float(np.median(delay[-few:]))
+    if abs(first) <= LATE and abs(last - first) <= DRIFT:
+        return ""
+    where = "behind" if first > 0.0 else "ahead of"
+    change = f", and by {abs(last - first):.3f} s {'more' if abs(last) > abs(first) else 'less'} at the end"
+    used = "stamps" if by_stamp else "log times"
+    return (
+        f"two clocks: the stamps of {name} are {abs(first):.3f} s {where} its log times"
+        f"{change if abs(last - first) > DRIFT else ''}; {used} are used"
+    )

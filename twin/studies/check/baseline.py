@@ -2,22 +2,24 @@
 
 import hashlib
 import json
-import math
 import os
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
+import tomlkit
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, model_validator
 
 from twin import __version__
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.experiment.mistakes import sentences
 from twin.files import read_toml
 from twin.places import HOME, is_clone
 from twin.studies.check.measurement import POINTS, Measured, Sampled
-from twin.writing import made_folder, write_text
+from twin.writing import inline_table, made_folder, write_text
 
 OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
@@ -34,8 +36,17 @@ _REFUSING = ("ball_joint_limit_deg", "link_diameter_mm", "rod_diameter_mm", "rod
 _ANEW = "remove it and write it anew with --update"
 
 
-@dataclass(frozen=True)
-class Kept:
+Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
+Width = Annotated[float, Field(strict=True, allow_inf_nan=False, ge=0.0)]
+
+
+class _Table(BaseModel):
+    """A table of the file."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid")
+
+
+class Kept(_Table):
     """A number of a baseline: off by more than its bound either way is a deviation.
 
     Attributes:
@@ -43,29 +54,51 @@ class Kept:
         keep: the bound has been chosen by somebody, and an update leaves it.
     """
 
-    value: float
+    value: Number
     unit: str
-    bound: float
+    bound: Width
     keep: bool = False
 
 
-@dataclass(frozen=True)
-class Entry:
+class Entry(_Table):
     """When a baseline was accepted, and why."""
 
     date: str
     reason: str
 
 
-@dataclass(frozen=True)
-class Baseline:
+class StoredCurve(_Table):
+    """A curve, thinned; as `Sampled` has it, with the units of times in their names."""
+
+    signal: str
+    unit: str
+    tolerance: Width
+    dt_s: Width
+    t_s: tuple[Number, ...]
+    values: tuple[Number, ...]
+
+    @model_validator(mode="after")
+    def _rising(self) -> "StoredCurve":
+        # compared, not subtracted: the difference of two numbers may be more than any number
+        rising = len(self.t_s) > 1 and all(before < after for before, after in pairwise(self.t_s))
+        if not rising or len(self.t_s) != len(self.values):
+            raise ValueError("expected as many numbers in t_s as in values, with times that increase")
+        return self
+
+    @property
+    def curve(self) -> Sampled:
+        """The curve, to be compared with."""
+        return Sampled(self.signal, self.unit, np.array(self.t_s), np.array(self.values), self.tolerance, self.dt_s)
+
+
+class Baseline(_Table):
     """What is stored.
 
     Attributes:
         experiment, drive: their names.
         fingerprint: of the experiment.
-        fmus: SHA-256 by file name.
         twin: version that measured it.
+        fmus: SHA-256 by file name.
         history: oldest first.
         metrics: by "measure.metric".
         tubes: by measure.
@@ -74,11 +107,11 @@ class Baseline:
     experiment: str
     drive: str
     fingerprint: str
-    fmus: dict[str, str]
     twin: str
+    fmus: dict[str, str]
     history: tuple[Entry, ...]
     metrics: dict[str, Kept]
-    tubes: dict[str, Sampled]
+    tubes: dict[str, StoredCurve] = Field(default={})
 
 
 def baselines_here() -> Path:
@@ -135,7 +168,7 @@ def baseline_of(
         old = before.metrics.get(name) if before else None
         kept = old is not None and old.keep
         bound = old.bound if old is not None and kept else _rounded(metric.bound, 3)
-        metrics[name] = Kept(_rounded(metric.value), metric.unit, bound, kept)
+        metrics[name] = Kept(value=_rounded(metric.value), unit=metric.unit, bound=bound, keep=kept)
     return Baseline(
         experiment=experiment.name,
         drive=drive,
@@ -178,25 +211,23 @@ def read_baseline(file: Path) -> Baseline:
     except InputRefused as problem:
         raise InputRefused(f"{problem}; mend it, or {_ANEW}") from None
     try:
-        return Baseline(
-            experiment=_text(table, "experiment"),
-            drive=_text(table, "drive"),
-            fingerprint=_text(table, "fingerprint"),
-            fmus=dict(table["fmus"]),
-            twin=_text(table, "twin"),
-            history=tuple(Entry(**entry) for entry in table["history"]),
-            metrics={name: _kept(name, kept) for name, kept in dict(table["metrics"]).items()},
-            tubes={name: _tube(name, tube) for name, tube in dict(table.get("tubes", {})).items()},
-        )
-    except KeyError as missing:
-        raise InputRefused(f"{file}: no baseline: missing key {missing}; {_ANEW}") from None
-    except (TypeError, ValueError) as problem:
-        raise InputRefused(f"{file}: no baseline: {problem}; {_ANEW}") from None
+        return Baseline.model_validate(table)
+    except ValidationError as problem:
+        mistake = sentences(problem, Baseline, "")[0].replace("[.", "[").removeprefix("[] ")
+        raise InputRefused(f"{file}: no baseline: {mistake}; {_ANEW}") from None
 
 
 def baseline_text(baseline: Baseline) -> str:
     """`baseline` as TOML, a line per number."""
-    return "\n".join(_lines(baseline)) + "\n"
+    text = tomlkit.document()
+    about = f"twin check {baseline.experiment} --drive {baseline.drive}"
+    text.add(tomlkit.comment(f"{about}: SI units; a bound with keep = true stays"))
+    facts = baseline.model_dump(exclude_defaults=True)
+    facts["metrics"] = {name: inline_table(kept) for name, kept in facts["metrics"].items()}
+    for tube in facts.get("tubes", {}).values():
+        tube |= {name: _array(tube[name]) for name in ("t_s", "values")}
+    text.update(facts)
+    return tomlkit.dumps(text)
 
 
 def write_baseline(file: Path, text: str) -> None:
@@ -209,61 +240,26 @@ def write_baseline(file: Path, text: str) -> None:
     write_text(file, text)
 
 
-def _lines(b: Baseline) -> Iterable[str]:
-    yield f"# twin check {b.experiment} --drive {b.drive}: SI units; a bound with keep = true stays"
-    for key in ("experiment", "drive", "fingerprint", "twin"):
-        yield f"{key} = {json.dumps(getattr(b, key))}"
-    yield "\n[fmus]"
-    yield from (f"{json.dumps(name)} = {json.dumps(digest)}" for name, digest in b.fmus.items())
-    for entry in b.history:
-        yield f"\n[[history]]\ndate = {json.dumps(entry.date)}\nreason = {json.dumps(entry.reason, ensure_ascii=False)}"
-    yield "\n[metrics]"
-    for name, kept in b.metrics.items():
-        keep = ", keep = true" if kept.keep else ""
-        yield f'"{name}" = {{ value = {kept.value!r}, unit = "{kept.unit}", bound = {kept.bound!r}{keep} }}'
-    for name, tube in b.tubes.items():
-        yield f'\n[tubes.{name}]\nsignal = "{tube.signal}"\nunit = "{tube.unit}"'
-        yield f"tolerance = {tube.tolerance!r}\ndt_s = {tube.dt!r}"
-        yield f"t_s = {_array(tube.t)}\nvalues = {_array(tube.values)}"
+def _array(values: Sequence[float]) -> Any:
+    """An array of TOML with ten numbers a line."""
+    array = tomlkit.array()
+    for start in range(0, len(values), 10):
+        array.add_line(*values[start : start + 10], indent="  ")
+    array.add_line(indent="")
+    return array
 
 
-def _array(values: np.ndarray) -> str:
-    """Ten numbers a line."""
-    texts = [repr(float(value)) for value in values]
-    return "[\n" + "".join(f"  {', '.join(texts[i : i + 10])},\n" for i in range(0, len(texts), 10)) + "]"
-
-
-def _text(table: dict[str, Any], key: str) -> str:
-    if not isinstance(table[key], str):
-        raise TypeError(f"{key} = {table[key]!r}: expected a text")
-    return table[key]
-
-
-def _kept(name: str, table: dict[str, Any]) -> Kept:
-    kept = Kept(**table)
-    if not (math.isfinite(kept.value) and math.isfinite(kept.bound) and kept.bound >= 0.0):
-        raise ValueError(f'"{name}": expected a number and a bound >= 0')
-    return kept
-
-
-def _tube(name: str, table: dict[str, Any]) -> Sampled:
-    t, values = np.array(table["t_s"], dtype=float), np.array(table["values"], dtype=float)
-    # compared, not subtracted: the difference of two numbers may be more than any number
-    rising = len(t) > 1 and np.all(t[1:] > t[:-1])
-    if not rising or t.shape != values.shape or not np.all(np.isfinite(t)) or not np.all(np.isfinite(values)):
-        raise ValueError(f"tube {name}: expected as many numbers in t_s as in values, with times that increase")
-    tolerance, dt = float(table["tolerance"]), float(table["dt_s"])
-    if not (math.isfinite(tolerance) and tolerance >= 0.0 and math.isfinite(dt) and dt >= 0.0):
-        raise ValueError(f"tube {name}: expected tolerance and dt_s to be numbers >= 0")
-    return Sampled(table["signal"], table["unit"], t, values, tolerance, dt)
-
-
-def _thinned(curve: Sampled) -> Sampled:
+def _thinned(curve: Sampled) -> StoredCurve:
     """Some samples, evenly spread, with six digits."""
     chosen = np.unique(np.linspace(0, len(curve.t) - 1, POINTS).round().astype(int))
-    t = np.array([round(float(curve.t[k]), 9) for k in chosen])
-    values = np.array([_rounded(float(curve.values[k])) for k in chosen])
-    return Sampled(curve.signal, curve.unit, t, values, _rounded(curve.tolerance, 3), curve.dt)
+    return StoredCurve(
+        signal=curve.signal,
+        unit=curve.unit,
+        tolerance=_rounded(curve.tolerance, 3),
+        dt_s=curve.dt,
+        t_s=tuple(round(float(curve.t[k]), 9) for k in chosen),
+        values=tuple(_rounded(float(curve.values[k])) for k in chosen),
+    )
 
 
 def _rounded(value: float, digits: int = 6) -> float:

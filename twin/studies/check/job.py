@@ -1,7 +1,7 @@
 """Many checks, one after the other, as a job of a process that may die of a drive."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -131,6 +131,6 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
     known = known_baseline(folder, file.stem, pair.drive)
     experiment, now = measured_with(file, pair.drive)
     history = known.history if known else ()
-    after = baseline_of(experiment, pair.drive, now, (*history, Entry(date, reason)), known)
-    same = known is not None and baseline_text(known) == baseline_text(replace(after, history=history))
+    after = baseline_of(experiment, pair.drive, now, (*history, Entry(date=date, reason=reason)), known)
+    same = known is not None and baseline_text(known) == baseline_text(after.model_copy(update={"history": history}))
     return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else baseline_text(after))

@@ -109,7 +109,7 @@ def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: 
         if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
             rows.append(CheckRow(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone"))
         else:
-            row, beside = _tube_row(f"{name}.tube", tube, curve)
+            row, beside = _tube_row(f"{name}.tube", tube.curve, curve)
             rows.append(row)
             outside += [beside] if row.word == "outside" else []
     notes = tuple(_notes(experiment, baseline, now))

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.axes import Axes
 
-from twin.recording.logs.sampling import sampling
+from twin.recording.logs.log import sampling
 from twin.studies.compare.comparison import Comparison
 from twin.studies.compare.row import SignalRow, TubeCurves
 from twin.studies.compare.text import shown

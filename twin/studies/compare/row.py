@@ -4,8 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from twin.recording.logs.log import LogSeries
-from twin.recording.logs.sampling import in_gap
+from twin.recording.logs.log import LogSeries, in_gap
 from twin.studies.compare.tolerance import Allowance
 from twin.studies.compare.tube import Curve, Tube, reach
 

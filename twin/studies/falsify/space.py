@@ -1,6 +1,5 @@
 """What may be wrong, and the experiment file that says so."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import product
@@ -8,11 +7,10 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
+import tomlkit
 
-from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.source import toml_value
-from twin.files import toml_of
+from twin.experiment.source import laid_over
 from twin.studies.faults.case import GLITCH_SHARE
 
 RANDOM = (
@@ -62,7 +60,7 @@ class Space:
     """Where the search looks.
 
     Attributes:
-        base: keys and values of a TOML file that every run has: settings.
+        base: tables that every run has: settings.
         requirements: (name, formula) of each.
         kinds: of faults.
         ticks: of the experiment; a fault begins before that.
@@ -73,7 +71,7 @@ class Space:
         noisy: whether its encoders have noise.
     """
 
-    base: Mapping[str, str]
+    base: Mapping[str, Any]
     requirements: Sequence[tuple[str, str]]
     kinds: Sequence[str]
     ticks: int
@@ -137,18 +135,16 @@ class Space:
         Args:
             experiment: the file that it extends, as it is found from where it will stand.
         """
-        top = {"extends": toml_value(str(experiment)), **self.base}
-        if wrong.body is not None:
-            top["contact.body"] = toml_value(wrong.body)
-        if wrong.seed:
-            top["seed"] = str(self.seed + wrong.seed)
-        lines = [f"# {comment}" for comment in comments] + [f"{key} = {value}" for key, value in top.items()]
-        if wrong.kind:
-            lines += ["", "[[fault]]", *(f"{key} = {toml_value(value)}" for key, value in self._table(wrong).items())]
-        for name, formula in self.requirements:
-            table = {"name": name, "kind": "requirement", "formula": formula}
-            lines += ["", "[[measure]]", *(f"{key} = {toml_value(value)}" for key, value in table.items())]
-        return "\n".join(lines) + "\n"
+        tables = {"extends": str(experiment)} | laid_over(
+            self.base,
+            ({"contact": {"body": wrong.body}} if wrong.body is not None else {})
+            | ({"seed": self.seed + wrong.seed} if wrong.seed else {})
+            | ({"fault": [self._table(wrong)]} if wrong.kind else {}),
+        )
+        tables["measure"] = [
+            {"name": name, "kind": "requirement", "formula": formula} for name, formula in self.requirements
+        ]
+        return "".join(f"# {comment}\n" for comment in comments) + tomlkit.dumps(tables)
 
     def _table(self, wrong: Wrong) -> dict[str, Any]:
         known = CATALOGUE[wrong.kind]
@@ -170,18 +166,3 @@ def _has_two_ways(kind: str) -> bool:
     """Whether a magnitude of `kind` may have the other sign, or be the inverse of a factor."""
     known = CATALOGUE[kind]
     return known.unit == "factor" or (known.magnitudes is not None and not {"gt", "ge"} & known.bounds.keys())
-
-
-def settings_as_toml(settings: Sequence[str]) -> dict[str, str]:
-    """`--set` texts as keys and values of a TOML file; a bare word is text, as it is on the command line."""
-    found = {}
-    for text in settings:
-        key, equals, value = text.partition("=")
-        if not equals or not key.strip():
-            raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
-        try:
-            toml_of(f"value = {value.strip()}", "")
-        except InputRefused:
-            value = json.dumps(value.strip())
-        found[key.strip()] = value.strip()
-    return found

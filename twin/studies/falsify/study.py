@@ -61,14 +61,14 @@ def falsify(
         NotWritten: the disk refuses.
     """
     from twin.experiment.named import experiment_file
-    from twin.experiment.source import toml_value
+    from twin.experiment.source import Source, override
     from twin.runs.assembly.load import load_experiment
     from twin.runs.guard.limits import cores
     from twin.studies.falsify.crew import crew
     from twin.studies.falsify.holes import Holes
     from twin.studies.falsify.judge import Judge, requirements_of
     from twin.studies.falsify.search import Search
-    from twin.studies.falsify.space import Space, settings_as_toml
+    from twin.studies.falsify.space import Space
     from twin.studies.falsify.text import Found, falsify_text, header
     from twin.studies.faults.case import cases, known_kinds
     from twin.studies.left_behind import SCRATCH, held_folder
@@ -84,11 +84,12 @@ def falsify(
     wanted = requirements_of(loaded, requirements, path)
     # a duration is refused as `twin faults` refuses it
     cases(loaded, (), (), duration)
-    base = settings_as_toml(settings)
+    base = Source()
+    override(base, settings)
     if drive is not None:
-        base["drive.fmu"] = toml_value(loaded.values["drive"]["fmu"])
+        base.values.setdefault("drive", {})["fmu"] = loaded.values["drive"]["fmu"]
     space = Space(
-        base,
+        base.values,
         [(requirement.name, requirement.formula) for requirement in wanted],
         chosen,
         loaded.duration_ticks,

@@ -8,8 +8,7 @@ from scipy.sparse.csgraph import connected_components
 
 from twin.controller.belief import Belief
 from twin.errors import TwinError, Unreachable
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
+from twin.recording.logs.log import Log, LogRefused
 from twin.studies.identify.balance import CONTACT, in_air, on_scale
 from twin.studies.identify.fit import TOLD, Fit, fit
 from twin.studies.identify.friction import friction

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
+from twin.recording.logs.log import Log, LogRefused
 from twin.studies.identify.balance import wind_up, wound
 from twin.studies.identify.clustered import line
 from twin.studies.identify.fit import Fit

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.sampling import in_gap
+from twin.recording.logs.log import LogRefused, in_gap
 from twin.studies.replay.robot_log import RobotLog
 
 LENGTH = 0.1

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from twin.errors import InputRefused
-from twin.recording.logs.csv_table import CsvTable, table_of
+from twin.recording.logs.csv_file import CsvTable, table_of
 from twin.studies.metrics.response import Curve
 
 TRUTH = re.compile(rb"(?<=[,;\t])(?:true|false)(?=[,;\t\r\n]|$)", re.IGNORECASE)

@@ -15,7 +15,7 @@ from twin.errors import ComponentFailed
 from twin.plant.body import Body
 from twin.plant.component import OUTPUTS, Plant
 from twin.plant.parameters import STATES
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import LogRefused
 from twin.studies.replay.model import RobotModel
 
 LONGEST_GAP = 0.1

@@ -9,8 +9,7 @@ from twin.controller.belief import Belief
 from twin.controller.estimator import Estimator, angle
 from twin.cosim.playback import columns, play
 from twin.errors import InputRefused
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
+from twin.recording.logs.log import Log, LogRefused
 from twin.studies.replay.drift import Drift, drift
 from twin.studies.replay.model import RobotModel
 from twin.studies.replay.plant_model import motions

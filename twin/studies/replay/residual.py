@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
-from twin.recording.logs.sampling import in_gap
+from twin.recording.logs.log import in_gap
 from twin.robot.sea import load_torque
 
 LONGEST_LAG = 0.5

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log, LogSeries
+from twin.recording.logs.log import Log, LogRefused, LogSeries
 from twin.units import known_unit, weight_hint
 
 SCALE = "scale.F_z"

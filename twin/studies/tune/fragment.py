@@ -1,11 +1,14 @@
 """Gains as an experiment file that extends the one they were found for."""
 
-import json
 import shlex
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
+
+import tomlkit
 
 from twin.studies.tune.tuned import Tuned
+from twin.writing import inline_table
 
 
 def goals_sentence(done: Tuned) -> str:
@@ -27,25 +30,21 @@ def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]
         options: of the command line, with which the experiment is as it was tuned.
     """
     source = f"twin tune: {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
+
+    def found(value: float, before: float) -> Any:
+        # six digits are more than a search knows
+        return inline_table({"value": float(f"{value:.6g}"), "source": f"{source}; was {before:.6g}"})
+
     before, after = done.before.gains, done.after.gains
-    lines = [
-        f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}",
-        f"extends = {json.dumps(str(findable(experiment, folder)))}",
-        "",
-        "[controller.position]",
-        _line("kp_per_s", after.kp, source, before.kp),
-        "ki_per_s2 = 0",
-        "kd = 0",
-    ]
+    laws = {"position": {"kp_per_s": found(after.kp, before.kp), "ki_per_s2": 0, "kd": 0}}
     if done.goals.law == "force":
-        lines += [
-            "",
-            "[controller.force]",
-            _line("kp_mm_per_N", 1e3 * after.force_kp, source, 1e3 * before.force_kp),
-            _line("ki_mm_per_N_s", 1e3 * after.force_ki, source, 1e3 * before.force_ki),
-            "kd_mm_s_per_N = 0",
-        ]
-    return "\n".join(lines) + "\n"
+        laws["force"] = {
+            "kp_mm_per_N": found(1e3 * after.force_kp, 1e3 * before.force_kp),
+            "ki_mm_per_N_s": found(1e3 * after.force_ki, 1e3 * before.force_ki),
+            "kd_mm_s_per_N": 0,
+        }
+    head = f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}\n"
+    return head + tomlkit.dumps({"extends": str(findable(experiment, folder)), "controller": laws})
 
 
 def findable(experiment: Path, folder: Path) -> Path:
@@ -53,8 +52,3 @@ def findable(experiment: Path, folder: Path) -> Path:
     here, file = folder.resolve(), experiment.resolve()
     found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
     return experiment if found is not None and found.resolve() == file else file
-
-
-def _line(key: str, value: float, source: str, before: float) -> str:
-    told = json.dumps(f"{source}; was {before:.6g}", ensure_ascii=False)
-    return f"{key} = {{ value = {value:.6g}, source = {told} }}"

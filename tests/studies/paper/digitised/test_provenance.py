@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from twin.recording.logs.errors import LogRefused
+from twin.recording.logs.log import LogRefused
 from twin.recording.logs.reader import read_log
 from twin.studies.paper.digitised.provenance import Provenance, provenance
 

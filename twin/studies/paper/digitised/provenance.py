@@ -11,10 +11,8 @@ from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
 from twin.experiment.quantity import Section
 from twin.files import toml_of
-from twin.recording.logs.column_map import TIME_NAMES, split_unit
-from twin.recording.logs.errors import LogRefused
-from twin.recording.logs.log import Log
-from twin.recording.logs.units import unit
+from twin.recording.logs.column_map import TIME_NAMES, split_unit, unit
+from twin.recording.logs.log import Log, LogRefused
 
 Points = tuple[tuple[float, float], tuple[float, float]]
 
