@@ -88,6 +88,13 @@ TISSUE = record_of(
     settling="f8",
     averaging="f8",
     growth="f8",
+    smoothing="f8",
+    off="f8",
+    notch=STAGE,
+    off_squared="f8",
+    F_ref="f8",
+    z_k="f8",
+    zzz="f8",
     squares="f8",
     moving="f8",
     spring="f8",
@@ -156,6 +163,7 @@ def _prepare(m, h):
     m.omega = 2.0 * math.pi * m.frequency
     m.turn_sine, m.turn_cosine = math.sin(m.omega * h), math.cos(m.omega * h)
     m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
+    m.smoothing = m.omega * h / (1.0 + m.omega * h)
     m.growth = GROWTH ** (m.frequency * h)
     # half a swing
     m.averaging = 2.0 * m.frequency * h
