@@ -3,14 +3,14 @@
 import math
 
 from twin.compiled.function import njit
-from twin.controller.tissue import DAMPING, HIGHEST, unlearn
+from twin.controller.tissue import HIGHEST, unlearn
 from twin.controller.filter import state_variable
 
 LARGEST = 5e-4
 """Largest amplitude of the dither (m)."""
 
 
-HIDDEN = 1.0
+HIDDEN = 0.3
 """Amplitude of the dither's force over the rms of the force error there is, at most, while the reference stands still."""
 RESTING = 0.05
 """Share of its full force below which it rests."""
@@ -29,9 +29,9 @@ def dither(m, h, F, F_ref):
         m.off, m.off_squared, m.notch.fast, m.notch.slow = F_ref - F, 0.0, 0.0, F_ref - F
         return 0.0, 0.0
     m.off += m.smoothing * (F_ref - F - m.off)
-    _, band, _, m.notch.fast, m.notch.slow = state_variable(DAMPING, m.g, m.notch.fast, m.notch.slow, m.off)
-    besides = m.off - DAMPING * band
-    m.off_squared += 0.5 * m.averaging * (besides * besides - m.off_squared)
+    _, band, _, m.notch.fast, m.notch.slow = state_variable(2.0, m.g, m.notch.fast, m.notch.slow, m.off)
+    besides = m.off - 2.0 * band
+    m.off_squared += m.averaging * (besides * besides - m.off_squared)
     force = m.dither
     if change < 0.0:
         force = 0.0

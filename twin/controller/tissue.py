@@ -216,6 +216,7 @@ def _begin(m, z, F):
 @njit(cache=True)
 def unlearn(m):
     """The next estimate is of what comes, the last one stands until then."""
+    m.zzz = 0.0
     m.n, m.zzF, m.zzF_late, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
@@ -230,10 +231,13 @@ def forget(m):
 def _doubted(m, error, k, F_k, age, F):
     """Square of what may be wrong with k by now.
 
-    Tissue stiffens with force, at most in proportion, and differs elsewhere.
+    Tissue stiffens with force, at most in proportion, and differs elsewhere. Time alone makes no doubt: what is softer or
+    stiffer by dk under the same force gives way by F dk/k^2 more or less, so where the height has not moved but as far as
+    the force explains, nothing has changed.
     """
     changed = CHANGE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
-    older = DRIFT * age
+    moved = abs(m.z_1 - m.z_k + (F - F_k) / k)
+    older = min(DRIFT * age, k * moved / max(F, F_k)) if age > 0.0 else 0.0
     return error * error + k * k * (changed * changed + older * older)
 
 
@@ -261,6 +265,7 @@ def _solve(m, F):
         unlearn(m)
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
+    m.z_k = m.zzz / m.zz
     m.known, m.F_k, m.F_k_late, m.age = 1, F_k, m.zzF_late / m.zz, 0.0
 
 
@@ -291,7 +296,7 @@ def _drop(m, h, z, F):
     """The estimate does not hold any more: nothing is trusted of it, and learning begins as with a new contact."""
     unlearn(m)
     _begin(m, z, F)
-    m.since, m.error = h, HIGHEST
+    m.error = HIGHEST
 
 
 @njit(cache=True, error_model="numpy")
@@ -328,6 +333,7 @@ def sense(m, h, z, F, J, pressing):
             m.n = m.keep * m.n + 1.0
             # what moved most tells most, and of the force that was there then
             m.zzF = m.keep * m.zzF + z_f * z_f * F
+            m.zzz = m.keep * m.zzz + z_f * z_f * z
             m.zzF_late = m.keep * m.zzF_late + z_f * z_f * m.F_late
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
