@@ -1,17 +1,23 @@
-"""A swing of the reference while the tissue is not known well enough: a quiet press teaches `tissue` nothing."""
+"""A swing of the reference while the tissue is not known well enough: a quiet press teaches `tissue` nothing.
+
+It costs force, so it asks what there is to be gained (dual control; Åström and Wittenmark 1995, Adaptive Control, Ch.
+7). While the reference rises it has its full force; while it stands still it hides beneath the force error that there
+is, and rests where there is none, for gains would not improve it; while the reference falls it rests, for the press
+is over before anything is learnt.
+"""
 
 import math
 
 from twin.compiled.function import njit
-from twin.controller.tissue import HIGHEST, unlearn
 from twin.controller.filter import state_variable
+from twin.controller.tissue import HIGHEST, unlearn
 
 LARGEST = 5e-4
 """Largest amplitude of the dither (m)."""
-
-
 HIDDEN = 0.3
-"""Amplitude of the dither's force over the rms of the force error there is, at most, while the reference stands still."""
+"""Amplitude of its force over the rms of the force error without it, at most, while the reference stands still."""
+NOTCH = 2.0
+"""1/Q of the notch at the dither's frequency: it is over in 1/(2 pi f), as fast as the force error of a quick loop."""
 RESTING = 0.05
 """Share of its full force below which it rests."""
 
@@ -24,13 +30,13 @@ def dither(m, h, F, F_ref):
         F, F_ref: pressing force and its reference (N).
     """
     change = F_ref - m.F_ref
-    m.F_ref = F_ref
+    m.F_ref, m.leading = F_ref, change != 0.0
     if m.since == 0.0 or m.dither == 0.0:
         m.off, m.off_squared, m.notch.fast, m.notch.slow = F_ref - F, 0.0, 0.0, F_ref - F
         return 0.0, 0.0
     m.off += m.smoothing * (F_ref - F - m.off)
-    _, band, _, m.notch.fast, m.notch.slow = state_variable(2.0, m.g, m.notch.fast, m.notch.slow, m.off)
-    besides = m.off - 2.0 * band
+    _, band, _, m.notch.fast, m.notch.slow = state_variable(NOTCH, m.g, m.notch.fast, m.notch.slow, m.off)
+    besides = m.off - NOTCH * band
     m.off_squared += m.averaging * (besides * besides - m.off_squared)
     force = m.dither
     if change < 0.0:
