@@ -89,7 +89,7 @@ CHANGED = {"pressing": 7.0, "rolling": 8.0, "pushing": 6.0}
 """When (s) the stiffness begins to change: in the hold, in the first circles, on the first way."""
 MONITORED = tuple(setting for setting in ONE_SET if not setting.startswith("monitor"))
 ROUNDING = 0.025
-"""Rms (N) of what rounding makes of the force that the robot believes, below which no loop of its own can tell an error:
+"""Rms (N) of what rounding makes of the force that the robot believes; no loop of its own can tell less:
 k_s eta N hypot(2 pi/4096, N 2 pi/16384)/sqrt(12) |J_z| = 0.0249 N at home (`Sensing.torque_rounding`)."""
 STIFFNESS = (400, 3), (1600, 3), (400, 6), (800, 6), (400, 12), (1600, 0.3), (4800, 0.3), (4000, 0.1)
 """From which stiffness (N/m), to how many times as much."""
