@@ -45,7 +45,8 @@ def pressed(m, seconds, k=1500.0, c=0.0, breath=0.0, speed=0.0, amplitude=5e-5, 
 
 @pytest.mark.parametrize("k", [300.0, 1500.0, 5000.0])
 def test_stiffness_and_damping_of_an_ideal_tissue_are_found_with_the_inertia_of_the_platform_taken_out(k):
-    m = pressed(tissue(), 2.0, k, c=20.0)
+    # without a dither all that moves is learnt from, to the end
+    m = pressed(tissue(dither=0.0), 2.0, k, c=20.0)
     # the second difference of a sine of 5 Hz is (omega T_s)^2/12 = 0.03 % short, 0.07 N/m of 200; the rest is what is
     # left of the beginning after four time constants
     assert m["k"] == pytest.approx(k, abs=1.0 + 2e-3 * k)
@@ -63,16 +64,35 @@ def test_a_surface_that_moves_evenly_does_not_bias_it():
     assert pressed(tissue(), 2.0, speed=-2e-4)["k"] == pytest.approx(1500.0, rel=2e-3)
 
 
-def test_where_nothing_moves_the_estimate_is_held_and_doubted_more_and_more():
+def test_where_nothing_moves_the_estimate_is_held_and_no_more_doubted_than_before():
     m = pressed(tissue(), 2.0)
-    k, std = float(m["k"]), float(m["std"])
     pressed(m, 1.5, amplitude=0.0)
-    before = float(m["k"])
-    pressed(m, 3.0, amplitude=0.0)
-    assert m["k"] == before == pytest.approx(k, rel=0.05)
-    assert not m["excited"] and m["std"] > std
-    # 3 % of it each second, in 3 s
-    assert m["std"] == pytest.approx(0.09 * k, rel=0.4)
+    k, std = float(m["k"]), float(m["std"])
+    pressed(m, 30.0, amplitude=0.0)
+    assert m["k"] == k == pytest.approx(1500.0, rel=0.05)
+    # of a height that has settled on another by a fraction of a um
+    assert not m["excited"] and m["std"] == pytest.approx(std, rel=0.01)
+
+
+def test_where_the_height_moves_under_the_same_force_the_estimate_is_doubted_more_and_more():
+    m = pressed(tissue(), 2.0)
+    k = float(m["k"])
+    # 1 mm in 5 s: as much as 0.4 of stiffness would make, but no more than 3 % a second is believed
+    pressed(m, 5.0, amplitude=0.0, speed=-2e-4)
+    sense(m, T_s, Z - 1e-3, 4.0, J, True)
+    assert m["k"] == pytest.approx(k, rel=0.05)
+    assert m["std"] == pytest.approx(0.03 * 5.0 * k, rel=0.4)
+
+
+def test_while_the_reference_stands_still_the_dither_hides_beneath_the_force_error_and_rests_where_there_is_none():
+    assert not np.any(dithered(tissue(), 2.0, 1000.0, rising=0.0)[0])
+    _, forces = dithered(tissue(enough=0.0), 4.0, 1000.0, rising=0.0, off=0.2)
+    # 0.3 of 0.2 N, not the 0.1 N of a rising reference
+    assert 0.04 < np.abs(forces[1000:]).max() <= 0.063
+
+
+def test_while_the_reference_falls_the_dither_rests():
+    assert not np.any(dithered(tissue(), 2.0, 1000.0, rising=-1e-3, off=0.2)[0])
 
 
 def test_a_force_that_changes_makes_it_doubtful_in_proportion():
@@ -109,12 +129,18 @@ def test_nothing_is_learnt_in_the_air_or_without_the_force_loop():
         assert not m["known"] and not m["excited"]
 
 
-def dithered(m, seconds, k):
-    """(shift of the reference, force that it makes) of a tissue that follows at once, behind the robot's springs."""
+def dithered(m, seconds, k, rising=1e-9, off=0.0):
+    """(shift of the reference, force that it makes) of a tissue that follows at once, behind the robot's springs.
+
+    Args:
+        rising: what the reference of 4 N rises by in a call (N).
+        off: by how much the force is held off it (N).
+    """
     K, inertia = 4.0 * SQUARES, (MASS + INERTIA * SQUARES) * (2.0 * np.pi * 5.0) ** 2
     shifts, forces = [], []
-    for _ in range(round(seconds / T_s)):
-        shift, _ = dither(m, T_s)
+    for n in range(round(seconds / T_s)):
+        F = 4.0 - off + (forces[-1] if forces else 0.0)
+        shift, _ = dither(m, T_s, F, 4.0 + rising * n)
         moved = shift * K / (k + K)
         sense(m, T_s, Z + moved, 4.0 - k * moved + inertia * moved, J, True)
         shifts.append(shift)
@@ -239,7 +265,7 @@ def test_a_new_estimate_is_not_as_old_as_the_one_before():
 def test_without_a_dither_nothing_is_moved():
     m = tissue(dither=0.0)
     sense(m, T_s, Z, 4.0, J, True)
-    assert dither(m, T_s) == (0.0, 0.0)
+    assert dither(m, T_s, 4.0, 4.0) == (0.0, 0.0)
 
 
 @pytest.mark.parametrize(("f", "gain"), [(5.0, 1.0), (0.25, 6.3e-4), (50.0, 2.4e-3)])

@@ -97,7 +97,7 @@ def adapt(m, table, pid, h, z, F, J, F_ref):
     """
     tissue, pressing = m.tissue, m.pressing
     sense(tissue, h, z, F, J, pressing)
-    m.shift, m.v_shift = dither(tissue, h)
+    m.shift, m.v_shift = dither(tissue, h, F, F_ref)
     m.v = 0.0
     if m.scheduled:
         schedule_gains(m.schedule, table, tissue, pid, h)

@@ -33,7 +33,7 @@ SETTLING = 3.0
 EXCITED = 10.0
 """Rms of the band-passed height over that of the rounding noise in it, from which on something moves."""
 DRIFT = 0.03
-"""Share of k_hat by which the tissue may change in a second in which nothing is learnt."""
+"""Share of k_hat by which the tissue may change in a second in which nothing is learnt and the height moves."""
 MISFIT = 3.0
 """Force that the estimate leaves, over what its standard error explains, from which on it does not hold any more."""
 COUNT = math.sqrt(12.0)
@@ -88,6 +88,7 @@ TISSUE = record_of(
     settling="f8",
     averaging="f8",
     growth="f8",
+    smoothing="f8",
     squares="f8",
     moving="f8",
     spring="f8",
@@ -106,6 +107,7 @@ TISSUE = record_of(
     pressing="i8",
     recent=PRODUCTS,
     n="f8",
+    zzz="f8",
     zzF="f8",
     zzF_late="f8",
     zz="f8",
@@ -118,12 +120,18 @@ TISSUE = record_of(
     k="f8",
     c="f8",
     error="f8",
+    z_k="f8",
     F_k="f8",
     F_k_late="f8",
     age="f8",
     std="f8",
     std_late="f8",
     excited="i8",
+    F_ref="f8",
+    leading="i8",
+    off="f8",
+    notch=STAGE,
+    off_squared="f8",
     dithering="i8",
     phase="f8",
     amplitude="f8",
@@ -135,15 +143,17 @@ TISSUE = record_of(
 g .. growth: of the filters, worked out at the first call: tan(pi f h), 2 pi f (rad/s), sine and cosine of what the
 dither turns by in a call, what is kept of the past per call, calls per independent value in the band, which are also
 those by which the band-pass is late, when it has settled (s), share of a call in `recent`, growth of the dither in a
-call. squares .. F_noise: of the pose in which contact began: sum of the squares of the Jacobian's z column (rad^2/m^2),
-what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of rounding in the band, of height (m)
-and force (N), with `least` the power from which on something moves. z, F: the band-passes. z_0, F_0: what they began
-from. z_1, z_2, F_1: of the calls before. F_late: force, as late as what has passed the band. since: time in contact, or
-since the estimate was dropped (s). recent: means over the last half swing. n, zzF, zzF_late, zz .. FF: the normal
-equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it was made, F_k,
-F_k_late, age: at which mean force, with that which the band-pass was late by, and how long ago. std: what may be wrong
-with it by now, which decides; std_late: the same with the lag of the band-pass, which is recorded. phase, amplitude,
-sine, cosine: of the dither (rad, m, 1, 1).
+call, share of a call in `off`. squares .. F_noise: of the pose in which contact began: sum of the squares of the
+Jacobian's z column (rad^2/m^2), what moves up and down (kg), stiffness of the robot's own springs in z (N/m), rms of
+rounding in the band, of height (m) and force (N), with `least` the power from which on something moves. z, F: the
+band-passes. z_0, F_0: what they began from. z_1, z_2, F_1: of the calls before. F_late: force, as late as what has
+passed the band. since: time in contact (s). recent: means over the last half swing. n, zzz, zzF, zzF_late, zz .. FF:
+the normal equations. known: whether there is an estimate; k, c: it (N/m, N s/m); error: its standard error when it
+was made, z_k, F_k, F_k_late, age: at which mean height and force, with that which the band-pass was late by, and how
+long ago. std: what may be wrong with it by now, which decides; std_late: the same with the lag of the band-pass,
+which is recorded. F_ref: reference in the call before (N); leading: whether it moves. off, notch, off_squared: force
+error, low-passed (N), without the dither, and its mean square (N^2). phase, amplitude, sine, cosine: of the dither
+(rad, m, 1, 1).
 """
 
 
@@ -156,6 +166,7 @@ def _prepare(m, h):
     m.omega = 2.0 * math.pi * m.frequency
     m.turn_sine, m.turn_cosine = math.sin(m.omega * h), math.cos(m.omega * h)
     m.settling = SETTLING / (math.pi * m.frequency * DAMPING)
+    m.smoothing = m.omega * h / (1.0 + m.omega * h)
     m.growth = GROWTH ** (m.frequency * h)
     # half a swing
     m.averaging = 2.0 * m.frequency * h
@@ -208,7 +219,8 @@ def _begin(m, z, F):
 @njit(cache=True)
 def unlearn(m):
     """The next estimate is of what comes, the last one stands until then."""
-    m.n, m.zzF, m.zzF_late, m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
+    m.n, m.zzz, m.zzF, m.zzF_late = 0.0, 0.0, 0.0, 0.0
+    m.zz, m.zv, m.vv, m.zF, m.vF, m.FF = 0.0, 0.0, 0.0, 0.0, 0.0, 0.0
 
 
 @njit(cache=True)
@@ -222,10 +234,13 @@ def forget(m):
 def _doubted(m, error, k, F_k, age, F):
     """Square of what may be wrong with k by now.
 
-    Tissue stiffens with force, at most in proportion, and differs elsewhere.
+    Tissue stiffens with force, at most in proportion, and differs elsewhere. Time alone makes no doubt: what is
+    softer or stiffer by dk under the same force gives way by F dk/k^2 more or less, so where the height has not moved
+    but as far as the force explains, nothing has changed.
     """
     changed = CHANGE * abs(F - F_k) / max(F, F_k) if m.since > 0.0 else 0.0
-    older = DRIFT * age
+    moved = abs(m.z_1 - m.z_k + (F - F_k) / k)
+    older = min(DRIFT * age, k * moved / max(F, F_k)) if age > 0.0 else 0.0
     return error * error + k * k * (changed * changed + older * older)
 
 
@@ -253,6 +268,7 @@ def _solve(m, F):
         unlearn(m)
         return
     m.k, m.c, m.error = min(k, HIGHEST), c / m.omega, error
+    m.z_k = m.zzz / m.zz
     m.known, m.F_k, m.F_k_late, m.age = 1, F_k, m.zzF_late / m.zz, 0.0
 
 
@@ -279,11 +295,24 @@ def _fits(m):
 
 
 @njit(cache=True)
-def _drop(m, h, z, F):
-    """The estimate does not hold any more: nothing is trusted of it, and learning begins as with a new contact."""
+def _asks(m):
+    """Whether what moves is learnt from: what the robot moves by itself, or else what there is, where k is in doubt.
+
+    A surface that is bumpy enough to move in the band looks like soft tissue: force and height rise together.
+    """
+    return m.dithering or m.leading or m.dither == 0.0 or m.std > m.doubtful * m.k
+
+
+@njit(cache=True)
+def _drop(m, z, F):
+    """The estimate does not hold any more: nothing is trusted of it, and learning begins at once.
+
+    The filters start from rest, and from the values of now, so (K1) holds from here on: what the change itself moves is
+    learnt from.
+    """
     unlearn(m)
     _begin(m, z, F)
-    m.since, m.error = h, HIGHEST
+    m.error = HIGHEST
 
 
 @njit(cache=True, error_model="numpy")
@@ -314,12 +343,13 @@ def sense(m, h, z, F, J, pressing):
         m.F_late += (F - m.F_late) / m.in_band
         _note(m.recent, m.averaging, z_f, v_f, F_f)
         if m.known and m.error < HIGHEST and not _fits(m):
-            _drop(m, h, z, F)
-        elif m.since > m.settling and m.recent.zz > m.least:
+            _drop(m, z, F)
+        elif m.since > m.settling and m.recent.zz > m.least and _asks(m):
             m.excited = 1
             m.n = m.keep * m.n + 1.0
             # what moved most tells most, and of the force that was there then
             m.zzF = m.keep * m.zzF + z_f * z_f * F
+            m.zzz = m.keep * m.zzz + z_f * z_f * z
             m.zzF_late = m.keep * m.zzF_late + z_f * z_f * m.F_late
             m.zz, m.zv = m.keep * m.zz + z_f * z_f, m.keep * m.zv + z_f * v_f
             m.vv, m.zF = m.keep * m.vv + v_f * v_f, m.keep * m.zF + z_f * F_f
