@@ -137,7 +137,8 @@ def dithered(m, seconds, k, rising=1e-9, off=0.0):
         off: by how much the force is held off it (N).
     """
     K, inertia = 4.0 * SQUARES, (MASS + INERTIA * SQUARES) * (2.0 * np.pi * 5.0) ** 2
-    shifts, forces = [], []
+    shifts: list[float] = []
+    forces: list[float] = []
     for n in range(round(seconds / T_s)):
         F = 4.0 - off + (forces[-1] if forces else 0.0)
         shift, _ = dither(m, T_s, F, 4.0 + rising * n)

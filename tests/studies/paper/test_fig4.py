@@ -29,7 +29,6 @@ from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, fig4_r
 from twin.studies.paper.score import Score, fig4_score, tally
 from twin.studies.paper.study import score_fig4
 from twin.studies.paper.text import fig4_text
-from twin.studies.steps import silent
 
 EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")
 WITHOUT_SWEEP = "reference.p_mm=[[0,20,-85],[0,20,-85],[0,20,-105],[0,20,-105],[0,20,-105],[0,20,-105]]"
