@@ -193,7 +193,7 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
         raise SystemExit(130) from None
     finally:
         line.clear()
-    found = kept(how.out, how.parquet)
+    found = kept(how.out)
     if how.parquet:
         from twin.studies.sweep.parquet import write_parquet
 

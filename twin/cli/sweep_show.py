@@ -57,7 +57,7 @@ def show(
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
-    found = kept(folder, parquet)
+    found = kept(folder)
     # only for what is there: what reckons takes a second to load
     from twin.studies.sweep.parquet import write_parquet
     from twin.studies.sweep.show.axes import axes_of, worst_label

@@ -8,10 +8,11 @@ import numpy as np
 from twin.cosim.component import Component
 from twin.cosim.port import by_port
 from twin.cosim.rewind import Rewind
-from twin.drive import reuse
 from twin.drive.description import FmuDescription
 from twin.drive.instance import Instance
+from twin.drive.opened import opened
 from twin.drive.ports import FmuPort, Placed, placed
+from twin.drive.reuse import let_go
 from twin.drive.setting import Setting
 from twin.drive.setup import Setup
 from twin.drive.stepping import Stepping
@@ -55,8 +56,7 @@ class FmuComponent(Component):
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        # of sampled parts nobody has proved that a reset makes them new
-        make = Instance if sampled else reuse.instance
+        make = Instance if sampled else opened
         self.instance = instance or make(name, description, folder, settings, started, setup)
         initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
         if sampled:
@@ -147,4 +147,4 @@ class FmuComponent(Component):
             if self.sampled:
                 self.instance.close()
             else:
-                reuse.let_go(self.instance)
+                let_go(self.instance)

@@ -44,5 +44,4 @@ def job(plan: Plan, folder: Path, record: str = "none", limits: Limits = Limits(
         record=record,
         limits=limits,
         claims=plan.definition.claims or "",
-        reuse=plan.definition.reuse or "",
     )

@@ -68,7 +68,6 @@ to = 900
         ('design = "random"', 'design = "latin_hypercube"'),
         ("runs = 3", "runs = 4"),
         ("seed = 7", "seed = 8"),
-        ('drives = ["velocity_servo"]', 'drives = ["velocity_servo"]\nreuse = "reset"'),
         ('drives = ["velocity_servo"]', 'drives = ["ideal_velocity"]'),
         ("peak_N = 9", "peak_N = 8"),
         ("to = 900", "to = 800"),

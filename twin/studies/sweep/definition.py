@@ -24,7 +24,6 @@ class Definition(BaseModel):
             parameters and two more.
         seed: of sampled designs.
         claims: "fig4": each point is run with force control and without, and the paper's claims are judged on both.
-        reuse: "reset": a worker resets FMU instances for the next run; None: it makes new ones.
         drives: each runs every point; empty: the experiment's own.
         limits: metric -> most that a run may have of it.
     """
@@ -36,7 +35,6 @@ class Definition(BaseModel):
     runs: int | None = Field(None, ge=1)
     seed: int = Field(0, ge=0, lt=2**63)
     claims: Literal["fig4"] | None = None
-    reuse: Literal["reset"] | None = None
     drives: list[str] = Field(default_factory=list)
     vary: list[Vary] = Field(default_factory=list)
     limits: dict[str, float] = Field(default_factory=dict)

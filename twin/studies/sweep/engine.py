@@ -21,7 +21,6 @@ class Job:
         recordings: the folder in which a run's recording gets a folder of its own.
         record: of which runs, "all", "failures" or "none".
         claims: "fig4" or "", see `Definition`.
-        reuse: "reset" or "", likewise; the drives have been found fit for it.
         limits: of each worker process.
         trial: who runs a run and says what it comes to, "module:function"; called like the default.
     """
@@ -31,7 +30,6 @@ class Job:
     record: str
     limits: Limits
     claims: str
-    reuse: str = ""
     trial: str = "twin.studies.sweep.trial:trial"
 
     @property
@@ -41,7 +39,6 @@ class Job:
             "experiment": str(self.experiment.absolute()),
             "folder": str(self.recordings.absolute()),
             "claims": self.claims,
-            "reuse": self.reuse,
             "trial": self.trial,
         }
 

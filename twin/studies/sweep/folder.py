@@ -11,9 +11,8 @@ from pydantic import Field
 
 from twin.errors import InputRefused
 from twin.files import read_bytes
-from twin.studies.sweep.column_file import columns_in
 from twin.studies.sweep.columns import Columns, Row
-from twin.studies.sweep.rows import MOST_RUNS, ROWS, Shape, parsed, read_rows
+from twin.studies.sweep.rows import MOST_RUNS, ROWS, Shape, parsed, read_columns, read_rows
 from twin.writing import made_folder, write_json
 
 if TYPE_CHECKING:
@@ -99,20 +98,17 @@ def claim(folder: Path, plan: "Plan") -> None:
     write_json(folder / FACTS, content)
 
 
-def kept(folder: Path, keys: bool = False) -> KeptRows:
+def kept(folder: Path) -> KeptRows:
     """What is in `folder`.
 
-    Args:
-        keys: see `columns_in`.
-
     Raises:
-        InputRefused: no sweep's.
+        InputRefused: no sweep's, or as `read_columns`.
     """
     facts = _read(folder)
     if not facts:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     path = folder / ROWS
-    columns = columns_in(path, keys)
+    columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
     return KeptRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],

@@ -12,7 +12,7 @@ from twin.writing import written
 
 
 def write_parquet(kept: KeptRows, path: Path) -> None:
-    """Write `kept`, with keys, to `path`, a line per run in the order of runs: the same rows make the same bytes.
+    """Write `kept` to `path`, a line per run in the order of runs: the same rows make the same bytes.
 
     Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
     key. What a run has not is null.

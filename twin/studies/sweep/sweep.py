@@ -16,7 +16,6 @@ from twin.studies.sweep.interrupt import raise_if_pressed, remembered
 from twin.studies.sweep.measures import within
 from twin.studies.sweep.plan import Plan, Task
 from twin.studies.sweep.pool import Pool
-from twin.studies.sweep.reset import refuse_unproved
 from twin.studies.sweep.rows import ROWS, Rows
 from twin.studies.sweep.statistics import USUAL_METRICS, best, value
 
@@ -73,11 +72,10 @@ def run_sweep(
         show: told the state at the beginning and after each batch of rows.
 
     Raises:
-        InputRefused: the folder is another sweep's, or cannot be written; or a drive must not be reset.
+        InputRefused: the folder is another sweep's, or cannot be written.
         DiskFailed, RecordingFailed: the disk is full.
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
-    refuse_unproved(plan, limits)
     claim(folder, plan)
     with Rows(folder / ROWS) as rows:
         finished = {*rows.before.words("key").words}
@@ -145,12 +143,7 @@ class SweepEstimate:
 
 
 def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
-    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing.
-
-    Raises:
-        InputRefused: a drive must not be reset, and is to be.
-    """
-    refuse_unproved(plan, limits)
+    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with held_folder(SCRATCH) as scratch:
         began = time.monotonic()
         job = _job(plan, scratch, record, limits)
@@ -164,8 +157,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Sweep
 
 
 def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:
-    chosen = plan.definition
-    return Job(plan.experiment, folder / RECORDINGS, record, limits, chosen.claims or "", chosen.reuse or "")
+    return Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
 
 
 def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:

@@ -5,7 +5,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.drive.reuse import free_kept
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.experiment import Experiment
 from twin.runs.assembly.assemble import assemble
@@ -42,7 +41,6 @@ def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = 
             paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
     # one run in a thousand that meets a mistake of ours is a row, too
     except Exception as problem:
-        free_kept()
         return RunFinding(*_told(problem), {}, time.perf_counter() - began, 0.0)
     status = "tripped" if done.trip else "done"
     return RunFinding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
@@ -60,10 +58,8 @@ def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path)
     except InputRefused:
         return
     made_folder(folder)
-    try:
+    with contextlib.suppress(InputRefused, ComponentFailed):
         execute(experiment, folder)
-    except (InputRefused, ComponentFailed):
-        free_kept()
 
 
 def _told(problem: Exception) -> tuple[str, str]:

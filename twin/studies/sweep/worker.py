@@ -6,13 +6,12 @@ import json
 import shutil
 from pathlib import Path
 
-from twin.drive.reuse import keep_instances
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter
 from twin.studies.sweep.trial import record
 
 
-def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, reuse: str, trial: str) -> None:
+def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, trial: str) -> None:
     """Run every order; what is imported, compiled or unpacked for one is there for the next.
 
     Notes: {"finding": facts of `Finding`} after each.
@@ -22,7 +21,6 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
         folder: where recordings go, a folder per run.
         claims: see `twin.studies.sweep.trial.trial`.
         trial: see `Job`.
-        reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
         orders: a named pipe, alone in its folder, that brings {"run", "drive", "settings", "record"} as JSON lines;
             ends the job when it is closed. What is to be recorded is run twice: so measuring never depends on the
             recorder, and a good run in a sweep that records failures never meets it.
@@ -30,7 +28,6 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
     Raises:
         RecordingFailed: the disk is full.
     """
-    keep_instances(reuse == "reset")
     judged = function_called(trial)
     with open(orders, encoding="utf-8") as lines:
         # it is open at both ends now; who made it may be killed
