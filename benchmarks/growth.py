@@ -25,11 +25,10 @@ from twin.runs.guard.limits import Limits
 from twin.studies.figure import BLUE, picture
 from twin.studies.lines import markdown
 from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.engine import Job
 from twin.studies.sweep.folder import FACTS
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of
-from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.pool import Job, Pool
 from twin.studies.sweep.rows import ROWS, Rows
 from twin.writing import made_folder, write_json, write_text
 
