@@ -27,7 +27,6 @@ from twin.studies.figure import (
     picture,
 )
 from twin.studies.lines import counted
-from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.rows import Columns, Numbers, Positions
 from twin.studies.sweep.show.parts import Asked, axes_of, short
@@ -289,7 +288,6 @@ PANELS = (
     ("E", "true_z", "z position, true, close up (mm)", 1e3),
     ("F", "true_F_z", "F_z, pressing, true (N)", 1.0),
 )
-RUNS = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
 """The force-position run on top, as in the paper."""
 SETTLED = 8.0
 """Since when (s) the height changes by so little that E shows it larger."""
@@ -303,12 +301,16 @@ def draw_bands(bands: Bands, kept: KeptRows, path: Path) -> None:
     Raises:
         NotWritten: the disk refuses.
     """
+    # takes a while to import, and few sweeps judge claims
+    from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED
+
+    runs = (("position", P_BASED, "P-based"), ("force_position", FP_BASED, "F&P-based"))
     with picture(path, 12, 10.5) as figure:
         panels = figure.subplots(3, 2, sharex=True)
         for axes, (letter, name, label, scale) in zip(panels.ravel(), PANELS, strict=True):
             if letter == "A":
                 _draw(axes, bands, "force_position.z_cmd", scale, FP_REFERENCE, "F&P-based-ref")
-            for run, color, who in RUNS:
+            for run, color, who in runs:
                 _draw(axes, bands, f"{run}.{name}", scale, color, who)
             axes.set_ylabel(label)
             axes.set_title(letter, loc="left", fontweight="bold")
@@ -319,7 +321,7 @@ def draw_bands(bands: Bands, kept: KeptRows, path: Path) -> None:
             for axes in pair:
                 axes.set_ylim(min(low for low, _ in limits), max(high for _, high in limits))
         settled = bands.t >= SETTLED
-        z = [1e3 * bands[f"{run}.true_z"][:, settled] for run, _, _ in RUNS]
+        z = [1e3 * bands[f"{run}.true_z"][:, settled] for run, _, _ in runs]
         panels[2, 0].set_ylim(min(map(np.min, z)) - MARGIN, max(map(np.max, z)) + MARGIN)
         for axes in panels[2]:
             axes.set_xlabel("time (s)")
@@ -350,8 +352,6 @@ def write_pictures(kept: KeptRows, asked: Asked, x: str | None, y: str | None, f
     # curves are in no column
     found = bands(kept.rows) if True in kept.columns.words("has_curves").counts else None
     if found:
-        # takes a while to import, and few sweeps judge claims
-
         files["bands"] = folder / "bands.png"
         draw_bands(found, kept, files["bands"])
     # in a sweep with claims nothing that varies is anyone's choice, so there is no best place on a map

@@ -8,7 +8,6 @@ import numpy as np
 from twin.errors import InputRefused
 from twin.studies.metrics.response import Curve
 from twin.studies.paper.claim import Claim
-from twin.studies.sweep.fig4 import unpacked
 from twin.studies.sweep.rows import ROWS, Columns, Row, once
 from twin.studies.sweep.statistics.ranking import QUANTILES
 
@@ -105,6 +104,9 @@ def bands(rows: Sequence[Row]) -> Bands | None:
     Raises:
         InputRefused: curves of a run that twin sweep does not write, or other ones than those of the runs before.
     """
+    # judging takes a while to import, and few sweeps have claims
+    from twin.studies.sweep.fig4 import unpacked
+
     kept = []
     for row in rows:
         if not row.get("curves"):
