@@ -11,9 +11,8 @@ from statistics import median
 from benchmarks.measurement import Measurement
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.plan import Plan, plan_of
-from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.pool import Engine, Job, Pool
 
 WARM_UP = 10
 """Runs until everything is imported, compiled and unpacked, and batches have found their size."""

@@ -24,13 +24,11 @@ from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.limits import Limits
 from twin.studies.figure import BLUE, picture
 from twin.studies.lines import markdown
-from twin.studies.sweep.column_file import SUFFIX
 from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.engine import Job
 from twin.studies.sweep.folder import FACTS
 from twin.studies.sweep.measures import METRICS, RunFinding, failure
 from twin.studies.sweep.plan import plan_of
-from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.pool import Job, Pool
 from twin.studies.sweep.rows import ROWS, Rows
 from twin.writing import made_folder, write_json, write_text
 
@@ -120,13 +118,11 @@ def made_up(folder: Path, runs: int) -> None:
             rows.add(batch)
 
 
-def opened(scratch: Path, runs: float, first: bool) -> float:
-    """Seconds of `twin sweep show` of so many rows, for the `first` time or with the copy that it left."""
+def opened(scratch: Path, runs: float) -> float:
+    """Seconds of `twin sweep show` of so many rows."""
     folder = scratch / f"sweep_{runs:g}"
     if not folder.exists():
         made_up(folder, int(runs))
-    if first:
-        (folder / ROWS).with_suffix(SUFFIX).unlink(missing_ok=True)
     return _twin("sweep", "show", folder)
 
 
@@ -156,8 +152,7 @@ def growths() -> Iterator[Growth]:
 def openings() -> Iterator[Growth]:
     """Those of `twin sweep show`."""
     with tempfile.TemporaryDirectory() as scratch:
-        for name, first in (("twin sweep show, first time", True), ("twin sweep show, again", False)):
-            yield grown(name, "rows", [1e3, 1e4, 1e5, 1e6], partial(opened, Path(scratch), first=first))
+        yield grown("twin sweep show", "rows", [1e3, 1e4, 1e5, 1e6], partial(opened, Path(scratch)))
 
 
 def table(found: list[Growth]) -> str:

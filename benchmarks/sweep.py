@@ -10,10 +10,8 @@ from pathlib import Path
 from benchmarks.measurement import Measurement
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.definition import short_definition
-from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import Plan, Task, plan_of
-from twin.studies.sweep.pool import Pool
-from twin.studies.sweep.worker_process import WorkerProcess
+from twin.studies.sweep.pool import Job, Pool, WorkerProcess
 
 WARM_UP = 5
 """Runs of each process until everything is imported, compiled and unpacked."""

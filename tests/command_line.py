@@ -33,7 +33,7 @@ COMPILING = "compiling, once: "
 _ONE_JOB = threading.RLock()
 
 # before anything takes the place of that function: they keep what they find under its name
-for name in {place.rpartition(".")[0] for place in GUARDED} | {"twin.studies.sweep.reset"}:
+for name in {place.rpartition(".")[0] for place in GUARDED}:
     importlib.import_module(name)
 
 

@@ -22,9 +22,8 @@ from twin.studies.compare.tolerance import rules
 from twin.studies.sweep.definition import read_definition
 from twin.studies.sweep.folder import FACTS, kept
 from twin.studies.sweep.rows import ROWS
-from twin.studies.sweep.show.parts import Asked, parts
-from twin.studies.sweep.show.text import sweep_text
-from twin.studies.sweep.statistics.bands import bands
+from twin.studies.sweep.show.parts import Asked, parts, sweep_text
+from twin.studies.sweep.statistics.claims import bands
 from twin.studies.sweep.statistics.ranking import usual_metric
 from twin.studies.systems.plan import fmu_sources, planned
 
@@ -53,7 +52,7 @@ def body(root: Path, tmp_path: Path) -> Attack:
 
 @pytest.fixture
 def sweep(root: Path, tmp_path: Path) -> Attack:
-    from twin.studies.sweep.design import largest_count
+    from twin.studies.sweep.plan import largest_count
 
     def counted(path: Path) -> int:
         return largest_count(read_definition(path)[0])

@@ -3,9 +3,8 @@
 import re
 from pathlib import Path
 
-from twin.studies.sweep.definition import Definition
+from twin.studies.sweep.definition import Definition, Vary
 from twin.studies.sweep.measures import METRICS, RunFinding
-from twin.studies.sweep.vary import Vary
 
 
 def named(page: str, header: str) -> set[str]:

@@ -1,4 +1,3 @@
-from collections.abc import Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -14,8 +13,8 @@ from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.drive.calls import DO_STEP
-from twin.drive.component import FmuComponent, acquire, free_kept, keep_instances, release
-from twin.drive.description import FmuDescription, described
+from twin.drive.component import FmuComponent
+from twin.drive.description import described
 from twin.drive.instance import Instance
 from twin.drive.lifecycle import CosimInstance
 from twin.drive.stepping import Stepping
@@ -264,63 +263,3 @@ def test_what_an_fmu_says_again_and_again_is_quoted_once():
     for text in (b"a", b"expired", b"expired", b"b", b"expired\n"):
         Instance.hear(instance, 3, text)  # type: ignore[arg-type]
     assert instance.messages == ["a", "b", "expired"]
-
-
-@pytest.fixture
-def reused_servo(root: Path) -> Iterator[FmuDescription]:
-    keep_instances(True)
-    yield described(root / "fmus" / "velocity_servo" / "velocity_servo.fmu")
-    keep_instances(False)
-
-
-def acquired(fmu: FmuDescription, **parameters: float) -> Instance:
-    return acquire("drive_1", fmu, unpacked(fmu.path, fmu.sha256), fmu.settings(parameters), ())
-
-
-def motion(drive: Instance, omega_ref: float) -> np.ndarray:
-    """Motor angle over 20 ticks at a commanded speed (rad/s)."""
-    command, angle = (drive.description.variables[name] for name in ("omega_ref", "theta_m"))
-    angles = []
-    for k in range(20):
-        drive.write([(command, omega_ref)])
-        drive.advance(k * TICK, TICK)
-        angles.append(drive.read([angle]))
-    return np.array(angles)
-
-
-def test_an_instance_that_is_kept_begins_as_a_new_one(reused_servo: FmuDescription):
-    first = acquired(reused_servo)
-    new = motion(first, 1.0)
-    release(first)
-    second = acquired(reused_servo)
-    assert second is first
-    assert np.array_equal(motion(second, 1.0), new) and new[-1] > 0.0
-    release(second)
-
-
-def test_two_that_live_at_once_are_two_and_letting_go_twice_keeps_one(reused_servo: FmuDescription):
-    first, second = acquired(reused_servo), acquired(reused_servo)
-    assert first is not second
-    release(first)
-    release(first)
-    assert acquired(reused_servo) is first and acquired(reused_servo) is not first
-
-
-def test_what_was_set_for_a_run_does_not_reach_one_that_does_not_set_it(reused_servo: FmuDescription):
-    name = next(v.name for v in reused_servo.offered("parameter"))
-    start = reused_servo.variables[name].start
-    release(special := acquired(reused_servo, **{name: start}))
-    assert acquired(reused_servo) is not special
-    assert acquired(reused_servo, **{name: start}) is special
-
-
-def test_after_a_failure_none_is_kept(reused_servo: FmuDescription):
-    release(first := acquired(reused_servo))
-    free_kept()
-    assert acquired(reused_servo) is not first
-
-
-def test_none_is_kept_where_nobody_has_asked_for_it(reused_servo: FmuDescription):
-    keep_instances(False)
-    release(first := acquired(reused_servo))
-    assert acquired(reused_servo) is not first

@@ -26,7 +26,8 @@ from twin.experiment.schema import Drive
 from twin.recording.reader import read
 from twin.runs.assembly.drive_component import drive
 from twin.runs.assembly.drives import planned
-from twin.studies.qualify.lifecycle import reset_finding
+from twin.runs.guard.reporter import DirectReporter
+from twin.studies.qualify.lifecycle import examined
 from twin.studies.qualify.proposal import proposal
 
 IGNORED = "(void)tolerance_defined, (void)tolerance, (void)stop_time_defined, (void)stop_time;"
@@ -203,7 +204,8 @@ def test_its_booleans_are_one_byte_wide(first: Maker):
 
 
 def test_a_run_after_a_reset_is_that_of_a_new_instance(first: Maker):
-    assert reset_finding(planned(Drive.model_validate({"fmu": str(first())}))).verdict == "ok"
+    drive = Drive.model_validate({"fmu": str(first())})
+    assert examined(DirectReporter(lambda note: None), drive, "reset")["verdict"] == "ok"
 
 
 def test_its_status_is_a_number_and_what_it_logged_is_told(first: Maker):

@@ -5,7 +5,7 @@ import pytest
 
 from twin.studies.analyse.linear import disk
 from twin.studies.metrics import distance, step
-from twin.studies.sweep.statistics import claims, sobol_indices
+from twin.studies.sweep.statistics import claims, sensitivity
 from validation.yardstick import Yardstick
 from validation.yardsticks import python_control, scipy_stats, temporal_logic
 
@@ -53,8 +53,8 @@ def test_indices_and_intervals_hold_and_others_do_not(monkeypatch: pytest.Monkey
     published, scipys, newcombe = scipy_stats.YARDSTICKS
     for one in (published, scipys, newcombe):
         assert worst(one) <= one.bound
-    right, interval = sobol_indices.estimates, claims.wilson_interval
-    monkeypatch.setattr(sobol_indices, "estimates", lambda *f: tuple(1.05 * index for index in right(*f)))
+    right, interval = sensitivity.estimates, claims.wilson_interval
+    monkeypatch.setattr(sensitivity, "estimates", lambda *f: tuple(1.05 * index for index in right(*f)))
     assert worst(published) > published.bound and worst(scipys) > scipys.bound
     monkeypatch.setattr(claims, "wilson_interval", lambda k, n: interval(k, n + 1))
     assert worst(newcombe) > newcombe.bound

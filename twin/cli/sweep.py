@@ -22,9 +22,9 @@ from twin.writing import json_text
 if TYPE_CHECKING:
     from twin.runs.guard.limits import Limits
     from twin.studies.sweep.definition import Definition
-    from twin.studies.sweep.engine import Engine
     from twin.studies.sweep.folder import KeptRows
     from twin.studies.sweep.plan import Plan
+    from twin.studies.sweep.pool import Engine
 
 MANY = 100_000
 """Runs from which on nobody starts without having been asked."""
@@ -144,7 +144,7 @@ def check_start(place: str, definition: "Definition", sure: bool) -> None:
     Raises:
         InputRefused: sweeps do not run on this system, or nobody says that so many runs are meant.
     """
-    from twin.studies.sweep.design import largest_count
+    from twin.studies.sweep.plan import largest_count
 
     if os.name != "posix":
         raise InputRefused("twin sweep: needs Linux or macOS, where a drive that crashes can be kept apart")
@@ -162,9 +162,8 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
     """Run the plan, or estimate what it takes, and say what it came to."""
     from twin.runs.guard.limits import Limits
     from twin.studies.sweep.folder import kept
-    from twin.studies.sweep.show.progress import state_text
     from twin.studies.sweep.statistics.ranking import checked_rank
-    from twin.studies.sweep.sweep import run_sweep
+    from twin.studies.sweep.sweep import run_sweep, state_text
 
     limits, line = Limits(step=how.limit_step), progress()
     line.say("making the runs")
@@ -193,9 +192,9 @@ def carry_out(plan_made: Callable[[], "Plan"], how: How) -> None:
         raise SystemExit(130) from None
     finally:
         line.clear()
-    found = kept(how.out, how.parquet)
+    found = kept(how.out)
     if how.parquet:
-        from twin.studies.sweep.parquet import write_parquet
+        from twin.studies.sweep.folder import write_parquet
 
         write_parquet(found, how.out / "rows.parquet")
     _tell(found, how.out, how.by, how.as_json)
@@ -232,8 +231,7 @@ def _engine(how: How) -> "Engine":
 
 
 def _estimate(plan: "Plan", how: How, limits: "Limits", line: Progress) -> None:
-    from twin.studies.sweep.show.progress import estimate_text
-    from twin.studies.sweep.sweep import estimated
+    from twin.studies.sweep.sweep import estimate_text, estimated
 
     line.say("trying the first one")
     estimate, first = estimated(plan, how.record, limits)
@@ -246,7 +244,7 @@ def _estimate(plan: "Plan", how: How, limits: "Limits", line: Progress) -> None:
 
 def _tell(found: "KeptRows", folder: Path, by: str | None, as_json: bool) -> None:
     from twin.studies.sweep.rows import ROWS
-    from twin.studies.sweep.show.text import headline_text
+    from twin.studies.sweep.show.parts import headline_text
     from twin.studies.sweep.statistics import usual_metric
 
     if as_json:

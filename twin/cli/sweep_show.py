@@ -57,12 +57,10 @@ def show(
     if folder is not sweep and not folder.exists():
         print(f"{sweep.stem}  not begun; run it with: {shlex.join(['twin', 'sweep', str(sweep)])}")
         return
-    found = kept(folder, parquet)
+    found = kept(folder)
     # only for what is there: what reckons takes a second to load
-    from twin.studies.sweep.parquet import write_parquet
-    from twin.studies.sweep.show.axes import axes_of, worst_label
-    from twin.studies.sweep.show.parts import Asked, parts
-    from twin.studies.sweep.show.text import sweep_text
+    from twin.studies.sweep.folder import write_parquet
+    from twin.studies.sweep.show.parts import Asked, axes_of, parts, sweep_text, worst_label
     from twin.studies.sweep.statistics.ranking import checked_rank, claims_in, usual_metric
 
     claims = claims_in(found.columns)

@@ -4,7 +4,6 @@ In a process that has been told so instances are kept for the next run and reset
 drives of which it is known that a run after a reset is that of a new instance, bit for bit.
 """
 
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -43,89 +42,33 @@ def opened(
     return kind(name, description, folder, settings, inputs, setup)
 
 
-_Kind = tuple[str, Path, str, frozenset[str], bool]
-"""Name, folder of the unpacked FMU, kind, names of what is set: a reset might leave alone what the next run does not
-set; whether its inputs are lines over a step, which is said when it is made."""
-
-
-class _Shelf:
-    """What is kept, if anything is."""
+class _Left:
+    """Whether instances are left as they are now, and those that were."""
 
     def __init__(self) -> None:
-        self.open = self.left = False
-        self.never_freed: list[Instance] = []
-        self.instances: dict[_Kind, list[Instance]] = defaultdict(list)
+        self.now = False
+        self.instances: list[Instance] = []
 
 
-_shelf = _Shelf()
-
-
-def keep_instances(keep: bool) -> None:
-    """From now on keep instances, or no longer."""
-    _shelf.open = keep
-    free_kept()
+_left = _Left()
 
 
 @contextmanager
 def instances_left() -> Iterator[None]:
     """Within the block none is freed, unless its FMU can live only once in a process: some crash then."""
-    _shelf.left = True
+    _left.now = True
     try:
         yield
     finally:
-        _shelf.left = False
-
-
-def free_kept() -> None:
-    """Free all that are kept: after a failure nobody knows what state they are in."""
-    kept = [instance for instances in _shelf.instances.values() for instance in instances]
-    _shelf.instances.clear()
-    for instance in kept:
-        instance.close()
-
-
-def acquire(
-    name: str,
-    description: FmuDescription,
-    folder: Path,
-    settings: Sequence[Setting],
-    inputs: Sequence[Setting],
-    setup: Setup = Setup(),  # noqa: B008, it is frozen
-) -> Instance:
-    """One in step mode: a kept one that has been reset, or a new one; arguments as those of `Instance`.
-
-    Raises:
-        InputRefused: it cannot be loaded, instantiated or initialised.
-        ComponentFailed: it refuses to be reset.
-    """
-    kept = _shelf.instances[_kind(name, folder, description, settings, setup)]
-    if not kept:
-        return opened(name, description, folder, settings, inputs, setup)
-    found = kept.pop()
-    try:
-        found.begin_again(settings, inputs, setup)
-    except TwinError:
-        found.close()
-        raise
-    return found
+        _left.now = False
 
 
 def release(instance: Instance) -> None:
-    """Its run is over: keep it, or free it."""
-    kept = _shelf.instances[
-        _kind(instance.name, instance.folder, instance.description, instance.settings, instance.setup)
-    ]
-    if _shelf.left and not instance.description.lives_once:
-        _shelf.never_freed.append(instance)
-    elif not _shelf.open:
+    """Its run is over: free it, but not within `instances_left`."""
+    if _left.now and not instance.description.lives_once:
+        _left.instances.append(instance)
+    else:
         instance.close()
-    elif instance not in kept:
-        kept.append(instance)
-
-
-def _kind(name: str, folder: Path, description: FmuDescription, settings: Sequence[Setting], setup: Setup) -> _Kind:
-    names = frozenset(variable.name for variable, _ in settings)
-    return name, folder, description.kind, names, setup.ramped
 
 
 class FmuComponent(Component):
@@ -164,8 +107,7 @@ class FmuComponent(Component):
     ):
         wanted = inputs_at_start or {}
         started = [(p.variable, p.in_fmu(wanted.get(p.port.name, 0.0))) for p in inputs]
-        # of sampled parts nobody has proved that a reset makes them new
-        make = CosimInstance if sampled else acquire
+        make = CosimInstance if sampled else opened
         self.instance = instance or make(name, description, folder, settings, started, setup)
         initial = np.concatenate([p.gain * self._raw(p) + p.offset for p in outputs]) if outputs else np.zeros(0)
         if sampled:

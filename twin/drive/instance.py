@@ -144,18 +144,6 @@ class Instance:
         self._called("Reset", self.fmu.reset)
         self._initialise()
 
-    def begin_again(self, settings: Sequence[Setting], inputs: Sequence[Setting], setup: Setup) -> None:
-        """FMI's reset, then initialised with other values, with nothing to say of the time before.
-
-        Raises:
-            ComponentFailed: it refuses. InputRefused: it cannot be initialised again.
-        """
-        self.settings, self.inputs, self.setup = settings, inputs, setup
-        self.clock = np.zeros(1, dtype=np.int64)
-        self.messages.clear()
-        self._unheard.clear()
-        self.reset()
-
     def saved_state(self) -> Any:
         """Its state, to be given to `restore`.
 

@@ -21,7 +21,7 @@ read in tests of public packages that cite it, four of which agree in all of the
 @cache
 def values() -> tuple[Numbers, Numbers, Numbers]:
     """Ishigami's function at the twin's design: f_A (n,), f_B (n,), f_AB (d, n)."""
-    from twin.studies.sweep.design import saltelli_cube
+    from twin.studies.sweep.plan import saltelli_cube
 
     x = np.pi * (2.0 * saltelli_cube(BLOCKS, 3, np.random.default_rng(SEED)) - 1.0).reshape(BLOCKS, 5, 3)
     f = np.sin(x[..., 0]) + 7.0 * np.sin(x[..., 1]) ** 2 + 0.1 * x[..., 2] ** 4 * np.sin(x[..., 0])
@@ -35,7 +35,7 @@ def named(first: Numbers, total: Numbers) -> Mapping[str, float]:
 
 
 def beside_published() -> Mapping[str, float]:
-    from twin.studies.sweep.statistics.sobol_indices import estimates
+    from twin.studies.sweep.statistics.sensitivity import estimates
 
     first, total = estimates(*values())
     return named(np.abs(first - FIRST), np.abs(total - TOTAL))
@@ -44,7 +44,7 @@ def beside_published() -> Mapping[str, float]:
 def beside_scipy() -> Mapping[str, float]:
     from scipy.stats import sobol_indices
 
-    from twin.studies.sweep.statistics.sobol_indices import estimates
+    from twin.studies.sweep.statistics.sensitivity import estimates
 
     f_A, f_B, f_AB = values()
     theirs = sobol_indices(func={"f_A": f_A[None], "f_B": f_B[None], "f_AB": f_AB[:, None]}, n=BLOCKS)

@@ -15,7 +15,7 @@ from twin.cosim.port import Port
 from twin.cosim.python_component import PythonComponent
 from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
-from twin.drive.component import ExchangeComponent, FmuComponent, keep_instances
+from twin.drive.component import ExchangeComponent, FmuComponent
 from twin.drive.solvers import Solver
 from twin.errors import ComponentFailed, InputRefused
 from twin.experiment.drive_files import lone_drive
@@ -82,27 +82,6 @@ def test_the_bench_tells_of_a_runge_kutta_step_that_is_too_long(motor: Planner):
     # at a time constant of 2 ms a step of 4 ms is close to where it diverges
     measures = qualified(motor(solver="rk4", L=2e-4, solver_step_ms=0.25, kp=20.0).table).facts()["measures"]
     assert measures["step_error"]["value"] > 0.0
-
-
-def test_a_kept_instance_runs_as_a_new_one(motor: Planner):
-    t = 1e-3 * np.arange(60, dtype=float)
-    inputs = (3.0 * np.sin(40.0 * t), np.zeros(60))
-    fresh = response(motor(i_max=0.3), *inputs)
-    keep_instances(True)
-    try:
-        runs = [response(motor(i_max=0.3), *inputs) for _ in range(2)]
-    finally:
-        keep_instances(False)
-    assert all(np.array_equal(run.theta_m, fresh.theta_m) for run in runs)
-
-
-def test_a_kept_instance_of_one_kind_is_none_of_the_other(root: Path):
-    keep_instances(True)
-    try:
-        for kind in ("co_simulation", "model_exchange", "co_simulation"):
-            drive("drive_1", planned(modelica(root, kind=kind)), 1e-3, 0.0, 0.0).close()
-    finally:
-        keep_instances(False)
 
 
 def test_parts_have_solvers_of_their_own(root: Path, exchange_folder: Path):

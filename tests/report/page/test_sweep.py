@@ -9,7 +9,7 @@ import pytest
 from tests.studies.sweep.statistics.rows import kept, row
 from twin.errors import InputRefused, NotWritten
 from twin.report.page.sweep import sweep_page, write_sweep_page
-from twin.studies.sweep.curves import packed
+from twin.studies.sweep.fig4 import packed
 from twin.studies.sweep.folder import KeptRows
 from twin.studies.sweep.show.parts import Asked
 from twin.studies.sweep.show.pictures import write_pictures

@@ -12,7 +12,7 @@ from twin.errors import InputRefused
 from twin.studies.answer import Answer
 from twin.studies.falsify.study import RUNS, falsify
 from twin.studies.steps import silent
-from twin.studies.sweep.trial import trial
+from twin.studies.sweep.worker import trial
 
 BOUND = "always (|plant.F_ee_B| <= 18 N)"
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.definition import Definition
-from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import Plan, planned
+from twin.studies.sweep.pool import Job
 
 STIFFNESS = "contact.stiffness_N_per_m"
 GAIN = "controller.force.kp_mm_per_N"
@@ -44,5 +44,4 @@ def job(plan: Plan, folder: Path, record: str = "none", limits: Limits = Limits(
         record=record,
         limits=limits,
         claims=plan.definition.claims or "",
-        reuse=plan.definition.reuse or "",
     )

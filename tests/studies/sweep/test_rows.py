@@ -2,29 +2,115 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from tests.recording.test_output import largest_file
 from tests.studies.sweep.statistics import rows as made_up
+from tests.studies.sweep.statistics.rows import row
 from twin.errors import InputRefused
-from twin.studies.sweep.rows import DiskFailed, Rows, read_columns, read_rows
+from twin.studies.sweep.rows import (
+    Columns,
+    DiskFailed,
+    Row,
+    Rows,
+    Words,
+    columns_of,
+    joined,
+    once,
+    read_columns,
+    read_rows,
+)
+
+VALUES = st.one_of(st.booleans(), st.integers(-3, 3), st.floats(-3.0, 3.0), st.sampled_from(["", "1", "x"]))
+TABLES = st.dictionaries(st.sampled_from("abc"), VALUES, max_size=3)
+METRICS = st.dictionaries(st.sampled_from(["y", "z"]), st.one_of(st.none(), st.floats(-3.0, 3.0)))
+CLAIM = st.fixed_dictionaries({"verdict": st.sampled_from(["holds", "fails"]), "value": st.none() | st.floats(0, 1)})
 
 
-def row(number: int) -> dict:
+@st.composite
+def rows(draw: st.DrawFn) -> list[Row]:
+    """Rows in any order of runs, each with parameters, metrics and claims of its own."""
+    return [
+        row(run, draw(TABLES), draw(st.sampled_from([None, "one", "other"])), "done", **draw(METRICS))
+        | {"claims": draw(st.dictionaries(st.just("trigger_time"), CLAIM)), "curves": draw(st.sampled_from([None, {}]))}
+        for run in draw(st.permutations(range(1, draw(st.integers(1, 8)))))
+    ]
+
+
+def typed(values: list[Any]) -> list[tuple[type, Any]]:
+    return [(type(value), value) for value in values]
+
+
+def said(columns: Columns, name: str) -> list[Any]:
+    """A column with None where the row has nothing, also where the column is not there."""
+    column = columns.of.get(name, Words.of([None] * len(columns)))
+    if isinstance(column, Words):
+        return typed(list(column))
+    return typed([None if np.isnan(number) else number for number in column.tolist()])
+
+
+@given(rows(), rows())
+def test_each_column_is_what_the_rows_say_also_if_they_come_in_parts(first: list[Row], then: list[Row]):
+    columns, both = joined([columns_of(first), columns_of(then)]), [*first, *then]
+    assert len(columns) == len(both)
+    for name in ("drive", "status", "reason", "within_limits", "key"):
+        assert said(columns, name) == typed([one[name] for one in both])
+    for label in "abc":
+        assert said(columns, f"parameters/{label}") == typed([one["parameters"].get(label) for one in both])
+    for metric in "yz":
+        assert said(columns, f"metrics/{metric}") == typed([one["metrics"].get(metric) for one in both])
+    answers = [one["claims"].get("trigger_time", {}) for one in both]
+    assert said(columns, "verdicts/trigger_time") == typed([answer.get("verdict") for answer in answers])
+    assert said(columns, "values/trigger_time") == typed([answer.get("value") for answer in answers])
+    assert list(columns.words("has_metrics")) == [bool(one["metrics"]) for one in both]
+
+
+@given(rows())
+def test_in_the_order_of_runs_every_row_keeps_its_values(some: list[Row]):
+    columns, ordered = columns_of(some).by_run(), sorted(some, key=lambda one: one["run"])
+    assert [columns.run(n) for n in range(len(columns))] == [one["run"] for one in ordered]
+    assert list(columns.words("drive")) == [one["drive"] for one in ordered]
+
+
+def test_words_are_counted_in_the_order_of_rows_and_those_that_no_row_has_any_more_are_not():
+    words = Words.of(["b", "a", None, "b"])
+    assert list(words.counts.items()) == [("b", 2), ("a", 1), (None, 1)]
+    assert words.at(np.array([1, 2])).counts == {"a": 1, None: 1}
+    assert words.are(lambda word: word == "b").tolist() == [True, False, False, True]
+
+
+def test_what_was_found_out_of_columns_is_not_found_out_again():
+    asked = []
+
+    @once
+    def length(columns: Columns, more: int) -> int:
+        asked.append(more)
+        return len(columns) + more
+
+    columns, other = columns_of([row(1, {})]), columns_of([])
+    assert [length(columns, 1), length(columns, 1), length(columns, 2), length(other, 1)] == [2, 2, 3, 1]
+    assert asked == [1, 2, 1]
+
+
+def keyed_row(number: int) -> dict:
     return {**made_up.row(number, {}, peak_N=0.1 * number, end_N=None), "key": f"k{number}", "reason": "ü\n"}
 
 
 @pytest.fixture
 def file(tmp_path: Path) -> Path:
     with Rows(tmp_path / "rows.jsonl") as rows:
-        rows.add([row(1), row(2)])
-        rows.add([row(3)])
+        rows.add([keyed_row(1), keyed_row(2)])
+        rows.add([keyed_row(3)])
     return tmp_path / "rows.jsonl"
 
 
 def test_what_is_added_is_read_again(file: Path):
-    assert read_rows(file) == [row(1), row(2), row(3)]
+    assert read_rows(file) == [keyed_row(1), keyed_row(2), keyed_row(3)]
     columns, end = read_columns(file)
     assert columns.numbers("run").tolist() == [1, 2, 3] and end == file.stat().st_size
 
@@ -36,14 +122,14 @@ def test_a_line_torn_at_any_byte_is_dropped_and_its_run_can_be_added_again(file:
         file.write_bytes(whole[:end])
         with Rows(file) as rows:
             assert list(rows.before.words("key")) == ["k1", "k2"] and rows.count == 2
-            rows.add([row(3)])
+            rows.add([keyed_row(3)])
         assert file.read_bytes() == whole
 
 
 def test_a_row_that_is_there_twice_counts_once(file: Path):
     content = file.read_bytes()
     file.write_bytes(content + content.replace(b'"done"', b'"tripped"'))
-    assert read_rows(file) == [row(1), row(2), row(3)]
+    assert read_rows(file) == [keyed_row(1), keyed_row(2), keyed_row(3)]
     columns, end = read_columns(file)
     assert list(columns.words("key")) == ["k1", "k2", "k3"] and columns.words("status").counts == {"done": 3}
     # its bytes are not cut off
@@ -60,7 +146,7 @@ def test_a_line_that_is_no_row_is_refused_with_its_number(file: Path):
 
 def test_what_json_of_python_alone_can_read_and_what_another_version_wrote_more_is_a_row(file: Path):
     # half of a pair of code units: of a file's name that is no text in UTF-8
-    odd = {**row(4), "reason": "no such file: \udce4", "of_another_version": {"a": 1}}
+    odd = {**keyed_row(4), "reason": "no such file: \udce4", "of_another_version": {"a": 1}}
     with Rows(file) as rows:
         rows.add([odd])
     assert read_rows(file)[-1] == odd
@@ -72,10 +158,10 @@ def test_a_full_disk_keeps_every_row_before_and_room_lets_it_go_on(file: Path, s
     before = file.read_bytes()
     with Rows(file) as rows:
         with largest_file(len(before) + spare), pytest.raises(DiskFailed, match="3 finished runs are kept"):
-            rows.add([row(4), row(5)])
+            rows.add([keyed_row(4), keyed_row(5)])
         assert file.read_bytes() == before
-        rows.add([row(4)])
-    assert read_rows(file) == [row(number) for number in range(1, 5)]
+        rows.add([keyed_row(4)])
+    assert read_rows(file) == [keyed_row(number) for number in range(1, 5)]
 
 
 def test_two_sweeps_never_write_to_the_same_file(file: Path):

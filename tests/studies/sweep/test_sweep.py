@@ -12,10 +12,10 @@ from tests.conftest import examples
 from tests.recording.test_output import largest_file
 from tests.studies.sweep.definitions import STIFFNESS, stiffnesses
 from twin.errors import InputRefused
-from twin.studies.sweep.engine import Job, Result
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.measures import RunFinding
 from twin.studies.sweep.plan import Plan, Task
+from twin.studies.sweep.pool import Job, Result
 from twin.studies.sweep.rows import ROWS, DiskFailed, read_rows
 from twin.studies.sweep.sweep import State, run_sweep
 

@@ -9,9 +9,8 @@ from queue import SimpleQueue
 from typing import Any
 
 from twin.runs.guard.limits import Limits
-from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.worker_process import WorkerProcess
+from twin.studies.sweep.pool import Job, WorkerProcess
 
 TRIAL = "twin.studies.falsify.trial:judged"
 

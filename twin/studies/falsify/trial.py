@@ -4,7 +4,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.drive.component import free_kept
 from twin.errors import InputRefused
 from twin.experiment.measure import Required
 from twin.experiment.requirement import requirement, signals_of
@@ -56,7 +55,6 @@ def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str =
                 onsets = [round(0.5 * experiment.duration_ticks)]
     # a mistake of ours in one run costs that run, as in a sweep
     except Exception as problem:
-        free_kept()
         status = "refused" if isinstance(problem, InputRefused) else "failed"
         return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
     status, reason = ("failed", str(done.failure)) if done.failure else ("tripped" if done.trip else "done", done.trip)

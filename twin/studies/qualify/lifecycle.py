@@ -52,15 +52,6 @@ def _apart(plan: DrivePlan, name: str) -> Check:
         return judged(name, False, str(failure), otherwise="note")
 
 
-def reset_finding(plan: DrivePlan) -> Check:
-    """Check `reset` of every FMU by itself: whether a run after it is that of a new instance, bit for bit.
-
-    Raises:
-        InputRefused: an FMU cannot be loaded or initialised.
-    """
-    return _told("reset", plan)
-
-
 def _told(name: str, plan: DrivePlan) -> Check:
     problems = []
     for part, description in plan.parts.items():

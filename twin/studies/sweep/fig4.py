@@ -1,14 +1,49 @@
 """What one run of a sweep says to the paper's Fig. 4, together with its companion that has no force control."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
+from twin.studies.metrics.response import Curve
+from twin.studies.packing import text_of, values_of
 from twin.studies.paper.claim import as_facts
 from twin.studies.paper.fig4_runs import WHOLE, Fig4Runs
 from twin.studies.paper.score import fig4_score
-from twin.studies.sweep.curves import packed
+
+PERIOD = 0.04
+"""Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""
+
+
+def packed(curves: Mapping[str, tuple[Curve, Curve]], end: float) -> dict[str, Any]:
+    """`curves` for JSON as they are at 0, `PERIOD`, ... up to `end` (s), on lines between their samples.
+
+    Args:
+        curves: (times (s), values), each (n,), by name; times ascend.
+    """
+    t = np.arange(int(end / PERIOD + 1e-9) + 1) * PERIOD
+    return {"period_s": PERIOD, "of": {name: text_of(np.interp(t, *curve)) for name, curve in curves.items()}}
+
+
+def unpacked(kept: Mapping[str, Any]) -> tuple[Curve, dict[str, Curve]]:
+    """(times (s), values by name) of what `packed` made.
+
+    Raises:
+        ValueError: it did not make this.
+    """
+    try:
+        values = {name: values_of(text) for name, text in kept["of"].items()}
+    except KeyError as problem:
+        raise ValueError(str(problem)) from None
+    if len({len(curve) for curve in values.values()}) != 1:
+        raise ValueError("curves of different lengths")
+    samples = len(next(iter(values.values())))
+    t: Curve = np.arange(samples, dtype=float) * float(kept["period_s"])
+    return t, values
+
 
 COMPANION = 'controller.mode="position"'
 """The setting that makes the second run of a pair: the same plant, the same belief, no force loop."""
@@ -31,7 +66,7 @@ def refuse_unfit(experiment: Experiment) -> None:
 
 
 def findings(runs: Fig4Runs) -> dict[str, Any]:
-    """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.studies.sweep.curves`: height and
+    """For the row: "claims", key -> {"value", "verdict"}, and "curves", see `twin.studies.sweep.fig4`: height and
     forces of both runs as estimated and, from `true_`, as they are (m, N)."""
     # the plant drawn is the imperfect one
     score = fig4_score(replace(runs, imperfect=(runs.force_position, runs.position)))

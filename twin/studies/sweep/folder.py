@@ -1,4 +1,4 @@
-"""A sweep's folder: what it is of, its rows, its recordings; and whether it may go on."""
+"""A sweep's folder: what it is of, its rows, its recordings, whether it may go on; its rows as Apache Parquet."""
 
 import os
 from collections.abc import Callable
@@ -7,17 +7,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 from pydantic import Field
 
 from twin.errors import InputRefused
 from twin.files import read_bytes
-from twin.studies.sweep.column_file import columns_in
-from twin.studies.sweep.columns import Columns, Row
-from twin.studies.sweep.rows import MOST_RUNS, ROWS, Shape, parsed, read_rows
-from twin.writing import made_folder, write_json
+from twin.studies.sweep.rows import MOST_RUNS, ROWS, Column, Columns, Row, Shape, Words, parsed, read_columns, read_rows
+from twin.writing import made_folder, write_json, written
 
 if TYPE_CHECKING:
     from twin.studies.sweep.plan import Plan
+
 
 HOME = Path("results/sweeps")
 FACTS = "sweep.json"
@@ -99,20 +99,17 @@ def claim(folder: Path, plan: "Plan") -> None:
     write_json(folder / FACTS, content)
 
 
-def kept(folder: Path, keys: bool = False) -> KeptRows:
+def kept(folder: Path) -> KeptRows:
     """What is in `folder`.
 
-    Args:
-        keys: see `columns_in`.
-
     Raises:
-        InputRefused: no sweep's.
+        InputRefused: no sweep's, or as `read_columns`.
     """
     facts = _read(folder)
     if not facts:
         raise InputRefused(f"{folder}: no sweep's folder, {FACTS} is not there; begin with twin sweep SWEEP.toml")
     path = folder / ROWS
-    columns = columns_in(path, keys)
+    columns = read_columns(path)[0].by_run()
     lists = {name: tuple(facts[name]) for name in ("drives", "labels", "metrics")}
     return KeptRows(
         facts["sweep"], facts["runs"], facts["design"], limits=facts["limits"],
@@ -129,3 +126,42 @@ def _read(folder: Path) -> dict[str, Any]:
     if facts is None:
         raise InputRefused(f"{path}: not what twin sweep writes; choose another --out")
     return facts
+
+
+def write_parquet(kept: KeptRows, path: Path) -> None:
+    """Write `kept` to `path`, a line per run in the order of runs: the same rows make the same bytes.
+
+    Columns: run, drive, each parameter by its key, each metric, status, reason, within_limits, seconds, stepping_s,
+    key. What a run has not is null.
+
+    Raises:
+        InputRefused: pyarrow is not installed.
+        NotWritten: the file cannot be written.
+    """
+    try:
+        import pyarrow as pa
+        import pyarrow.parquet as pq
+    except ImportError:
+        raise InputRefused("--parquet: needs pyarrow; install it with: pip install 'pyarrow>=17'") from None
+    columns = kept.columns
+    table = {"run": pa.array(columns.numbers("run").astype(int))}
+    named = [("drive", "drive"), *((label, f"parameters/{label}") for label in kept.labels)]
+    named += [(metric, f"metrics/{metric}") for metric in kept.metrics]
+    named += [(name, name) for name in ("status", "reason", "within_limits", "seconds", "stepping_s", "key")]
+    table |= {title: _array(pa, columns.of.get(name), len(columns)) for title, name in named}
+    with written(path) as beside:
+        pq.write_table(pa.table(table), beside)
+
+
+def _array(pa: Any, column: Column | None, rows: int) -> Any:
+    if isinstance(column, Words):
+        kinds = {type(word) for word in column.words if word is not None}
+        # a column has one type: numbers stay numbers, anything mixed becomes text
+        one = float if kinds == {int, float} else str if len(kinds) > 1 else None
+        words = [word if word is None or one is None else one(word) for word in column.words]
+        # a file's name that is no text in UTF-8 may be in a reason
+        words = [word.encode(errors="backslashreplace").decode() if isinstance(word, str) else word for word in words]
+        return pa.array(words).take(pa.array(column.codes))
+    if column is None or np.isnan(column).all():
+        return pa.nulls(rows)
+    return pa.array(column, from_pandas=True)

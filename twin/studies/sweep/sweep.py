@@ -1,4 +1,4 @@
-"""A sweep run: what is not finished yet is run, and every row is kept as it comes."""
+"""A sweep run: what is not finished yet is run, every row is kept as it comes; and how far it is."""
 
 import time
 from collections.abc import Callable
@@ -9,15 +9,11 @@ from typing import Any
 
 from twin.runs.guard.limits import Limits
 from twin.studies.left_behind import SCRATCH, held_folder
-from twin.studies.sweep.columns import Columns, Row, columns_of
-from twin.studies.sweep.engine import Engine, Job
 from twin.studies.sweep.folder import claim
-from twin.studies.sweep.interrupt import raise_if_pressed, remembered
 from twin.studies.sweep.measures import within
 from twin.studies.sweep.plan import Plan, Task
-from twin.studies.sweep.pool import Pool
-from twin.studies.sweep.reset import refuse_unproved
-from twin.studies.sweep.rows import ROWS, Rows
+from twin.studies.sweep.pool import Engine, Job, Pool, raise_if_pressed, remembered
+from twin.studies.sweep.rows import ROWS, Columns, Row, Rows, columns_of
 from twin.studies.sweep.statistics import USUAL_METRICS, best, value
 
 RECORDINGS = "runs"
@@ -73,11 +69,10 @@ def run_sweep(
         show: told the state at the beginning and after each batch of rows.
 
     Raises:
-        InputRefused: the folder is another sweep's, or cannot be written; or a drive must not be reset.
+        InputRefused: the folder is another sweep's, or cannot be written.
         DiskFailed, RecordingFailed: the disk is full.
         KeyboardInterrupt: rows until then are kept; so they are with every other end.
     """
-    refuse_unproved(plan, limits)
     claim(folder, plan)
     with Rows(folder / ROWS) as rows:
         finished = {*rows.before.words("key").words}
@@ -145,12 +140,7 @@ class SweepEstimate:
 
 
 def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[SweepEstimate, Row]:  # noqa: B008, it is frozen
-    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing.
-
-    Raises:
-        InputRefused: a drive must not be reset, and is to be.
-    """
-    refuse_unproved(plan, limits)
+    """What a run of `plan` costs, and the row of its first one, measured by running it twice and keeping nothing."""
     with held_folder(SCRATCH) as scratch:
         began = time.monotonic()
         job = _job(plan, scratch, record, limits)
@@ -164,8 +154,7 @@ def estimated(plan: Plan, record: str, limits: Limits = Limits()) -> tuple[Sweep
 
 
 def _job(plan: Plan, folder: Path, record: str, limits: Limits) -> Job:
-    chosen = plan.definition
-    return Job(plan.experiment, folder / RECORDINGS, record, limits, chosen.claims or "", chosen.reuse or "")
+    return Job(plan.experiment, folder / RECORDINGS, record, limits, plan.definition.claims or "")
 
 
 def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
@@ -177,3 +166,40 @@ def _row(plan: Plan, task: Task, facts: dict[str, Any]) -> Row:
         **facts,
         "within_limits": within(facts["metrics"], plan.definition.limits),
     }
+
+
+def state_text(state: State) -> str:
+    """`12 of 64 runs  9.1/s  6 s left  1 failed  force_error_N 0.31 (run 7)`."""
+    parts = [f"{state.done} of {state.total} runs"]
+    if state.remaining is not None:
+        parts += [f"{state.rate:.3g}/s", f"{time_text(state.remaining)} left"]
+    if state.failed:
+        parts.append(f"{state.failed} failed")
+    if state.best:
+        metric, number, run = state.best
+        parts.append(f"{metric} {number:.3g} (run {run})")
+    return "  ".join(parts)
+
+
+def estimate_text(name: str, runs: int, processes: int, estimate: SweepEstimate, first: dict[str, Any]) -> str:
+    """What `runs` runs will take, and what that was measured on."""
+    seconds, size = estimate.total(runs, processes)
+    many = "process" if processes == 1 else "processes"
+    reason = f": {first['reason']}" if first["reason"] else ""
+    return "\n".join([
+        f"{name}  {runs:,} runs, about {time_text(seconds)} in {processes} {many}, {size_text(size)}",
+        f"  measured on run 1, {first['status']}{reason}",
+        f"  {estimate.run:.3f} s per run in a warm process, {estimate.start:.1f} s until its first one is over",
+    ])  # fmt: skip
+
+
+def time_text(seconds: float) -> str:
+    """`45 s`, `12 min` or `3.5 h`."""
+    if seconds < 100.0:
+        return f"{seconds:.0f} s"
+    return f"{seconds / 60:.0f} min" if seconds < 6000.0 else f"{seconds / 3600:.1f} h"
+
+
+def size_text(size: float) -> str:
+    """Of `size` bytes: `9 kB`, `1.2 MB`."""
+    return f"{size / 1e6:,.1f} MB" if size >= 1e6 else f"{max(1.0, size / 1e3):.0f} kB"

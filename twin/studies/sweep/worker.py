@@ -1,18 +1,99 @@
-"""The job of a worker process: runs one after the other for as long as orders come."""
+"""One run of a sweep, and the job of a worker process: runs one after the other for as long as orders come."""
 
 import contextlib
 import gc
 import json
 import shutil
+import time
+from collections.abc import Sequence
 from pathlib import Path
 
-from twin.drive.component import keep_instances
+from twin.errors import ComponentFailed, InputRefused
+from twin.experiment.experiment import Experiment
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.load import load_experiment
 from twin.runs.guard.job import function_called
 from twin.runs.guard.reporter import Reporter
-from twin.studies.sweep.trial import record
+from twin.runs.loop import Simulated, simulate
+from twin.runs.outcome import Tally
+from twin.runs.run import execute
+from twin.runs.trace import Trace
+from twin.studies.check.measurement import metrics_of_measure
+from twin.studies.check.signals import Signals, refuse_unknown
+from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
+from twin.studies.sweep.fig4 import COMPANION, findings
+from twin.studies.sweep.measures import RunFinding, metrics_of
+from twin.writing import made_folder
 
 
-def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, reuse: str, trial: str) -> None:
+def trial(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
+    """Run the experiment at `path` and measure it; a failure of the run is a finding like any other.
+
+    Args:
+        drive, settings: see `load_experiment`.
+        claims: "fig4": judge the claims of Fig. 4 on it and on its companion without force control, which is run, too.
+    """
+    began = time.perf_counter()
+    try:
+        done, metrics, run = _simulated(load_experiment(path, settings, drive), bool(claims))
+        paper = {}
+        if claims and not done.trip:
+            companion, _, other = _simulated(load_experiment(path, [*settings, COMPANION], drive), True)
+            if companion.trip:
+                raise ComponentFailed(f"without force control: {companion.trip}")
+            assert run is not None and other is not None
+            paper = findings(Fig4Runs(Fig4Run(run), Fig4Run(other)))
+    # one run in a thousand that meets a mistake of ours is a row, too
+    except Exception as problem:
+        return RunFinding(*_told(problem), {}, time.perf_counter() - began, 0.0)
+    status = "tripped" if done.trip else "done"
+    return RunFinding(status, done.trip, metrics, time.perf_counter() - began, done.stepping, paper)
+
+
+def record(path: Path, drive: str | None, settings: Sequence[str], folder: Path) -> None:
+    """Run the experiment at `path` and record it in `folder`, as `twin run` does, also where it fails.
+
+    Raises:
+        InputRefused, NotWritten: no folder, or the disk is full; that is no fault of the run.
+    """
+    # what it comes to is told by `trial`: the same run again
+    try:
+        experiment = load_experiment(path, settings, drive)
+    except InputRefused:
+        return
+    made_folder(folder)
+    with contextlib.suppress(InputRefused, ComponentFailed):
+        execute(experiment, folder)
+
+
+def _told(problem: Exception) -> tuple[str, str]:
+    """(status, reason) of a run that `problem` has ended."""
+    match problem:
+        case InputRefused():
+            return "refused", str(problem)
+        case ComponentFailed():
+            return "failed", str(problem).splitlines()[0]
+    return "failed", f"{type(problem).__name__}: {problem}"
+
+
+def _simulated(experiment: Experiment, whole: bool) -> tuple[Simulated, dict[str, float | None], Trace | None]:
+    """(how a run went, its metrics, the run itself if it is to be had `whole` or was needed for them)."""
+    with assemble(experiment) as assembly:
+        refuse_unknown(experiment, assembly.system)
+        tally, run = Tally(assembly.system), Trace() if experiment.measures or whole else None
+        done = simulate(assembly, experiment.duration_ticks, [tally, run] if run else [tally]).completed()
+    metrics = metrics_of(tally.outcome)
+    if run:
+        signals = Signals(run, geometry_of(experiment.controller.model))
+        for measure in experiment.measures:
+            # no step, or a force that never comes, at some values: then there are no such numbers
+            with contextlib.suppress(InputRefused):
+                metrics |= {name: m.value for name, m in metrics_of_measure(measure, signals).items()}
+    return done, metrics, run
+
+
+def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims: str, trial: str) -> None:
     """Run every order; what is imported, compiled or unpacked for one is there for the next.
 
     Notes: {"finding": facts of `Finding`} after each.
@@ -20,9 +101,8 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
     Args:
         experiment: its file.
         folder: where recordings go, a folder per run.
-        claims: see `twin.studies.sweep.trial.trial`.
+        claims: see `twin.studies.sweep.worker.trial`.
         trial: see `Job`.
-        reuse: "reset": FMU instances are kept and reset for the next run; "": each run has its own.
         orders: a named pipe, alone in its folder, that brings {"run", "drive", "settings", "record"} as JSON lines;
             ends the job when it is closed. What is to be recorded is run twice: so measuring never depends on the
             recorder, and a good run in a sweep that records failures never meets it.
@@ -30,7 +110,6 @@ def served(reporter: Reporter, experiment: str, orders: str, folder: str, claims
     Raises:
         RecordingFailed: the disk is full.
     """
-    keep_instances(reuse == "reset")
     judged = function_called(trial)
     with open(orders, encoding="utf-8") as lines:
         # it is open at both ends now; who made it may be killed

@@ -17,7 +17,7 @@ from twin.studies.sweep.dask.bundle import Manifest
 from twin.studies.sweep.dask.cluster import connected, ended_within, within
 from twin.studies.sweep.dask.engine import _Batches
 from twin.studies.sweep.dask.runner import SweepJob
-from twin.studies.sweep.interrupt import remembered
+from twin.studies.sweep.pool import remembered
 
 FOREVER = 600.0
 """s; longer than any test may take."""

@@ -14,12 +14,10 @@ from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask.bundle import Bundle
 from twin.studies.sweep.dask.cluster import checked_workers, connected
 from twin.studies.sweep.dask.engine import ClusterLost, Dask
-from twin.studies.sweep.dask.runner import SweepJob
-from twin.studies.sweep.dask.versions import versions
-from twin.studies.sweep.engine import Engine
+from twin.studies.sweep.dask.runner import SweepJob, versions
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan, planned
-from twin.studies.sweep.pool import Pool
+from twin.studies.sweep.pool import Engine, Pool
 from twin.studies.sweep.sweep import RECORDINGS, State, run_sweep
 
 COSTS = ("seconds", "stepping_s")

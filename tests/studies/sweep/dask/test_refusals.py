@@ -20,7 +20,7 @@ from twin.errors import InputRefused
 from twin.studies.sweep.dask import cluster as cluster_module
 from twin.studies.sweep.dask import engine as engine_module
 from twin.studies.sweep.dask.engine import Dask
-from twin.studies.sweep.dask.versions import versions
+from twin.studies.sweep.dask.runner import versions
 from twin.studies.sweep.folder import kept
 from twin.studies.sweep.plan import Plan
 from twin.studies.sweep.sweep import run_sweep

@@ -6,9 +6,9 @@ import pytest
 from twin.runs.guard.limits import Limits
 from twin.studies.sweep.dask import file_store, runner
 from twin.studies.sweep.dask.bundle import Bundle
-from twin.studies.sweep.dask.versions import difference, versions
-from twin.studies.sweep.engine import Job
+from twin.studies.sweep.dask.runner import difference, versions
 from twin.studies.sweep.plan import Task
+from twin.studies.sweep.pool import Job
 
 
 def test_a_runner_that_nobody_uses_any_more_is_closed(root: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):

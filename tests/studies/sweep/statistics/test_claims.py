@@ -6,10 +6,9 @@ import numpy as np
 import pytest
 
 from tests.studies.sweep.statistics.rows import row
-from twin.studies.sweep.columns import columns_of
-from twin.studies.sweep.curves import packed
-from twin.studies.sweep.statistics.bands import bands
-from twin.studies.sweep.statistics.claims import likelihoods
+from twin.studies.sweep.fig4 import packed
+from twin.studies.sweep.rows import columns_of
+from twin.studies.sweep.statistics.claims import bands, likelihoods
 
 
 def judged(run: int, value: float | None, verdict: str) -> dict:

@@ -17,9 +17,8 @@ from twin.errors import ComponentFailed, InputRefused
 from twin.runs.guard.interpreter import others_safe
 from twin.studies.left_behind import dask_folder
 from twin.studies.sweep.dask import file_store
-from twin.studies.sweep.dask.runner import Reply, SweepJob, lack
-from twin.studies.sweep.dask.versions import difference, versions
-from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
+from twin.studies.sweep.dask.runner import Reply, SweepJob, difference, lack, versions
+from twin.studies.sweep.pool import HEAR, raise_if_pressed
 
 if TYPE_CHECKING:
     from distributed import Client, LocalCluster

@@ -25,12 +25,10 @@ from twin.studies.sweep.dask.cluster import (
     send_missing,
     within,
 )
-from twin.studies.sweep.dask.runner import Reply, SweepJob, close_runner, run_tasks
-from twin.studies.sweep.dask.versions import difference, versions
-from twin.studies.sweep.engine import Job, Result
-from twin.studies.sweep.interrupt import HEAR, raise_if_pressed
+from twin.studies.sweep.dask.runner import Reply, SweepJob, close_runner, difference, run_tasks, versions
 from twin.studies.sweep.measures import failure
 from twin.studies.sweep.plan import Task
+from twin.studies.sweep.pool import HEAR, Job, Result, raise_if_pressed
 from twin.studies.sweep.rows import DiskFailed
 from twin.writing import made_folder, write_bytes
 

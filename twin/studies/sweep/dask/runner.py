@@ -1,20 +1,67 @@
-"""What happens in a Dask worker: runs, each in a guarded child process, so that no FMU can harm the worker itself."""
+"""What happens in a Dask worker: runs, each in a guarded child process, so that no FMU can harm the worker itself;
+and what has to be the same on two machines for a run to give the same bits there."""
 
+import functools
+import hashlib
+import platform
 import shutil
 import socket
+import sys
 import tempfile
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
+import twin
 from twin.studies.sweep.dask import file_store
 from twin.studies.sweep.dask.bundle import Manifest
-from twin.studies.sweep.dask.versions import versions
-from twin.studies.sweep.engine import Job
 from twin.studies.sweep.plan import Task
-from twin.studies.sweep.worker_process import WorkerProcess
+from twin.studies.sweep.pool import Job, WorkerProcess
+
+PACKAGES = ("numba", "llvmlite", "numpy", "fmpy")
+
+
+@functools.cache
+def versions() -> dict[str, str]:
+    """Of this process, by what a user would call it.
+
+    twin's is followed by a hash of its files: in a clone the number stays while the code changes.
+    """
+    return {
+        "twin": f"{_version('twin')} (files {_digest(Path(twin.__file__).parent)})",
+        "Python": f"{sys.version_info.major}.{sys.version_info.minor}",
+        **{package: _version(package) for package in PACKAGES},
+        "machine": f"{platform.system()} {platform.machine()}",
+    }
+
+
+def difference(who: str, theirs: Mapping[str, str], ours: Mapping[str, str]) -> str:
+    """`tcp://10.0.0.5:4001 has numba 0.59.1, this machine has 0.61.0`; "" if they are the same."""
+    told = [
+        f"{what} {theirs.get(what, 'none')}, this machine has {own}"
+        for what, own in ours.items()
+        if theirs.get(what) != own
+    ]
+    return f"{who} has {'; and '.join(told)}" if told else ""
+
+
+def _version(package: str) -> str:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return "none"
+
+
+def _digest(folder: Path) -> str:
+    content = hashlib.sha256()
+    for file in sorted(folder.rglob("*.py")):
+        content.update(f"{file.relative_to(folder).as_posix()}\0".encode())
+        content.update(file.read_bytes())
+    return content.hexdigest()[:8]
+
 
 IDLE = 60.0
 """Seconds after which a runner without runs is closed: whoever began the sweep may have died without a word."""

@@ -1,22 +1,247 @@
-"""What a sweep came to, part by part: a table each, which becomes text or a page."""
+"""What is said about a sweep, answer first: its parts, each a table with sentences, and all of them as text."""
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
-from twin.errors import plain
-from twin.studies.lines import counted
-from twin.studies.sweep.columns import Positions
+import numpy as np
+
+from twin.errors import InputRefused, nearest, plain
+from twin.studies.lines import WIDTH, counted, wrapped
 from twin.studies.sweep.folder import KeptRows
-from twin.studies.sweep.show.claims import claims_part, least_sure
-from twin.studies.sweep.show.sensitivity import sensitivity_parts
-from twin.studies.sweep.show.table import Part
-from twin.studies.sweep.show.words import number, short, shown
-from twin.studies.sweep.statistics.claims import likelihoods
-from twin.studies.sweep.statistics.distribution import BINS, QUANTILES, Spread, spread
-from twin.studies.sweep.statistics.drives import drive_ranking
-from twin.studies.sweep.statistics.pareto import pareto_front
-from twin.studies.sweep.statistics.ranking import best, drives_in, metrics_in, value
-from twin.studies.sweep.statistics.worst import worst_over
+from twin.studies.sweep.rows import Column, Columns, Positions
+from twin.studies.sweep.statistics.claims import Likelihood, likelihoods
+from twin.studies.sweep.statistics.ranking import (
+    BINS,
+    QUANTILES,
+    Spread,
+    best,
+    drive_ranking,
+    drives_in,
+    metrics_in,
+    numeric_labels,
+    of_drive,
+    pareto_front,
+    spread,
+    value,
+    worst_over,
+)
+from twin.studies.sweep.statistics.sensitivity import (
+    FEW,
+    LEAST_FOR_INTERVALS,
+    Correlation,
+    Interval,
+    rank_correlation,
+    sobol_indices,
+    why_no_indices,
+)
+
+
+@dataclass(frozen=True)
+class Part:
+    """A table with a title and sentences.
+
+    Attributes:
+        key: short name.
+        head: titles of the columns, rows: cells, as many in each; empty if there is no table.
+        remarks: sentences to it.
+        notes: by first cell, what it means; for a page, which has the room.
+        text_only: titles of columns that a page does without, because it has a picture.
+    """
+
+    key: str
+    title: str
+    head: Sequence[str]
+    rows: Sequence[Sequence[str]]
+    remarks: Sequence[str] = ()
+    notes: Mapping[str, str] = field(default_factory=dict)
+    text_only: Sequence[str] = ()
+
+
+def short(labels: Sequence[str]) -> dict[str, str]:
+    """Each label by as few of its last parts as tell it from the others; a number never stands alone."""
+    names = {}
+    for label in labels:
+        parts = label.split(".")
+        for count in range(2 if parts[-1].isdigit() else 1, len(parts) + 1):
+            name = ".".join(parts[-count:])
+            if sum(other == name or other.endswith(f".{name}") for other in labels) == 1:
+                break
+        names[label] = name
+    return names
+
+
+def number(value: float) -> str:
+    """With four digits; `-` if there is none, `never` for infinity."""
+    if math.isnan(value):
+        return "-"
+    if math.isinf(value):
+        return "never"
+    return "0" if abs(value) < 1e-12 else f"{value:.4g}"
+
+
+def interval(ends: tuple[float, float], form: str = ".2f") -> str:
+    """`0.12 .. 0.34`; `-` if there is none."""
+    low, high = ends
+    return "-" if math.isnan(low) or math.isnan(high) else f"{low:{form}} .. {high:{form}}"
+
+
+def shown(parameters: Column | None, row: int) -> str:
+    """The value of a parameter in a row; `-` if the run does not have it."""
+    parameter = None if parameters is None else parameters[row]
+    if parameter is None or parameter != parameter:
+        return "-"
+    return f"{parameter:.4g}" if isinstance(parameter, float) else str(parameter)
+
+
+LIKELY = 0.95
+"""Share of runs from which on a claim is called likely."""
+MEDIAN = QUANTILES.index(0.5)
+
+
+def least_sure(found: Sequence[Likelihood]) -> str:
+    """`17 of 20 claims hold in 95 % of the runs; least sure is 'F_z stays lower' (41 %)`."""
+    judged = [one for one in found if one.judged]
+    if not judged:
+        return "no claim could be judged"
+    likely = sum(one.share >= LIKELY for one in judged)
+    least = min(judged, key=lambda one: one.share)
+    text = f"{likely} of {len(judged)} claims hold in at least {100 * LIKELY:g} % of the runs"
+    return text if least.share >= LIKELY else f"{text}; least sure: {least.claim.key} ({100 * least.share:.0f} %)"
+
+
+def claims_part(kept: KeptRows) -> Part | None:
+    """Each claim with the probability that it holds; None if none was asked for."""
+    found = likelihoods(kept.columns)
+    if not found:
+        return None
+    head = ["claim", "holds in", "P, 95 %", "expected", "median", "5 to 95 %"]
+    lines = [
+        [
+            one.claim.key,
+            f"{one.holds} of {one.judged}",
+            interval(one.interval) if one.judged else "-",
+            f"{one.claim.expected} {one.claim.unit}".rstrip(),
+            _measured(one, MEDIAN),
+            f"{_measured(one, 0)} .. {_measured(one, -1)}",
+        ]
+        for one in found
+    ]
+    columns = kept.columns
+    verdicts = (columns.words(name) for name in columns.under("verdicts").values())
+    judged = int(np.any([one.are(lambda verdict: verdict is not None) for one in verdicts], axis=0).sum())
+    remarks = ["P: Wilson interval. true_...: not the paper's but ours, on the true force"]
+    if missing := len(columns) - judged:
+        remarks.append(f"{missing} of {len(columns)} runs came to no end and are not judged: reasons below")
+    remarks += [f"{one.claim.key}: trivial in {one.trivial} runs, not counted" for one in found if one.trivial]
+    return Part(
+        "claims",
+        f"claims of Fig. 4 over {judged} runs",
+        head,
+        lines,
+        remarks,
+        {one.claim.key: one.claim.text for one in found},
+    )
+
+
+def _measured(one: Likelihood, quantile: int) -> str:
+    value = one.quantiles[quantile]
+    return number(value) if not math.isfinite(value) else f"{value:.{one.claim.digits}f}"
+
+
+WIDE = 0.3
+"""Width of an interval that leaves open whether a parameter matters."""
+COVERED = "the aim; on functions with known indices they held the truth 92 % of the times, the worst index 82 %"
+"""Counted, see docs/sweep_show.md; tests/studies/sweep/statistics/test_sensitivity.py counts a part of it again."""
+SURE = 0.05
+"""Chance of a mistake that a star allows for, over all parameters of a table together (Holm 1979)."""
+
+
+def sensitivity_parts(kept: KeptRows, metric: str) -> list[Part]:
+    """For each drive by itself: what moves one drive need not move another."""
+    found: list[Part | None] = []
+    drives = drives_in(kept.columns)
+    for drive in drives:
+        columns = kept.columns if len(drives) == 1 else kept.columns.at(of_drive(kept.columns, drive))
+        of = f", {drive}" if len(drives) > 1 else ""
+        found += [_correlations(kept, columns, metric, of), _indices(kept, columns, metric, of)]
+    parts = [part for part in found if part is not None]
+    if parts and (why := why_no_indices(kept.design)):
+        parts[-1] = replace(parts[-1], remarks=[*parts[-1].remarks, why])
+    return parts
+
+
+def starred(correlations: dict[str, Correlation]) -> set[str]:
+    """Parameters whose correlation is none by chance, all of them together at `SURE`.
+
+    Source: Holm (1979), A simple sequentially rejective multiple test procedure.
+    """
+    stars: set[str] = set()
+    ordered = sorted(correlations.items(), key=lambda item: item[1].p)
+    for tested, (label, found) in enumerate(ordered):
+        if found.p > SURE / (len(ordered) - tested):
+            break
+        stars.add(label)
+    return stars
+
+
+def _correlations(kept: KeptRows, columns: Columns, metric: str, of: str) -> Part | None:
+    names = short(kept.labels)
+    found = {
+        label: correlation
+        for label in numeric_labels(kept.labels, columns)
+        if (correlation := rank_correlation(columns, label, metric))
+    }
+    if not found:
+        return None
+    stars = starred(found)
+    lines = [
+        [
+            names[label],
+            f"{one.rho:+.2f}{'*' if label in stars else ' '}",
+            interval((one.low, one.high), "+.2f"),
+            f"{one.p:.2g}",
+        ]
+        for label, one in sorted(found.items(), key=lambda item: -abs(item[1].rho))
+    ]
+    remarks = [f"* not by chance: 5 % for {counted(len(found), 'parameter')} together (Holm)"]
+    fewest = min(one.runs for one in found.values())
+    if fewest < FEW:
+        remarks.append(f"only {fewest} runs: intervals are wide, and what has no star may matter all the same")
+    title = f"rank correlation with {metric}{of} (Spearman: + rises with the parameter)"
+    return Part("correlation", title, ["parameter", "rho ", "95 %", "p"], lines, remarks)
+
+
+def _indices(kept: KeptRows, columns: Columns, metric: str, of: str) -> Part | None:
+    if kept.design != "saltelli":
+        return None
+    found = sobol_indices(columns, kept.labels, kept.runs // max(1, len(kept.drives)), metric)
+    title = f"Sobol indices of {metric}{of}, {found.blocks} of {found.planned} blocks"
+    remarks = [found.remark] if found.remark else []
+    if not found.of:
+        return Part("indices", title, [], [], remarks)
+    names = short(kept.labels)
+    lines = [
+        [names[one.label], f"{one.first:.2f}", _range(one.first_interval), f"{one.total:.2f}",
+         _range(one.total_interval)]
+        for one in sorted(found.of, key=lambda one: -one.total)
+    ]  # fmt: skip
+    ranges = [some for one in found.of for some in (one.first_interval, one.total_interval) if some]
+    if ranges:
+        remarks.append(f"95 %: {COVERED}")
+    elif found.blocks < LEAST_FOR_INTERVALS:
+        remarks.append(
+            f"no intervals: of fewer than {LEAST_FOR_INTERVALS} blocks they hold much less often than they say"
+        )
+    if max((high - low for low, high in ranges), default=0.0) > WIDE:
+        remarks.append("some intervals are wide: four times the blocks make them half as wide")
+    remarks.append("first: share of the variance that it explains alone; total: together with others")
+    return Part("indices", title, ["parameter", "first", "95 %", "total", "95 %"], lines, remarks)
+
+
+def _range(found: Interval) -> str:
+    return interval(found) if found else "-"
+
 
 MOST_OF_FRONT = 8
 MOST_REASONS = 5
@@ -194,3 +419,79 @@ def _reasons(kept: KeptRows) -> Part | None:
     if len(reasons) > MOST_REASONS:
         told.append(f"{len(reasons) - MOST_REASONS} other reasons are in the rows")
     return Part("reasons", "runs that are not done", [], [], told)
+
+
+def axes_of(kept: KeptRows, x: str | None, y: str | None) -> tuple[str, str] | None:
+    """The two parameters of the map: those asked for, else the first two that are numbers; None: there are not two.
+
+    Raises:
+        InputRefused: one asked for does not vary.
+    """
+    numeric = numeric_labels(kept.labels, kept.columns)
+    names = short(kept.labels)
+    chosen = []
+    for option, wanted in (("--x", x), ("--y", y)):
+        found = [label for label in numeric if wanted in (label, names[label])]
+        if wanted is not None and not found:
+            raise InputRefused(
+                f"{option} {wanted}: no number that varies here; there are {', '.join(numeric) or 'none'}"
+            )
+        chosen.append(found[0] if found else None)
+    free = [label for label in numeric if label not in chosen]
+    first = chosen[0] or (free.pop(0) if free else None)
+    second = chosen[1] or (free.pop(0) if free else None)
+    return (first, second) if first and second and first != second else None
+
+
+def worst_label(kept: KeptRows, wanted: str | None) -> str | None:
+    """The parameter that `--worst-over` means, by its whole name or by its short one.
+
+    Raises:
+        InputRefused: none of that name varies.
+    """
+    names = short(kept.labels)
+    found = next((label for label in kept.labels if wanted in (label, names[label])), None)
+    if wanted is not None and found is None:
+        raise InputRefused(f"--worst-over {wanted}: does not vary here; {nearest(wanted, kept.labels)}")
+    return found
+
+
+def sweep_text(kept: KeptRows, asked: Asked) -> str:
+    """The report of a sweep."""
+    lines = [headline_text(kept, asked.by)]
+    for part in parts(kept, asked):
+        lines += ["", *_part(part)]
+    return "\n".join(line.rstrip() for line in lines)
+
+
+def headline_text(kept: KeptRows, by: str) -> str:
+    """The first sentence in lines of at most 80 characters."""
+    return _folded(headline(kept, by))
+
+
+def _part(part: Part) -> list[str]:
+    lines = [_folded(part.title)]
+    if part.rows:
+        lines += _aligned([list(column) for column in zip(part.head, *part.rows, strict=True)])
+    return lines + [_folded(remark, 4, "  ") for remark in part.remarks]
+
+
+def _aligned(columns: Sequence[Sequence[str]]) -> list[str]:
+    """Lines of a table; columns that do not fit in 80 are left out, and said to be."""
+    lines = ["  "] * len(columns[0])
+    left_out = 0
+    for position, column in enumerate(columns):
+        width = max(map(len, column))
+        if len(lines[0]) + width > WIDTH:
+            left_out = len(columns) - position
+            break
+        first = position == 0
+        lines = [
+            line + (f"{cell:<{width}}" if first else f"{cell:>{width}}") + "  "
+            for line, cell in zip(lines, column, strict=True)
+        ]
+    return [*lines, f"  ({counted(left_out, 'more column')} in --html)"] if left_out else lines
+
+
+def _folded(text: str, later: int = 2, first: str = "") -> str:
+    return "\n".join(wrapped(text, first, later, whole=True))

@@ -1,14 +1,16 @@
-"""Runs by a metric: which is better, and which metrics say that at all."""
+"""Which runs and drives are best, worst or on the Pareto front, and how a metric is distributed."""
 
-from collections.abc import Sequence
+import math
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from twin.errors import InputRefused
-from twin.studies.sweep.columns import Columns, Numbers, Positions, Words, once
+from twin.studies.sweep.definition import Value
 from twin.studies.sweep.measures import METRICS, checked_metric
-from twin.studies.sweep.vary import Value
+from twin.studies.sweep.rows import Columns, Numbers, Positions, Words, once
 
 USUAL_METRICS = ("force_error_N", "lateral_error_mm")
 UNRANKED = ("end_N", "peak_time_s")
@@ -128,3 +130,229 @@ def drives_in(columns: Columns) -> list[str | None]:
 def of_drive(columns: Columns, drive: str | None) -> NDArray[np.bool_]:
     """Which runs are those of a drive, (n,)."""
     return columns.words("drive").are(lambda name: name == drive)
+
+
+QUANTILES = (0.05, 0.25, 0.5, 0.75, 0.95)
+BINS = 12
+
+
+@dataclass(frozen=True)
+class Spread:
+    """The numbers of a metric.
+
+    Attributes:
+        metric: its name.
+        numbers: of the runs that have one, in the order of runs.
+        missing: runs that have none.
+        quantiles: at `QUANTILES`.
+        counts: of `BINS` bins of equal width from the least number to the largest; of one bin around them all if they
+            differ by no more than rounding.
+        edges: of the bins, one more than these.
+    """
+
+    metric: str
+    numbers: Numbers
+    missing: int
+    quantiles: tuple[float, ...]
+    counts: tuple[int, ...]
+    edges: Numbers
+
+
+@once
+def spread(columns: Columns, metric: str) -> Spread | None:
+    """Over all finished runs, limits kept or not; None if none has the metric."""
+    numbers = value(columns, metric)
+    numbers = numbers[~np.isnan(numbers)]
+    if len(numbers) == 0:
+        return None
+    counts, edges = np.histogram(numbers, *_bins(numbers))
+    quantiles = tuple(float(number) for number in np.quantile(numbers, QUANTILES))
+    return Spread(metric, numbers, len(columns) - len(numbers), quantiles, tuple(int(count) for count in counts), edges)
+
+
+def _bins(numbers: Numbers) -> tuple[int, tuple[float, float]]:
+    """(bins, range of them all): neighbouring doubles have nothing between them that twelve bins could share."""
+    scale = max(1.0, float(np.abs(numbers).max()))
+    low, high = float(numbers.min()), float(numbers.max())
+    if high - low <= 10.0**-ROUNDING * scale:
+        return 1, (low - 0.5 * scale, high + 0.5 * scale)
+    return BINS, (low, high)
+
+
+@once
+def pareto_front(columns: Columns, one: str, other: str) -> Positions:
+    """Of the rows that `best` would rank by `one` and that have `other`, those that no other beats; least `one` first.
+
+    A run beats another if it has no more of either metric and less of one of them.
+    """
+    rows = best(columns, one)
+    rows = rows[~np.isnan(value(columns, other)[rows])]
+    a, b = value(columns, one)[rows], value(columns, other)[rows]
+    # whoever has more of the other than one with no more of the first is beaten; few are left to be sorted by both
+    left = b <= np.minimum.accumulate(b)
+    rows, a, b = rows[left], a[left], b[left]
+    order = np.lexsort((b, a))
+    rows, a, b = rows[order], a[order], b[order]
+    before = np.concatenate([[np.inf], np.minimum.accumulate(b)[:-1]])
+    first = np.ones(len(rows), bool)
+    first[1:] = (a[1:] != a[:-1]) | (b[1:] != b[:-1])
+    # of runs that are equal in both the first decides for all
+    return rows[(b < before)[first][np.cumsum(first) - 1]] if len(rows) else rows
+
+
+@dataclass(frozen=True)
+class Worst:
+    """The runs of one choice of all other parameters and of the drive.
+
+    Attributes:
+        row: of the worst run.
+        metric: of that run; infinity if it failed, tripped, broke a limit or has no number.
+        runs: of this choice.
+        bad: how many of them have no number that counts.
+    """
+
+    row: int
+    metric: float
+    runs: int
+    bad: int
+
+
+def worst_over(columns: Columns, metric: str, label: str, labels: Sequence[str]) -> list[Worst]:
+    """For each choice of the other parameters its worst run over `label`, least worst first, ties in order of rows.
+
+    Args:
+        metric: less is better.
+        labels: of all parameters that vary.
+    """
+    if not len(columns):
+        return []
+    others = [columns.of[name] for one in labels if one != label and (name := f"parameters/{one}") in columns.of]
+    keys = [found.codes if isinstance(found, Words) else np.unique(found, return_inverse=True)[1] for found in others]
+    keys.append(columns.words("drive").codes)
+    _, group = np.unique(np.column_stack(keys), axis=0, return_inverse=True)
+    group = group.reshape(-1)
+    numbers = np.full(len(columns), np.inf)
+    counting = best(columns, metric)
+    numbers[counting] = value(columns, metric)[counting]
+    # of each group the largest number, of equal ones the first row
+    order = np.lexsort((-np.arange(len(columns)), numbers, group))
+    last: Positions = order[np.flatnonzero(np.diff(group[order], append=-1))]
+    runs, bad = np.bincount(group), np.bincount(group, np.isinf(numbers))
+    found = [Worst(int(row), float(numbers[row]), int(runs[group[row]]), int(bad[group[row]])) for row in last]
+    return sorted(found, key=lambda one: (one.metric, one.row))
+
+
+RESAMPLES = 2000
+
+
+@dataclass(frozen=True)
+class DriveScore:
+    """A drive in the sweep.
+
+    Attributes:
+        drive: its name; "" for the experiment's own.
+        runs: finished.
+        completed: of those, done with a number.
+        median, worst: of the metric over the completed runs; nan if there is none.
+        behind: median over points of how much more it has than the first drive, and its 95 % interval; nan for the
+            first, and where no point was completed by both.
+        best: chance that it ranks first if the points were drawn anew.
+    """
+
+    drive: str
+    runs: int
+    completed: int
+    median: float
+    worst: float
+    behind: float
+    behind_interval: tuple[float, float]
+    best: float
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether its interval leaves out 0: the runs tell it from the first."""
+        low, high = self.behind_interval
+        return low > 0.0 or high < 0.0
+
+
+def drive_ranking(columns: Columns, metric: str) -> list[DriveScore]:
+    """Drives: those that completed most first, then by median of the metric.
+
+    A drive that fails where another is slow must not look better for it, so completed runs count before the median.
+    All drives run the same points, so differences are taken point by point and what the points do to every drive drops
+    out (common random numbers: Law, Simulation Modeling and Analysis, 11.2). Only points that every drive has finished,
+    well or badly, are resampled (percentile bootstrap: Efron and Tibshirani 1993, 13.3); the same rows give the same
+    intervals.
+    """
+    drives = drives_in(columns)
+    mine = [of_drive(columns, drive) for drive in drives]
+    done = _done(columns, metric)
+    own = [done[is_mine & ~np.isnan(done)] for is_mine in mine]
+    runs = [int(is_mine.sum()) for is_mine in mine]
+    table = _at_shared_points(columns, mine, done)
+    ranks = [(-len(numbers) / n, _median(numbers)) for n, numbers in zip(runs, own, strict=True)]
+    order = sorted(range(len(drives)), key=lambda d: (ranks[d][0], math.isnan(ranks[d][1]), ranks[d][1]))
+    chances = _chances(table)
+    scores = []
+    for d in order:
+        behind = (math.nan, (math.nan, math.nan)) if d == order[0] else _behind(table[d] - table[order[0]])
+        worst = float(own[d].max()) if len(own[d]) else math.nan
+        name = drives[d] or ""
+        scores.append(DriveScore(name, runs[d], len(own[d]), ranks[d][1], worst, *behind, float(chances[d])))
+    return scores
+
+
+def _at_shared_points(columns: Columns, mine: list[NDArray[np.bool_]], done: Numbers) -> Numbers:
+    """The metric, (drives, points), at the points that every drive has finished; nan: not completed."""
+    point = np.zeros(len(columns), np.intp)
+    for name in columns.under("parameters").values():
+        column = columns.of[name]
+        # bit by bit: a parameter that is not there is one, too
+        _, codes = np.unique(column.codes if isinstance(column, Words) else column.view(np.int64), return_inverse=True)
+        _, first, point = np.unique(point * (1 + codes.max()) + codes, return_index=True, return_inverse=True)
+        # in the order of rows
+        point = np.argsort(np.argsort(first))[point]
+    table, finished = (np.full((len(mine), 1 + point.max()), nothing) for nothing in (np.nan, False))
+    for d, is_mine in enumerate(mine):
+        table[d, point[is_mine]], finished[d, point[is_mine]] = done[is_mine], True
+    shared: Numbers = table[:, finished.all(axis=0)]
+    return shared
+
+
+def _resampled(points: int) -> Iterator[NDArray[np.int64]]:
+    """So many points drawn from as many, anew each time: one at a time, as all together need not fit in memory."""
+    rng = np.random.default_rng(0)
+    return (rng.integers(max(1, points), size=points) for _ in range(RESAMPLES))
+
+
+def _chances(table: Numbers) -> Numbers:
+    """How often each drive ranks first over resampled points, (drives,); a tie is shared."""
+    if table.shape[1] == 0:
+        return np.full(len(table), np.nan)
+    first = np.zeros(len(table))
+    for pick in _resampled(table.shape[1]):
+        drawn = table[:, pick]
+        completed = np.isfinite(drawn).sum(axis=1)
+        medians = np.array([_median(numbers[np.isfinite(numbers)]) for numbers in drawn])
+        medians[completed < completed.max()] = np.inf
+        leaders = medians == medians.min() if completed.max() else np.ones(len(table), bool)
+        first += leaders / leaders.sum()
+    return first / RESAMPLES
+
+
+def _behind(differences: Numbers) -> tuple[float, tuple[float, float]]:
+    """(median, 95 % interval) of the differences at points that both drives completed."""
+    known = differences[np.isfinite(differences)]
+    if len(known) == 0:
+        return math.nan, (math.nan, math.nan)
+    low, high = np.percentile([np.median(known[pick]) for pick in _resampled(len(known))], [2.5, 97.5])
+    return float(np.median(known)), (float(low), float(high))
+
+
+def _median(numbers: Numbers) -> float:
+    return float(np.median(numbers)) if len(numbers) else math.nan
+
+
+def _done(columns: Columns, metric: str) -> Numbers:
+    """The numbers of runs that came to their end without a trip."""
+    return np.where(columns.words("status").are(lambda status: status == "done"), value(columns, metric), np.nan)

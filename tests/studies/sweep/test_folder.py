@@ -1,12 +1,10 @@
-"""A column of a Parquet file has one type, and what a run has not is null."""
-
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.studies.sweep.parquet import write_parquet
+from twin.studies.sweep.folder import write_parquet
 
 pytest.importorskip("pyarrow")
 

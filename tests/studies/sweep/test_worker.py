@@ -1,5 +1,3 @@
-"""A run of a sweep comes to what `twin run` and `twin check` say of the same experiment, bit for bit."""
-
 from pathlib import Path
 
 import pytest
@@ -11,7 +9,7 @@ from twin.runs.run import execute
 from twin.studies.check.measurement import measured
 from twin.studies.check.signals import run_for_measures
 from twin.studies.sweep.measures import BY_KIND, METRICS, metric_names, metrics_of
-from twin.studies.sweep.trial import record, trial
+from twin.studies.sweep.worker import record, trial
 
 SETTINGS = ("duration_s=6", f"{STIFFNESS}=2000")
 

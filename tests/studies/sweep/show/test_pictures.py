@@ -1,5 +1,4 @@
-"""A map of more cells than numbers could be read in shows colours only, failures among them."""
-
+import math
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +9,34 @@ from matplotlib.colors import to_rgb
 from matplotlib.image import imread
 
 from tests.studies.sweep.statistics.rows import kept, row
-from twin.studies.sweep.show.picture import FAILED, MOST_NUMBERS, _levels, draw_sweep
+from twin.studies.sweep.show.pictures import CROWD, FAILED, MOST_NUMBERS, _levels, draw_spreads, draw_sweep, visible
+
+
+def test_of_few_dots_all_are_drawn():
+    x = np.zeros(CROWD)
+    assert visible(x, x, 1).tolist() == list(range(CROWD))
+
+
+@pytest.mark.parametrize("most", [1, 4])
+def test_of_a_crowd_the_last_ones_of_each_place_are_drawn_in_their_order(most: int):
+    x, y = np.random.default_rng(0).integers(10, size=(2, CROWD + 1)).astype(float)
+    drawn = visible(x, y, most)
+    expected = [np.flatnonzero((x == i) & (y == j))[-most:] for i in range(10) for j in range(10)]
+    assert drawn.tolist() == sorted(np.concatenate(expected))
+
+
+def test_a_dot_that_is_not_drawn_has_one_after_it_that_is_less_than_a_cell_away():
+    x, y = np.random.default_rng(1).normal(size=(2, CROWD + 1000))
+    drawn = visible(x, y, 1)
+    hidden = np.setdiff1d(np.arange(len(x)), drawn)[::500]
+    cell = [np.ptp(along) / 150 for along in (x, y)]
+    for dot in hidden:
+        after = drawn[drawn > dot]
+        assert ((abs(x[after] - x[dot]) < cell[0]) & (abs(y[after] - y[dot]) < cell[1])).any()
+
+
+def test_dots_that_all_lie_in_one_place_are_no_crowd_to_divide_by():
+    assert visible(np.ones(CROWD + 5), np.ones(CROWD + 5), 2).tolist() == [CROWD + 3, CROWD + 4]
 
 
 def test_of_a_grid_with_many_cells_those_that_failed_have_the_colour_of_failures(tmp_path: Path):
@@ -41,3 +67,10 @@ def test_dots_are_those_of_a_grid_if_there_are_as_many_as_cells(dots: list[tuple
         assert found is not None and [level.tolist() for level in found] == list(levels)
     else:
         assert found is None
+
+
+def test_metrics_that_differ_by_a_rounding_or_not_at_all_are_drawn(tmp_path: Path):
+    near = math.nextafter(1000.0, math.inf)
+    rows = [row(n, {}, peak_N=peak, constant=1e-9, usual=float(n)) for n, peak in enumerate((1000.0, near, 1000.0))]
+    draw_spreads(kept(rows), tmp_path / "spread.png")
+    assert (tmp_path / "spread.png").read_bytes().startswith(b"\x89PNG")
