@@ -6,45 +6,44 @@ import annotated_types
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from twin.experiment import (
-    change,
-    contact,
-    experiment,
-    fault,
-    measure,
-    monitor,
-    reference,
-    schema,
-    stand_in,
-    task,
-    tissue,
-)
-from twin.experiment.quantity import Section
-from twin.experiment.robot import Plant, Robot
+from twin.controller.breath import Breath
+from twin.controller.computer import Computer
+from twin.controller.damping import Damping
+from twin.controller.energy_tank import EnergyTank
+from twin.controller.feed_forward import FeedForward
+from twin.controller.loops import ForceLoop, PositionLoop, ScheduledGains
+from twin.controller.task_controller import Touch
+from twin.controller.tissue import Tissue
+from twin.experiment import change, experiment, fault, measure, reference, schema, stand_in, task
+from twin.monitor.limits import Monitor
+from twin.plant.contact_law import Breathing, Contact, Shift
+from twin.plant.parameters import Robot, TrueRobot
+from twin.plant.scale import Display
+from twin.settings import Settings
 
-TABLES: dict[str, type[Section]] = {
+TABLES: dict[str, type[Settings]] = {
     "top of the file": experiment.Head,
     "[robot]": Robot,
-    "[plant]": Plant,
+    "[plant]": TrueRobot,
     "[cosim]": schema.Cosim,
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
     "[drive.parts.NAME]": schema.Part,
-    "[contact]": contact.Contact,
-    "[contact.breathing]": contact.Breathing,
-    "[contact.shift]": contact.Shift,
-    "[scale]": schema.Scale,
+    "[contact]": Contact,
+    "[contact.breathing]": Breathing,
+    "[contact.shift]": Shift,
+    "[scale]": Display,
     "[recording]": schema.Recording,
-    "[controller]": schema.Controller,
-    "[controller.position]": schema.PositionLoop,
-    "[controller.force]": schema.ForceLoop,
-    "[[controller.force.schedule]]": tissue.ScheduledGains,
-    "[controller.tissue]": tissue.Tissue,
-    "[controller.breath]": tissue.Breath,
-    "[controller.touch]": schema.Touch,
-    "[controller.feed_forward]": schema.FeedForward,
-    "[controller.damping]": schema.Damping,
-    "[controller.energy_tank]": schema.EnergyTank,
+    "[controller]": Computer,
+    "[controller.position]": PositionLoop,
+    "[controller.force]": ForceLoop,
+    "[[controller.force.schedule]]": ScheduledGains,
+    "[controller.tissue]": Tissue,
+    "[controller.breath]": Breath,
+    "[controller.touch]": Touch,
+    "[controller.feed_forward]": FeedForward,
+    "[controller.damping]": Damping,
+    "[controller.energy_tank]": EnergyTank,
     "a part of another make": stand_in.StandIn,
     "[reference]": reference.Reference,
     "[reference.circle]": reference.Circle,
@@ -55,7 +54,7 @@ TABLES: dict[str, type[Section]] = {
     '[[task]] kind = "tap"': task.Tap,
     '[[task]] kind = "roll"': task.Roll,
     '[[task]] kind = "push"': task.Push,
-    "[monitor]": monitor.Monitor,
+    "[monitor]": Monitor,
     "[[fault]]": fault.FaultTable,
     "[[change]]": change.ChangeTable,
     **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.KINDS.items()},
@@ -63,9 +62,9 @@ TABLES: dict[str, type[Section]] = {
 SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: "<", annotated_types.Le: "<="}
 
 
-def rows(model: type[Section]) -> dict[str, tuple[str, str, str]]:
+def rows(model: type[Settings]) -> dict[str, tuple[str, str, str]]:
     """key -> (unit, default, allowed), each as docs/keys.md writes it; only keys that its base does not have."""
-    inherited = Robot.model_fields if model is Plant else {}
+    inherited = Robot.model_fields if model is TrueRobot else {}
     return {
         field.alias or name: (_unit(name, field), _default(field), _allowed(field))
         for name, field in model.model_fields.items()
@@ -76,7 +75,7 @@ def rows(model: type[Section]) -> dict[str, tuple[str, str, str]]:
 def _is_table(field: FieldInfo) -> bool:
     """Whether the key opens a table that has rows of its own."""
     kinds = (field.annotation, *get_args(field.annotation))
-    return any(isinstance(kind, type) and issubclass(kind, Section) for kind in kinds)
+    return any(isinstance(kind, type) and issubclass(kind, Settings) for kind in kinds)
 
 
 def _unit(name: str, field: FieldInfo) -> str:

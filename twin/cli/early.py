@@ -34,8 +34,9 @@ def schema() -> str:
 
     def made() -> str:
         from twin.experiment.json_schema import schema_text
+        from twin.runs.assembly.declared import DECLARED
 
-        return schema_text()
+        return schema_text(DECLARED)
 
     return kept("schema", made, rooms=ROOMS["schema"])
 

@@ -9,17 +9,17 @@ from pydantic import ValidationError
 
 from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
-from twin.experiment.quantity import Section
 from twin.files import toml_of
 from twin.recording.logs.column_map import TIME_NAMES, split_unit
 from twin.recording.logs.errors import LogRefused
 from twin.recording.logs.log import Log
 from twin.recording.logs.units import unit
+from twin.settings import Settings
 
 Points = tuple[tuple[float, float], tuple[float, float]]
 
 
-class Figure(Section):
+class Figure(Settings):
     """What was digitised."""
 
     number: str
@@ -28,7 +28,7 @@ class Figure(Section):
     image: str
 
 
-class Digitised(Section):
+class Digitised(Settings):
     """Who did it, when and with what."""
 
     by: str
@@ -36,7 +36,7 @@ class Digitised(Section):
     tool: str
 
 
-class FileHead(Section):
+class FileHead(Settings):
     """The head of a file, by column: two points (pixel, value) of its axis, and the uncertainty."""
 
     figure: Figure

@@ -3,15 +3,15 @@
 import pytest
 from pydantic import ValidationError
 
-from twin.experiment.quantity import Section, quantity
+from twin.settings import Settings, setting
 
 
-class Table(Section):
-    length: float = quantity("length_mm", "meaning", -101.0)
-    angles: tuple[float, ...] = quantity("angles_deg", "meaning")
-    bare: float = quantity("bare_s", "meaning", 2.0)
-    rate: float = quantity("rate_per_mm", "meaning", 1.0)
-    missing: float | None = quantity("missing_N", "meaning", None)
+class Table(Settings):
+    length: float = setting("mm", default=-101.0, help="meaning")
+    angles: tuple[float, ...] = setting("deg", help="meaning")
+    bare: float = setting("s", default=2.0, help="meaning")
+    rate: float = setting("1/mm", default=1.0, help="meaning")
+    missing: float | None = setting("N", default=None, help="meaning")
 
 
 def test_the_key_carries_the_unit_and_the_attribute_is_si():
