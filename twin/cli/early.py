@@ -10,7 +10,8 @@ from pathlib import Path
 from twin.errors import InputRefused
 from twin.kept import kept
 
-ROOMS = {"help": ("cli",), "schema": ("experiment",)}
+_PARTS = ("compiled", "controller", "cosim", "monitor", "plant", "robot", "runs")
+ROOMS = {"help": ("cli",), "schema": ("experiment", *_PARTS)}
 """Whose source these answers are made with."""
 
 

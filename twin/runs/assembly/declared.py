@@ -52,8 +52,8 @@ def _values(component: str, record: str, values: type[Values]) -> Memory:
 
 def _robot() -> dict[str, Source]:
     """The monitor believes what [robot] says, whatever [controller.model] does."""
-    fields = {name: Source(Robot, source.name) for name, source in MonitorBelief.sources.items()}
-    return fields | {"backlash": Source(Robot, "backlash")}
+    model = MonitorBelief.sources
+    return {name: Source(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
 
 
 def _shaft(side: str) -> dict[str, Source]:

@@ -10,6 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from twin.cosim.component import NativeComponent
+from twin.cosim.place import Place
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
@@ -84,7 +86,7 @@ def parameters(part: RobotPart) -> list[Parameter]:
     found: dict[str, list[Destination]] = {}
     worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
     for component in part.components:
-        for key, destination in _numbers(part, component.name, component.memory[0:1]):
+        for key, destination in _numbers(part, component):
             if key not in worked_out:
                 found.setdefault(key, []).append(destination)
         fault = fault_of(part.experiment, component.name)
@@ -131,23 +133,19 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
 Found = Iterator[tuple[str, Destination]]
 
 
-def _numbers(part: RobotPart, name: str, memory: np.ndarray) -> Found:
-    """What of the file is in the `memory` of the component `name`: key by attribute, and where it is."""
-    for place in MEMORIES:
-        if place.component != name:
-            continue
-        record = memory
-        for inner in filter(None, place.record.split(".")):
-            record = record[inner] if inner in (record.dtype.names or ()) else record[[]]
-        for field in (record.dtype.names or ()) and place.fields:
-            source = place.fields[field]
-            path = PATHS[source.table]
-            if source.setting.exported and source.form != "i8" and _is_open(part, place.record, path, source.name):
-                yield f"{path}.{source.name}", Destination(name, record[field], source.divisor, source.times)
+def _numbers(part: RobotPart, component: NativeComponent) -> Found:
+    """What of the file is in the memory of a `component`: key by attribute, and where it is."""
+    name = component.name
+    for memory in MEMORIES:
+        for field, source in memory.fields.items() if memory.component == name else ():
+            path, numbers = PATHS[source.table], Place(name, memory.record, field).memory_of(component)
+            shown = source.setting.exported and source.form != "i8"
+            if shown and numbers is not None and _is_open(part, memory.record, path, source.name):
+                yield f"{path}.{source.name}", Destination(name, numbers, source.divisor, source.times)
     if name == "body":
         yield from _body(part)
     if name == "plant":
-        yield START, Destination("plant", memory["x"][0, :3])
+        yield START, Destination("plant", component.memory[0:1]["x"][0, :3])
 
 
 def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
