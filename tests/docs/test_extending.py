@@ -150,14 +150,14 @@ def test_the_force_follows_the_new_law(extended: Extended):
 @pytest.mark.endurance
 def test_a_gain_that_is_declared_in_one_place_has_its_key_acts_and_can_change(extended: Extended):
     (setting,) = re.findall(r"`--set (controller\.damping\.\S+)`", EXAMPLES["A gain"])
-    short, pressing = ("--set", "duration_s=3"), "experiments/pressing.toml"
-    extended.twin("run", pressing, *short, "--set", setting, "--out", "least")
-    extended.twin("run", pressing, *short, "--set", "controller.damping.gain_rad_per_s_per_Nm=0", "--out", "none")
-    extended.twin("run", pressing, *short, "--out", "usual")
+    pressing = "experiments/pressing.toml"
+    extended.twin("run", pressing, "--set", setting, "--out", "least")
+    extended.twin("run", pressing, "--set", "controller.damping.gain_rad_per_s_per_Nm=0", "--out", "none")
+    extended.twin("run", pressing, "--out", "usual")
     least, none, usual = (read(extended.folder / name)["plant.p_B"] for name in ("least", "none", "usual"))
     assert np.array_equal(least, none) and not np.array_equal(least, usual)
     change = 'change=[{t_s=1.0, key="controller.damping.least_Nm", value=0.0}]'
-    extended.twin("run", pressing, *short, "--set", setting, "--set", change, "--out", "changed")
+    extended.twin("run", pressing, "--set", setting, "--set", change, "--out", "changed")
     changed = read(extended.folder / "changed")["plant.p_B"]
     assert np.array_equal(changed[:1000], least[:1000]) and not np.array_equal(changed, least)
     told = extended.twin("run", pressing, "--set", "controller.damping.least_Nm=-1", expected=2)
