@@ -130,7 +130,7 @@ def _finite(value: Any) -> bool:
     return all(map(_finite, value)) if isinstance(value, tuple) else math.isfinite(value)
 
 
-class Source(NamedTuple):
+class FieldSource(NamedTuple):
     """Where the number in a field of a record comes from.
 
     Attributes:
@@ -171,14 +171,14 @@ class Source(NamedTuple):
 
 
 Triple = tuple[float, float, float]
-Fields = Mapping[str, Source | Setting]
+Fields = Mapping[str, FieldSource | Setting]
 """Fields of a record by name: where the number of each comes from, or what is declared of one that no file sets."""
 
 
-def taken(table: type[Settings], *names: str, into: str = "") -> dict[str, Source]:
+def taken(table: type[Settings], *names: str, into: str = "") -> dict[str, FieldSource]:
     """Fields of the settings `names` of `table`, or else of all its numbers and choices that go `into` a record."""
     chosen = names or [name for name in table.settings if table.settings[name].into == into and _is_number(table, name)]
-    return {table.settings[name].field: Source(table, name) for name in chosen}
+    return {table.settings[name].field: FieldSource(table, name) for name in chosen}
 
 
 def numbers(table: Settings, into: str = "") -> dict[str, Any]:
@@ -206,7 +206,7 @@ class Values(tuple[Any, ...]):
 
     _fields: ClassVar[tuple[str, ...]]
     _field_defaults: ClassVar[dict[str, Any]]
-    sources: ClassVar[dict[str, Source]]
+    sources: ClassVar[dict[str, FieldSource]]
     forms: ClassVar[dict[str, str]]
     broken_by: ClassVar[dict[str, str]]
 
@@ -220,9 +220,9 @@ class Values(tuple[Any, ...]):
         named = {name: field for part in parts for name, field in part.items()}
         fields = {name: named[name] for name in first.split()} | named
         cls._fields = tuple(fields)
-        cls.sources = {name: field for name, field in fields.items() if isinstance(field, Source)}
+        cls.sources = {name: field for name, field in fields.items() if isinstance(field, FieldSource)}
         cls.forms = {
-            name: field.form if isinstance(field, Source) else "3f8" if isinstance(field.default, tuple) else "f8"
+            name: field.form if isinstance(field, FieldSource) else "3f8" if isinstance(field.default, tuple) else "f8"
             for name, field in fields.items()
         }
         kinds = {name: field.broken_by or getattr(field, "setting", field).broken_by for name, field in fields.items()}
@@ -262,12 +262,12 @@ class Values(tuple[Any, ...]):
         def __getattr__(self, name: str) -> Any: ...
 
 
-def _start_of(field: Source | Setting) -> Any:
+def _start_of(field: FieldSource | Setting) -> Any:
     """What a field has where nobody says anything, SI; None: it has to be said."""
-    declared = field.setting if isinstance(field, Source) else field
+    declared = field.setting if isinstance(field, FieldSource) else field
     if declared.default is ...:
         return None
-    if not isinstance(field, Source):
+    if not isinstance(field, FieldSource):
         return declared.default
     _, unit = _unit_of(field.table, field.name)
     return field.of(declared.default if unit is None or declared.default is None else unit.in_si(declared.default))

@@ -3,14 +3,14 @@
 from twin.controller.processor import Processor
 from twin.cosim.record import record_of
 from twin.robot.model import Model
-from twin.settings import Source, Values, taken
+from twin.settings import FieldSource, Values, taken
 
 
 class Belief(
     Values,
     parts=(
         taken(Model),
-        {name: Source(Model, name, broken_by=(f"belief_{name}",)) for name in ("k_s", "eta")},
+        {name: FieldSource(Model, name, broken_by=(f"belief_{name}",)) for name in ("k_s", "eta")},
         taken(Model, into="encoders"),
         taken(Processor, "dead_zone"),
     ),

@@ -23,7 +23,7 @@ import math
 from twin.compiled.function import njit
 from twin.controller.filter import state_variable
 from twin.cosim.record import record, record_of
-from twin.settings import Settings, Source, Values, setting, taken
+from twin.settings import FieldSource, Settings, Values, setting, taken
 
 DAMPING = 0.5
 """Of each of the two stages of the band-pass: 1/Q. Less would take longer to settle, more would let breath through."""
@@ -75,8 +75,8 @@ class Sensing(
     parts=(
         taken(Tissue, "frequency", "window", "dither"),
         {
-            "enough": Source(Tissue, "tolerance", times=ENOUGH),
-            "doubtful": Source(Tissue, "tolerance", times=DOUBTFUL),
+            "enough": FieldSource(Tissue, "tolerance", times=ENOUGH),
+            "doubtful": FieldSource(Tissue, "tolerance", times=DOUBTFUL),
             "contact": setting("N", help="pressing force below which nothing is learnt"),
             "mass": setting("kg", help="of the platform"),
             "inertia": setting("kg m2", help="of what turns with a joint"),

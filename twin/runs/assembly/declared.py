@@ -25,7 +25,7 @@ from twin.plant.contact_law import Contact
 from twin.plant.parameters import PlantParameters, Robot, TrueRobot
 from twin.plant.scale import Display
 from twin.robot.gravity import G_ACCELERATION
-from twin.settings import Settings, Source, Values, taken
+from twin.settings import FieldSource, Settings, Values, taken
 
 _ENCODERS = ("zero", "noise", "eccentricity", "eccentric_at")
 
@@ -42,7 +42,7 @@ class Memory(NamedTuple):
 
     component: str
     record: str
-    fields: Mapping[str, Source]
+    fields: Mapping[str, FieldSource]
     broken_by: Mapping[str, str] = {}
 
 
@@ -50,20 +50,20 @@ def _values(component: str, record: str, values: type[Values]) -> Memory:
     return Memory(component, record, values.sources, values.broken_by)
 
 
-def _robot() -> dict[str, Source]:
+def _robot() -> dict[str, FieldSource]:
     """The monitor believes what [robot] says, whatever [controller.model] does."""
     model = MonitorBelief.sources
-    return {name: Source(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
+    return {name: FieldSource(Robot, model[name].name if name in model else name) for name in MonitorBelief._fields}
 
 
-def _shaft(side: str) -> dict[str, Source]:
-    counts = Source(TrueRobot, f"{side}_counts_per_turn", divisor=2.0 * math.pi)
-    return {"counts_per_rad": counts} | {name: Source(TrueRobot, f"{side}_{name}") for name in _ENCODERS}
+def _shaft(side: str) -> dict[str, FieldSource]:
+    counts = FieldSource(TrueRobot, f"{side}_counts_per_turn", divisor=2.0 * math.pi)
+    return {"counts_per_rad": counts} | {name: FieldSource(TrueRobot, f"{side}_{name}") for name in _ENCODERS}
 
 
 MEMORIES = (
     _values("plant", "parameters", PlantParameters),
-    Memory("scale", "", {"resolution": Source(Display, "resolution", times=G_ACCELERATION)}),
+    Memory("scale", "", {"resolution": FieldSource(Display, "resolution", times=G_ACCELERATION)}),
     Memory("encoder", "motor", _shaft("motor")),
     Memory("encoder", "joint", _shaft("joint")),
     _values("estimator", "belief", Belief),
@@ -79,7 +79,7 @@ MEMORIES = (
     Memory("controller", "machine", taken(Touch)),
     _values("tank", "tank", Tank),
     # at the start it is full
-    Memory("tank", "", {"level": Source(EnergyTank, "size")}),
+    Memory("tank", "", {"level": FieldSource(EnergyTank, "size")}),
     Memory("monitor", "belief", _robot()),
 )
 """In the order in which the components look at them."""
@@ -105,12 +105,12 @@ PATHS[Processor] = PATHS[Computer]
 """Where the file has a table, `controller.force`, by its class."""
 
 
-def key_of(source: Source) -> str:
+def key_of(source: FieldSource) -> str:
     """The key in the file of what a field holds, `controller.force.kp_mm_per_N`."""
     return f"{PATHS[source.table]}.{source.setting.key(source.name)}"
 
 
-_TUNABLE: dict[str, tuple[Place, Source]] = {}
+_TUNABLE: dict[str, tuple[Place, FieldSource]] = {}
 for _memory in MEMORIES:
     for _field, _source in _memory.fields.items():
         if _source.setting.tunable:
