@@ -7,8 +7,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.experiment.contact import Contact
-from twin.plant.contact_law import elastic_force
+from twin.plant.contact_law import Contact, elastic_force
 from twin.plant.parameters import PlantParameters
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.true_parameters import plant_parameters

@@ -16,6 +16,7 @@ from twin.cosim.ssp.package import read_package
 from twin.experiment.template import commented_experiment
 from twin.recording.logs.column_map import column_map
 from twin.recording.logs.reader import read_log
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.load import load_experiment
 from twin.studies.check.baseline import read_baseline
 from twin.studies.compare.tolerance import rules
@@ -33,7 +34,7 @@ FEW, MANY = range(25), 400
 
 @pytest.fixture
 def experiment(root: Path, tmp_path: Path) -> Attack:
-    text = commented_experiment("pressing", root / "experiments/pressing.toml").encode()
+    text = commented_experiment(DECLARED, "pressing", root / "experiments/pressing.toml").encode()
     return _read(text, tmp_path / "experiment.toml", load_experiment)
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from tests.laws.runs import Sampled
 from twin.controller.controller import NEVER, Law
 from twin.controller.damping import Damping
-from twin.controller.feed_forward import FeedForward
+from twin.controller.feed_forward import Believed
 from twin.controller.pid import Gains
 from twin.controller.program import Pressing, Pushing, Rolling, Tapping, Travel, program
 from twin.controller.task_controller import TaskController, Touch
@@ -20,9 +20,9 @@ APPROACH = Travel(
 )  # fmt: skip
 LAW = Law(N=2.0, omega_max=8.0, F_z_ref=0.0, trigger_force=NEVER, trigger_time=NEVER, dp_z_max=0.03, corner=0.0)
 FORCE_GAINS = Gains(5e-4, 4e-3)
-FORWARD = FeedForward(k_s=1.0, eta=1.0, mu=0.0, lag=0.0)
-UNDAMPED = Damping(gain=0.0, corner=4.0)
-TOUCH = Touch(contact_force=0.6, patience=0.3, t_turn=0.0, learning=0.0)
+FORWARD = Believed(k_s=1.0, eta=1.0, mu=0.0, lag=0.0)
+UNDAMPED = Damping.of(gain=0.0, corner=4.0)
+TOUCH = Touch.of(contact=0.6, patience=0.3, turn=0.0, learning=0.0)
 J_HOME = np.array([0.0, -10.0, -15.0, 9.0, 5.0, -15.0, -9.0, 5.0, -15.0])
 """About the Jacobian at home (rad/m), row by row."""
 IN_THE_CENTRE = (0.0, 0.0)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from twin.controller.energy_tank import COASTING, PLAY, RETURN, EnergyTank, Tank, passed_on
+from twin.controller.energy_tank import COASTING, PLAY, RETURN, Tank, TankValve, passed_on
 from twin.errors import ComponentFailed
 from twin.studies.converge.by_hand import Sampled
 
@@ -18,7 +18,7 @@ PERIOD = 2e-3
 
 
 def tank(**settings) -> Sampled:
-    return Sampled(EnergyTank(SETTINGS._replace(**settings)))
+    return Sampled(TankValve(SETTINGS._replace(**settings)))
 
 
 def told(of: Sampled, sample: float, z: float, F_z: float, omega=(0.0, 0.0, 0.0), valid=1.0) -> dict[str, np.ndarray]:

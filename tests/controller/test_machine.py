@@ -212,7 +212,7 @@ def test_a_tap_rises_as_far_above_the_depth_as_the_task_says():
 @pytest.mark.parametrize("learning", [0.0, 0.3, 1.0])
 def test_each_tap_corrects_its_share_of_the_depth_error_of_the_one_before(learning):
     late = 5
-    rows = carried_out([TAP], 8.0, World("velocity", late), touch=TOUCH._replace(learning=learning))
+    rows = carried_out([TAP], 8.0, World("velocity", late), touch=TOUCH.model_copy(update={"learning": learning}))
     # late calls' worth of going on, of which the probe has its own
     depth = rows["z"][call_of(rows, Kind.RETRACT)]
     lowest = []

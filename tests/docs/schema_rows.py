@@ -1,61 +1,35 @@
-"""The keys of an experiment file as its schema has them, in the words of docs/keys.md."""
+"""The keys of an experiment file as its schema has them, in the words of docs/keys.md.
 
+`python -m tests.docs.schema_rows` puts into the page what it lacks, each key with what its declaration says of it.
+"""
+
+import re
 from typing import Any, Literal, get_args, get_origin
 
 import annotated_types
 from pydantic.fields import FieldInfo
 from pydantic_core import PydanticUndefined
 
-from twin.experiment import (
-    change,
-    contact,
-    experiment,
-    fault,
-    measure,
-    monitor,
-    reference,
-    schema,
-    stand_in,
-    task,
-    tissue,
-)
-from twin.experiment.quantity import Section
-from twin.experiment.robot import Plant, Robot
+from tests.conftest import ROOT
+from twin.experiment import change, fault, measure, schema, stand_in, task
+from twin.experiment.declared import nested
+from twin.experiment.experiment import Head
+from twin.runs.assembly.declared import DECLARED
+from twin.settings import Settings
 
-TABLES: dict[str, type[Section]] = {
-    "top of the file": experiment.Head,
-    "[robot]": Robot,
-    "[plant]": Plant,
-    "[cosim]": schema.Cosim,
+PAGE = ROOT / "docs/keys.md"
+ELSEWHERE = ("controller.model", "estimator", "body")
+"""Tables of which the page says that they are as another one."""
+_DECLARED = {path: model for name, table in DECLARED.tables.items() for path, model in nested(table, name).items()}
+_ARRAYS = {"controller.force.schedule": "[[controller.force.schedule]]"}
+TABLES: dict[str, type[Settings]] = {
+    "top of the file": Head,
+    **{_ARRAYS.get(path, f"[{path}]"): model for path, model in _DECLARED.items() if path not in ELSEWHERE},
     "[drive]": schema.Drive,
     "[drive.velocity_loop]": schema.VelocityLoop,
     "[drive.parts.NAME]": schema.Part,
-    "[contact]": contact.Contact,
-    "[contact.breathing]": contact.Breathing,
-    "[contact.shift]": contact.Shift,
-    "[scale]": schema.Scale,
-    "[recording]": schema.Recording,
-    "[controller]": schema.Controller,
-    "[controller.position]": schema.PositionLoop,
-    "[controller.force]": schema.ForceLoop,
-    "[[controller.force.schedule]]": tissue.ScheduledGains,
-    "[controller.tissue]": tissue.Tissue,
-    "[controller.breath]": tissue.Breath,
-    "[controller.touch]": schema.Touch,
-    "[controller.feed_forward]": schema.FeedForward,
-    "[controller.damping]": schema.Damping,
-    "[controller.energy_tank]": schema.EnergyTank,
     "a part of another make": stand_in.StandIn,
-    "[reference]": reference.Reference,
-    "[reference.circle]": reference.Circle,
-    "[reference.chirp]": reference.Chirp,
-    "[reference.joint_step]": reference.JointStep,
-    "[approach]": task.Approach,
-    '[[task]] kind = "press"': task.Press,
-    '[[task]] kind = "tap"': task.Tap,
-    '[[task]] kind = "roll"': task.Roll,
-    '[[task]] kind = "push"': task.Push,
-    "[monitor]": monitor.Monitor,
+    **{f'[[task]] kind = "{kind}"': table for kind, table in task.KINDS.items()},
     "[[fault]]": fault.FaultTable,
     "[[change]]": change.ChangeTable,
     **{f'[[measure]] kind = "{kind}"': table for kind, table in measure.KINDS.items()},
@@ -63,9 +37,10 @@ TABLES: dict[str, type[Section]] = {
 SIGNS = {annotated_types.Gt: ">", annotated_types.Ge: ">=", annotated_types.Lt: "<", annotated_types.Le: "<="}
 
 
-def rows(model: type[Section]) -> dict[str, tuple[str, str, str]]:
+def rows(model: type[Settings]) -> dict[str, tuple[str, str, str]]:
     """key -> (unit, default, allowed), each as docs/keys.md writes it; only keys that its base does not have."""
-    inherited = Robot.model_fields if model is Plant else {}
+    tables = DECLARED.tables
+    inherited = tables["robot"].model_fields if model is tables["plant"] else {}
     return {
         field.alias or name: (_unit(name, field), _default(field), _allowed(field))
         for name, field in model.model_fields.items()
@@ -76,7 +51,7 @@ def rows(model: type[Section]) -> dict[str, tuple[str, str, str]]:
 def _is_table(field: FieldInfo) -> bool:
     """Whether the key opens a table that has rows of its own."""
     kinds = (field.annotation, *get_args(field.annotation))
-    return any(isinstance(kind, type) and issubclass(kind, Section) for kind in kinds)
+    return any(isinstance(kind, type) and issubclass(kind, Settings) for kind in kinds)
 
 
 def _unit(name: str, field: FieldInfo) -> str:
@@ -120,3 +95,40 @@ def _allowed(field: FieldInfo) -> str:
 
 def _limit(bound: Any) -> float:
     return getattr(bound, {">": "gt", ">=": "ge", "<": "lt", "<=": "le"}[SIGNS[type(bound)]])
+
+
+ROW = re.compile(r"(?<!\\)\|")
+
+
+def cells(line: str) -> tuple[str, ...]:
+    """Key, unit, default, allowed and meaning in a row of the page."""
+    return tuple(cell.strip().replace("`", "") for cell in ROW.split(line.strip("|")))
+
+
+def completed(page: str) -> str:
+    """The text of `page` with a row for each key of its tables, new ones last; a row that is right stays."""
+    first, *sections = page.split("\n## ")
+    return "\n## ".join([first, *(_with_rows(section) for section in sections)])
+
+
+def _with_rows(section: str) -> str:
+    model = TABLES.get(section.partition("\n")[0].replace("`", ""))
+    if model is None:
+        return section
+    lines = section.split("\n")
+    there = {cells(line)[0]: line for line in lines if line.startswith("| `")}
+    where = next(n for n, line in enumerate(lines) if line.startswith("|---")) + 1
+    helps = {info.alias or name: info.description for name, info in model.model_fields.items()}
+    made, known = [], rows(model)
+    for key in [*(key for key in there if key in known), *(key for key in known if key not in there)]:
+        line, (unit, default, allowed) = there.get(key), known[key]
+        if line is None or cells(line)[1:4] != (unit, default, allowed):
+            said = default if default in ("", "needed") else f"`{default}`"
+            line = f"| `{key}` | {unit} | {said} | {allowed} | {cells(line)[4] if line else helps[key]} |"
+        made.append(line)
+    after = [line for line in lines[where:] if not line.startswith("| `")]
+    return "\n".join([*lines[:where], *made, *after])
+
+
+if __name__ == "__main__":
+    PAGE.write_text(completed(PAGE.read_text()))

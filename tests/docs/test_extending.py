@@ -70,7 +70,7 @@ def test_every_row_of_contributing_that_counts_files_has_its_example_and_they_ar
     row = re.compile(r"^\| \[[^]]+\]\(docs/extending\.md#([\w-]+)\) \| (\d+) \|", re.MULTILINE)
     counted = {anchor: int(files) for anchor, files in row.findall((root / "CONTRIBUTING.md").read_text())}
     assert counted == {heading.lower().replace(" ", "-"): len(touched(heading)) for heading in EXAMPLES}
-    assert len(counted) == 5
+    assert len(counted) == 7
 
 
 class Extended:
@@ -145,6 +145,40 @@ def test_the_force_follows_the_new_law(extended: Extended):
     settings = ("contact.law=cubic", "contact.reference_depth_mm=2", "contact.stiffening_per_mm=1")
     options = [word for setting in settings for word in ("--set", setting)]
     extended.twin("run", "experiments/fig4_force_position.toml", *options, expected=2)
+
+
+@pytest.mark.endurance
+def test_a_gain_that_is_declared_in_one_place_has_its_key_acts_and_can_change(extended: Extended):
+    (setting,) = re.findall(r"`--set (controller\.damping\.\S+)`", EXAMPLES["A gain"])
+    pressing = "experiments/pressing.toml"
+    extended.twin("run", pressing, "--set", setting, "--out", "least")
+    extended.twin("run", pressing, "--set", "controller.damping.gain_rad_per_s_per_Nm=0", "--out", "none")
+    extended.twin("run", pressing, "--out", "usual")
+    least, none, usual = (read(extended.folder / name)["plant.p_B"] for name in ("least", "none", "usual"))
+    assert np.array_equal(least, none) and not np.array_equal(least, usual)
+    change = 'change=[{t_s=1.0, key="controller.damping.least_Nm", value=0.0}]'
+    extended.twin("run", pressing, "--set", setting, "--set", change, "--out", "changed")
+    changed = read(extended.folder / "changed")["plant.p_B"]
+    assert np.array_equal(changed[:1000], least[:1000]) and not np.array_equal(changed, least)
+    told = extended.twin("run", pressing, "--set", "controller.damping.least_Nm=-1", expected=2)
+    assert told == "" and "controller.damping.least_Nm" in extended.twin("schema")
+    extended.twin("build", "pressing", "--fmu", "controls", "--out", "controls.fmu")
+    with zipfile.ZipFile(extended.folder / "controls.fmu") as fmu:
+        assert 'name="controller.damping.least_Nm"' in fmu.read("modelDescription.xml").decode()
+
+
+@pytest.mark.endurance
+def test_a_constant_of_the_plant_that_is_declared_in_one_place_acts_and_is_without_effect_where_it_is_not_said(
+    extended: Extended, plain: Recording, force_position: Recording
+):
+    run = extended.ran("A constant of the plant")
+    extended.twin("run", "experiments/pressing.toml", "--out", "without")
+    without = read(extended.folder / "without")
+    assert not np.array_equal(run["plant.p_B"], without["plant.p_B"])
+    assert np.array_equal(plain["plant.p_B"], force_position["plant.p_B"])
+    extended.twin("build", "pressing", "--fmu", "plant", "--out", "plant.fmu")
+    with zipfile.ZipFile(extended.folder / "plant.fmu") as fmu:
+        assert 'name="plant.b_j_square_Nm_s2_per_rad2"' in fmu.read("modelDescription.xml").decode()
 
 
 @pytest.mark.endurance

@@ -5,8 +5,8 @@ import numpy as np
 import pytest
 from pydantic import ValidationError
 
-from twin.experiment.contact import Contact
 from twin.experiment.mistakes import sentences
+from twin.plant.contact_law import Contact
 from twin.runs.assembly.load import load_experiment
 
 SCALE: dict[str, Any] = {

@@ -6,8 +6,9 @@ import pytest
 
 from tests.experiment.schema_tables import resolved, tables
 from twin.experiment.json_schema import DIALECT, experiment_json_schema
+from twin.runs.assembly.declared import DECLARED
 
-SCHEMA = experiment_json_schema()
+SCHEMA = experiment_json_schema(DECLARED)
 VALIDATOR = jsonschema.Draft202012Validator(SCHEMA)
 ROOT = Path(__file__).parents[2] / "experiments"
 # files of sweeps name an experiment and are none

@@ -1,10 +1,10 @@
 """Tables as models read them."""
 
 from twin.experiment.mistakes import checked
-from twin.experiment.quantity import Section
+from twin.settings import Settings
 
 
-class Made(Section):
+class Made(Settings):
     count: int = 0
     share: float = 0.0
 

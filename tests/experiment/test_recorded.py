@@ -7,6 +7,7 @@ import pytest
 
 from twin.errors import InputRefused
 from twin.experiment.recorded import recorded_fmus, recorded_values
+from twin.runs.assembly.declared import DECLARED
 
 WHERE = Path("run.mcap")
 
@@ -34,15 +35,15 @@ WHERE = Path("run.mcap")
 )
 def test_values_that_are_no_experiments_are_refused_in_a_sentence(values: str, said: str):
     with pytest.raises(InputRefused) as refused:
-        recorded_values({"experiment": {"values": values}}, WHERE)
+        recorded_values(DECLARED, {"experiment": {"values": values}}, WHERE)
     assert said in str(refused.value)
     assert len(str(refused.value).splitlines()) == 1
 
 
 def test_values_of_another_version_are_read_as_they_are():
     values = {"plant": {"N": 2.0, "made_up_later": 1}, "made_up": {"x": [1, {"y": None}]}, "seed": -1}
-    assert recorded_values({"experiment": {"values": json.dumps(values)}}, WHERE) == values
-    assert recorded_values({}, WHERE) == {}
+    assert recorded_values(DECLARED, {"experiment": {"values": json.dumps(values)}}, WHERE) == values
+    assert recorded_values(DECLARED, {}, WHERE) == {}
 
 
 @pytest.mark.parametrize("text", ["", "null", "[]", "{}", '{"file": 1}', '{"sha256": "x"}'])

@@ -4,6 +4,7 @@ import pytest
 
 from twin.errors import InputRefused
 from twin.experiment.started import start_experiment
+from twin.runs.assembly.declared import DECLARED
 
 
 @pytest.mark.parametrize(
@@ -20,6 +21,6 @@ def test_what_cannot_be_started_is_refused_and_nothing_is_written(
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputRefused) as refusal:
-        start_experiment(Path(file), start)
+        start_experiment(DECLARED, Path(file), start)
     assert str(refusal.value).startswith(said)
     assert not list(tmp_path.iterdir())

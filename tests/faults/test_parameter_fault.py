@@ -11,9 +11,11 @@ from twin.cosim.simulation import Simulation
 from twin.cosim.system import System
 from twin.cosim.wiring import wires
 from twin.experiment.fault import NEVER, Fault
+from twin.experiment.fault_catalogue import CATALOGUE
 from twin.plant.component import Plant
 from twin.plant.equilibrium import resting
-from twin.runs.assembly.faults.inject import PARAMETERS, inject
+from twin.runs.assembly.declared import BROKEN
+from twin.runs.assembly.faults.inject import inject
 
 ONSET, END, LAST = 40, 80, 120
 NOMINAL = {
@@ -25,9 +27,9 @@ NOMINAL = {
     "k_s": (1.0,) * 3,
     "eta": (0.9,) * 3,
 }
-CASES = [(kind, f"joint_{i}", i - 1) for kind in PARAMETERS for i in (1, 2, 3) if PARAMETERS[kind].field in NOMINAL]
+CASES = [(kind, f"joint_{i}", i - 1) for kind in BROKEN for i in (1, 2, 3) if BROKEN[kind].field in NOMINAL]
 CASES = [
-    (kind, {"K": "contact", "k_s": "estimator", "eta": "estimator"}.get(PARAMETERS[kind].field, joint), i)
+    (kind, {"K": "contact", "k_s": "estimator", "eta": "estimator"}.get(BROKEN[kind].field, joint), i)
     for kind, joint, i in CASES
 ]
 
@@ -36,8 +38,8 @@ CASES = [
 def test_the_parameter_has_the_stated_value_in_the_window_and_exactly_the_nominal_one_outside(kind, target, joint):
     magnitude = 0.0 if kind == "spring_broken" else 0.3
     value = run(Fault(kind, target, ONSET, END, magnitude), last_tick=LAST)["fault_1.value"][:, 0]
-    nominal = NOMINAL[PARAMETERS[kind].field][joint]
-    faulty = nominal * magnitude if PARAMETERS[kind].operation == "factor" else nominal + magnitude
+    nominal = NOMINAL[BROKEN[kind].field][joint]
+    faulty = nominal * magnitude if CATALOGUE[kind].unit in ("factor", None) else nominal + magnitude
     # 1 + (0.3 - 1) rounds once
     np.testing.assert_allclose(value[ONSET:END], faulty, rtol=1e-15)
     np.testing.assert_array_equal(value[:ONSET], nominal)
@@ -47,7 +49,7 @@ def test_the_parameter_has_the_stated_value_in_the_window_and_exactly_the_nomina
 @pytest.mark.parametrize(("kind", "target", "joint"), CASES)
 def test_the_owner_has_the_value_in_the_very_tick_in_which_the_fault_tells_it(kind, target, joint):
     done = run(Fault(kind, target, ONSET, END, 0.3), last_tick=LAST)
-    place = PARAMETERS[kind]
+    place = BROKEN[kind]
     had = done[f"{place.component}.{place.field}"]
     value = done["fault_1.value"][:, 0]
     if place.component == "plant":

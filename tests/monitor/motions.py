@@ -6,10 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from tests.laws.runs import Sampled, shipped
-from twin.experiment.monitor import Monitor as Section
 from twin.monitor.belief import MonitorBelief
 from twin.monitor.component import SafetyMonitor
 from twin.monitor.limits import Limits
+from twin.monitor.limits import Monitor as Section
 from twin.monitor.reasons import Trip
 from twin.monitor.resolution import geometry
 from twin.robot.gravity import Masses, environment_force

@@ -10,7 +10,8 @@ from pathlib import Path
 from twin.errors import InputRefused
 from twin.kept import kept
 
-ROOMS = {"help": ("cli", "studies"), "schema": ("experiment",)}
+_PARTS = ("compiled", "controller", "cosim", "monitor", "plant", "robot", "runs")
+ROOMS = {"help": ("cli", "studies"), "schema": ("experiment", *_PARTS)}
 """Whose source these answers are made with."""
 
 
@@ -34,8 +35,9 @@ def schema() -> str:
 
     def made() -> str:
         from twin.experiment.json_schema import schema_text
+        from twin.runs.assembly.declared import DECLARED
 
-        return schema_text()
+        return schema_text(DECLARED)
 
     return kept("schema", made, rooms=ROOMS["schema"])
 

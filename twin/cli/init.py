@@ -25,7 +25,8 @@ def init(
     Example: twin init my_experiment.toml --from pressing
     """
     from twin.experiment.started import start_experiment
+    from twin.runs.assembly.declared import DECLARED
 
-    for written in start_experiment(file, start):
+    for written in start_experiment(DECLARED, file, start):
         print(written)
     print(f"next: {shlex.join(['twin', 'run', str(file)])}")

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 
 from twin.compiled.function import njit
-from twin.controller.breath import BREATH, Breathing, breathe
+from twin.controller.breath import BREATH, Breath, breathe
 from twin.controller.dither import dither
 from twin.controller.schedule import SCHEDULE, SchedulePoint, Scheduling, follow_reference, schedule_gains, table_of
 from twin.controller.taps import TAPS
 from twin.controller.tissue import TISSUE, Sensing, sense
 from twin.cosim.port import Port
 from twin.cosim.record import record
+from twin.settings import numbers
 
 ADAPTIVE_OUTPUTS = (
     Port("k_hat", 1, "N/m", "stiffness of the tissue, estimated while pressing; 0: not yet"),
@@ -60,7 +61,7 @@ class Adapting:
     sensing: Sensing
     scheduling: Scheduling | None = None
     points: Sequence[SchedulePoint] = ()
-    breathing: Breathing | None = None
+    breathing: Breath | None = None
     tap_learning: float = 0.0
     table: np.ndarray = field(init=False)
 
@@ -69,10 +70,14 @@ class Adapting:
 
     def fill(self, memory: Any) -> dict[str, np.ndarray]:
         """Put the settings into `memory`, a record of `ADAPTIVE`; what else a controller's memory points to."""
-        parts = (("tissue", self.sensing), ("schedule", self.scheduling), ("breath", self.breathing))
-        for name, settings in parts:
-            for attribute, value in zip(settings._fields, settings, strict=True) if settings else ():
-                memory[name][attribute] = value
+        parts = {"tissue": self.sensing._asdict()}
+        if self.scheduling is not None:
+            parts["schedule"] = self.scheduling._asdict()
+        if self.breathing is not None:
+            parts["breath"] = numbers(self.breathing)
+        for part, values in parts.items():
+            for name, value in values.items():
+                memory[part][name] = value
         memory["scheduled"], memory["breathing"] = self.scheduling is not None, self.breathing is not None
         memory["taps"]["share"] = self.tap_learning
         memory["schedule"]["count"] = len(self.table)

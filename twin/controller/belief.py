@@ -1,37 +1,24 @@
 """What the controller believes of the robot: its own model, not the plant's parameters."""
 
-from typing import NamedTuple
-
+from twin.controller.processor import Processor
 from twin.cosim.record import record_of
+from twin.robot.model import Model
+from twin.settings import FieldSource, Values, taken
 
 
-class Belief(NamedTuple):
-    """The controller's model, SI.
+class Belief(
+    Values,
+    parts=(
+        taken(Model),
+        {name: FieldSource(Model, name, broken_by=(f"belief_{name}",)) for name in ("k_s", "eta")},
+        taken(Model, into="encoders"),
+        taken(Processor, "dead_zone"),
+    ),
+):
+    """The controller's model, SI: [controller.model], and as `backlash` the half width of the springs' dead zone.
 
-    Attributes:
-        a, b, l_a, l_b: geometry of Fig. 2 (m).
-        m_a, m_b, m_p: masses whose weight the force estimate takes off (kg).
-        k_s, N, eta: series elastic joint (Eq. 20).
-        motor_counts, joint_counts: encoder counts per turn.
-        motor_zero, joint_zero: encoder zero errors known from calibration (3,), rad.
-        backlash: half width of the springs' dead zone, motor side (rad); 0: the paper's estimator, blind to it.
+    That is on the motor's side; 0: the paper's estimator, blind to it.
     """
-
-    a: float
-    b: float
-    l_a: float
-    l_b: float
-    m_a: float
-    m_b: float
-    m_p: float
-    k_s: float
-    N: float
-    eta: float
-    motor_counts: float
-    joint_counts: float
-    motor_zero: tuple[float, float, float]
-    joint_zero: tuple[float, float, float]
-    backlash: float = 0.0
 
 
 BELIEF = record_of(Belief)

@@ -10,11 +10,11 @@ shape; what comes at the rate of the breath passes it as it is, whatever else mo
 """
 
 import math
-from typing import NamedTuple
 
 from twin.compiled.function import njit
 from twin.controller.pid import low_pass_share
 from twin.cosim.record import record_of
+from twin.settings import Settings, setting
 
 GAIN, RATE_GAIN = 2.5, 0.3
 """g and f above: follows within a quarter of a breath; its rate is right to some percent after two."""
@@ -28,15 +28,15 @@ TRUSTED = 0.4
 """Standard error over k_hat below which the surface is known."""
 
 
-class Breathing(NamedTuple):
-    """What is believed of the breath: its rate at first (Hz), and by how much the robot lags (s)."""
+class Breath(Settings):
+    """[controller.breath]: follow a surface that breathes, with the tissue known by [controller.tissue]."""
 
-    rate: float
-    lag: float
+    rate: float = setting("1/min", default=15.0, gt=0, le=120, help="believed rate, to begin with")
+    lag: float = setting("ms", default=20.0, ge=0, le=1000, help="believed lag of the robot behind its reference")
 
 
 BREATH = record_of(
-    Breathing,
+    Breath,
     omega="f8",
     x="f8",
     q="f8",

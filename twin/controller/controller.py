@@ -6,17 +6,20 @@ triggered by the pressing force F_z, or at a set time, and stays on: dp_z = -PID
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from twin.compiled.function import carray, njit
 from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, with_adaptive
+from twin.controller.loops import ForceLoop
 from twin.controller.pid import LOW_PASS, PID, Gains, accept, kept_share, loop, proposal
+from twin.controller.processor import Processor
 from twin.cosim.component import NativeComponent
 from twin.cosim.native import doubles_at, step_function
 from twin.cosim.port import Port
 from twin.cosim.record import memory_of, record, record_of
+from twin.robot.model import Model
+from twin.settings import Values, taken
 
 INPUTS = (
     Port("p_B", 3, "m", "estimated platform position"),
@@ -36,27 +39,12 @@ OUTPUTS = (
 )
 
 
-class Law(NamedTuple):
-    """Settings of the force-position law, SI.
+class Law(Values, parts=(taken(Model, "N"), taken(Processor, "speed_limit"), taken(ForceLoop))):
+    """Settings of the force-position law, SI: the belt ratio as believed, limits, and what starts the force loop.
 
-    Attributes:
-        N: belt ratio, as the controller believes it.
-        omega_max: limit of each commanded motor speed (rad/s).
-        F_z_ref: reference of the force loop (N).
-        trigger_force: the force loop starts at a pressing force F_z above this (N), as in the caption of Fig. 4; a pull
-            starts nothing. Infinity: never.
-        trigger_time: it starts at this time (s) whatever the force; infinity: never.
-        dp_z_max: limit of the force loop's correction (m).
-        corner: low-pass on the force (Hz).
+    It starts at a pressing force F_z above `trigger_force`, as in the caption of Fig. 4, or at `trigger_time`; a pull
+    starts nothing. Infinity: never.
     """
-
-    N: float
-    omega_max: float
-    F_z_ref: float
-    trigger_force: float
-    trigger_time: float
-    dp_z_max: float
-    corner: float
 
 
 LAW = record_of(Law)

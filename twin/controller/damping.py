@@ -7,18 +7,19 @@ is so for kp < (b/m + g K)(1 + g b), by Routh's criterion on m s^3 + (b + g K m)
 high-pass leaves steady forces alone.
 """
 
-from typing import Any, NamedTuple
+from typing import Any
 
 from twin.compiled.function import njit
 from twin.controller.pid import LOW_PASS, kept_share
 from twin.cosim.record import record_of
+from twin.settings import Settings, numbers, setting
 
 
-class Damping(NamedTuple):
-    """How much the motors give way: gain (rad/s per N m of spring torque), corner of the high-pass (Hz)."""
+class Damping(Settings):
+    """[controller.damping]: how the motors give way to swings of the springs' torque."""
 
-    gain: float
-    corner: float
+    gain: float = setting("rad/s/(N m)", ge=0, help="motor speed per torque of the spring")
+    corner: float = setting("Hz", gt=0, help="swings slower than this are not damped")
 
 
 DAMPER = record_of(Damping, slow="3f8", started="i8", low=LOW_PASS)
@@ -26,7 +27,7 @@ DAMPER = record_of(Damping, slow="3f8", started="i8", low=LOW_PASS)
 
 def damper(damping: Damping, slow: Any = (0.0, 0.0, 0.0), started: bool = False) -> tuple:
     """A record of dtype `DAMPER` that has felt nothing yet, unless its state is given: slow torques (3,), N m."""
-    return (*damping, slow, started, (0.0, 0.0, 0.0))
+    return (*numbers(damping).values(), slow, started, (0.0, 0.0, 0.0))
 
 
 @njit(cache=True)

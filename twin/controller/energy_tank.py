@@ -25,7 +25,6 @@ motors stand still until the next one.
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +35,8 @@ from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port, by_port, width
 from twin.cosim.record import memory_of, record, record_of
+from twin.robot.model import Model
+from twin.settings import Settings, Values, setting, taken
 
 INPUTS = (
     OMEGA_REF,
@@ -54,28 +55,42 @@ OUTPUTS = (
 )
 
 
-class Tank(NamedTuple):
-    """Settings of the tank, SI.
+class EnergyTank(Settings):
+    """[controller.energy_tank]: a store of energy, out of which comes what the robot gives to what it touches."""
 
-    Attributes:
-        size: what is in it at the start, and the most that is (J).
-        horizon: for how long it has to last (s): longer than all delays and the drives' lag.
-        touch: force (N) from which on something is touched.
-        release: after so long without touch it is full again (s); infinity: never.
-        bias: how far the estimated torque of a joint may be off (N m).
-        late: how old the newest message of the encoders may be (s).
-        k_s, N, eta: series elastic joint, as the controller believes it.
-    """
+    size: float = setting("J", gt=0, examples=[0.15], help="energy that may go into what is touched")
+    horizon: float = setting(
+        "ms",
+        default=100.0,
+        gt=0,
+        help="how long it has to last whatever happens: longer than delays and the drives' lag",
+    )
+    touch: float = setting("N", default=0.3, gt=0, help="estimated force from which on something is touched")
+    release: float | None = setting(
+        "s",
+        default=None,
+        gt=0,
+        examples=[0.5],
+        absent=math.inf,
+        help="after so long without touch it is full again; without it never",
+    )
+    bias: float = setting(
+        "N m",
+        default=4e-3,
+        ge=0,
+        help="how far the estimated torque of a joint may be off: charged along its way while touched",
+    )
 
-    size: float
-    horizon: float
-    touch: float
-    release: float
-    bias: float
-    late: float
-    k_s: float
-    N: float
-    eta: float
+
+class Tank(
+    Values,
+    parts=(
+        taken(EnergyTank),
+        {"late": setting("s", help="how old the newest message of the encoders may be")},
+        taken(Model, "k_s", "N", "eta"),
+    ),
+):
+    """The tank's settings and the series elastic joint as the controller believes it."""
 
 
 TANK = record_of(Tank)
@@ -220,7 +235,7 @@ def step(m, t, h, u, y):
     return 0
 
 
-class EnergyTank(NativeComponent):
+class TankValve(NativeComponent):
     """Sampled component: commanded motor speeds in, those that the tank allows out.
 
     Args:

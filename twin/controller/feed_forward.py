@@ -7,25 +7,28 @@ omega mu F/(K_xy kp), and the circle would come out too large.
 """
 
 import math
-from typing import NamedTuple
 
 from twin.compiled.function import njit
 from twin.cosim.record import record_of
+from twin.robot.model import Model
+from twin.settings import Settings, Values, setting, taken
 
 REST_SPEED = 1e-3
 """Speed (m/s) below which the friction fades out, for it has no direction at rest."""
 
 
-class FeedForward(NamedTuple):
-    """What the feed-forward believes: k_s (N m/rad), eta, friction coefficient mu, lag of the drives (s)."""
+class FeedForward(Settings):
+    """[controller.feed_forward]: what the controller believes of the drives' lag and the friction under the head."""
 
-    k_s: float
-    eta: float
-    mu: float
-    lag: float
+    lag: float = setting("ms", ge=0, help="believed lag of the drives")
+    friction: float = setting(ge=0, field="mu", help="believed friction under the head")
 
 
-FEED_FORWARD = record_of(FeedForward)
+class Believed(Values, parts=(taken(Model, "k_s", "eta"), taken(FeedForward)), first="k_s eta mu lag"):
+    """What the feed-forward believes: spring and belt of the model, and its own settings."""
+
+
+FEED_FORWARD = record_of(Believed)
 
 
 @njit(cache=True)

@@ -1,19 +1,20 @@
 """A discrete PID: rectangular integral that stops at the limit, first-order filter on the derivative."""
 
 import math
-from typing import NamedTuple
 
 from twin.compiled.function import njit
+from twin.controller.loops import ForceLoop, PositionLoop
 from twin.cosim.record import record, record_of
+from twin.settings import Values, numbers, taken
 
 
-class Gains(NamedTuple):
-    """Gains of one loop: kp, ki (per s), kd (s), and the corner of the derivative filter (Hz; 0: unfiltered)."""
+class Gains(Values, parts=(taken(PositionLoop),)):
+    """Gains of one loop, SI: kp, ki, kd, and the corner of the derivative filter (0: unfiltered)."""
 
-    kp: float
-    ki: float = 0.0
-    kd: float = 0.0
-    derivative_corner: float = 0.0
+
+def force_gains(table: ForceLoop) -> Gains:
+    """Those of the force loop."""
+    return Gains(**numbers(table, into="gains"))
 
 
 PID = record_of(Gains, integral="f8", derivative="f8", error="f8", started="i8")

@@ -10,37 +10,25 @@ A change of the reference is fed forward: the tissue gives way by dF/k, and the 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from twin.compiled.function import carray, njit, pointer_to
+from twin.controller.loops import ForceLoop, ScheduledGains
+from twin.controller.tissue import Tissue
 from twin.cosim.record import record_of
+from twin.settings import Values, taken
 
 
-class SchedulePoint(NamedTuple):
-    """Gains at a stiffness, SI: of the tissue (N/m), kp (m/N), ki (m/(N s))."""
-
-    stiffness: float
-    kp: float
-    ki: float
+class SchedulePoint(Values, parts=(taken(ScheduledGains),)):
+    """Gains at a stiffness, SI."""
 
 
-class Scheduling(NamedTuple):
-    """Settings, SI.
-
-    Attributes:
-        tolerance: standard error over k_hat up to which the estimate is trusted.
-        rate: largest relative change of the stiffness the gains are taken at, and change of the table's share (1/s).
-        follow: share of the change of the reference that is fed forward, 0 .. 1.
-        kp, ki: the safe set.
-    """
-
-    tolerance: float
-    rate: float
-    follow: float
-    kp: float
-    ki: float
+class Scheduling(
+    Values, parts=(taken(Tissue, "tolerance"), taken(ForceLoop, "rate", "follow", "kp", "ki")), first="tolerance"
+):
+    """Settings, SI: up to which standard error over k_hat the estimate is trusted, and how gains follow; kp and ki are
+    the safe set."""
 
 
 POINT = record_of(SchedulePoint)

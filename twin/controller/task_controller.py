@@ -6,7 +6,6 @@ the phases that press, from the force that is there, so that neither it nor the 
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
@@ -15,7 +14,7 @@ from twin.controller.adaptive import ADAPTIVE_OUTPUTS, Adapting, adapt, tell, wi
 from twin.controller.controller import INPUTS as ESTIMATES
 from twin.controller.controller import LAW, OUTPUTS, SHARE, Law, follow_passed, force_correction, motor_speeds
 from twin.controller.damping import DAMPER, Damping, damp, damper
-from twin.controller.feed_forward import FEED_FORWARD, FeedForward, friction_force, load_torques
+from twin.controller.feed_forward import FEED_FORWARD, Believed, friction_force, load_torques
 from twin.controller.machine import MACHINE, walk
 from twin.controller.motion import motion
 from twin.controller.phase import PHASE, Phase
@@ -25,6 +24,7 @@ from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.cosim.record import memory_of, record
+from twin.settings import Settings, numbers, setting
 
 TASK_INPUTS = (*ESTIMATES, Port("tau_l", 3, "N m", "estimated joint torques"))
 TASK_OUTPUTS = (
@@ -35,20 +35,25 @@ TASK_OUTPUTS = (
 )
 
 
-class Touch(NamedTuple):
-    """How the machine feels, SI.
+class Touch(Settings):
+    """[controller.touch]: how the controller feels contact in a task."""
 
-    Attributes:
-        contact_force: pressing force that counts as touching (N).
-        patience: contact may be lost for so long while pressing (s).
-        t_turn: how long before its lowest point the first tap turns round (s).
-        learning: share of a tap's depth error that the next tap corrects, 0 .. 1.
-    """
-
-    contact_force: float
-    patience: float
-    t_turn: float
-    learning: float
+    contact: float = setting(
+        "N", gt=0, field="contact_force", exported=False, help="pressing force that counts as touching"
+    )
+    patience: float = setting("ms", gt=0, help="how long contact may be lost while pressing")
+    turn: float = setting(
+        "ms", ge=0, le=100, field="t_turn", help="how long before its lowest point the first tap turns round"
+    )
+    learning: float = setting(ge=0, le=1, help="share of a tap's depth error that the next one corrects")
+    force_learning: float = setting(
+        into="taps",
+        field="share",
+        default=0.0,
+        ge=0,
+        le=1,
+        help="share of a tap's force error that the next one corrects; needs [controller.tissue]",
+    )
 
 
 MEMORY = record(
@@ -184,7 +189,7 @@ class TaskController(NativeComponent):
         law: Law,
         position: Gains,
         force: Gains,
-        feed_forward: FeedForward,
+        feed_forward: Believed,
         damping: Damping,
         touch: Touch,
         phases: Sequence[Phase],
@@ -201,8 +206,8 @@ class TaskController(NativeComponent):
         memory["count"] = len(table)
         machine = memory[0]["machine"]
         machine["index"], machine["p"], machine["z_turn"] = -1, start, -np.inf
-        machine["contact_force"], machine["patience"] = touch.contact_force, touch.patience
-        machine["t_turn"], machine["learning"] = touch.t_turn, touch.learning
+        for name, value in numbers(touch).items():
+            machine[name] = value
         kept = {"phases": table}
         inputs: tuple[Port, ...] = (*TASK_INPUTS, SHARE) if tank else TASK_INPUTS
         outputs: tuple[Port, ...] = TASK_OUTPUTS

@@ -19,11 +19,11 @@ any more from that call on, all that was learnt is dropped, and learning begins 
 """
 
 import math
-from typing import NamedTuple
 
 from twin.compiled.function import njit
 from twin.controller.filter import state_variable
 from twin.cosim.record import record, record_of
+from twin.settings import FieldSource, Settings, Values, setting, taken
 
 DAMPING = 0.5
 """Of each of the two stages of the band-pass: 1/Q. Less would take longer to settle, more would let breath through."""
@@ -47,32 +47,46 @@ LOWEST, HIGHEST = 50.0, 20000.0
 """Bounds of k_hat (N/m): softer than any body, stiffer than what these springs can tell from rigid."""
 
 
-class Sensing(NamedTuple):
-    """Settings, SI.
+class Tissue(Settings):
+    """[controller.tissue]: how the controller finds out, while pressing, how stiff the tissue is."""
 
-    Attributes:
-        frequency: middle of the band, and of the dither (Hz).
-        window: time constant of forgetting (s).
-        dither: amplitude of the force that the dither makes on the stiffness that is believed (N); 0: none.
-        enough: standard error over k_hat below which the dither ends.
-        doubtful: that from which on it begins anew.
-        contact: pressing force below which nothing is learnt (N).
-        mass, inertia: of the platform (kg), and of what turns with a joint (kg m^2).
-        joint_spring: torque on a joint per angle of it with the motors held (N m/rad).
-        angle_rounding, torque_rounding: rms of what rounding makes of a joint's angle (rad) and torque (N m).
-    """
+    frequency: float = setting(
+        "Hz", default=5.0, ge=0.5, help="middle of the band that is looked at, and of the dither"
+    )
+    window: float = setting("s", default=0.5, gt=0, le=100, help="how long what was seen is remembered")
+    dither: float = setting(
+        "N",
+        default=0.15,
+        ge=0,
+        le=2,
+        help="amplitude of the force that moves the tissue where nothing else does; 0: none",
+    )
+    tolerance: float = setting(
+        default=0.3, gt=0, le=1, help="standard error over stiffness from which on it is not trusted"
+    )
 
-    frequency: float
-    window: float
-    dither: float
-    enough: float
-    doubtful: float
-    contact: float
-    mass: float
-    inertia: float
-    joint_spring: float
-    angle_rounding: float
-    torque_rounding: float
+
+ENOUGH, DOUBTFUL = 0.4, 0.7
+"""Shares of the tolerance at which the dither ends, and begins anew: before the estimate is no longer trusted."""
+
+
+class Sensing(
+    Values,
+    parts=(
+        taken(Tissue, "frequency", "window", "dither"),
+        {
+            "enough": FieldSource(Tissue, "tolerance", times=ENOUGH),
+            "doubtful": FieldSource(Tissue, "tolerance", times=DOUBTFUL),
+            "contact": setting("N", help="pressing force below which nothing is learnt"),
+            "mass": setting("kg", help="of the platform"),
+            "inertia": setting("kg m2", help="of what turns with a joint"),
+            "joint_spring": setting("N m/rad", help="torque on a joint per angle of it with the motors held"),
+            "angle_rounding": setting("rad", help="rms of what rounding makes of a joint's angle"),
+            "torque_rounding": setting("N m", help="rms of what rounding makes of a joint's torque"),
+        },
+    ),
+):
+    """How the tissue is looked at, SI; `enough`, `doubtful`: standard errors over k_hat, see ENOUGH and DOUBTFUL."""
 
 
 STAGE = record(fast="f8", slow="f8")

@@ -9,7 +9,10 @@ from twin.cosim.component import Component
 
 @dataclass(frozen=True)
 class Place:
-    """The `field` of the part `record` of the memory of the component with the name `component`."""
+    """The `field` of a record in the memory of the component with the name `component`.
+
+    `record`: names of records in records, joined by "."; "" the memory itself.
+    """
 
     component: str
     record: str
@@ -18,6 +21,9 @@ class Place:
     def memory_of(self, owner: Component) -> np.ndarray | None:
         """The numbers there, a view (1,) or (1, size); None if `owner` has no such memory."""
         try:
-            return owner.memory[self.record][self.field]  # type: ignore[attr-defined]
+            memory = owner.memory[0:1]  # type: ignore[attr-defined]
+            for name in filter(None, (*self.record.split("."), self.field)):
+                memory = memory[name]
+            return memory
         except (AttributeError, TypeError, ValueError, IndexError):
             return None

@@ -4,6 +4,8 @@ from typing import Any
 
 import numpy as np
 
+from twin.settings import Settings, Values, taken
+
 FORMS = {float: "f8", tuple[float, float, float]: "3f8"}
 
 
@@ -26,8 +28,16 @@ def memory_of(kind: np.dtype, **values: Any) -> np.ndarray:
 
 
 def record_of(values: type, **more: Any) -> np.dtype:
-    """A record of the fields of `values`, a NamedTuple of real numbers, triples of them, and whole numbers; and `more`.
+    """A record of the fields of `values`, and `more`.
 
-    Truth values and the members of an IntEnum are whole numbers.
+    Args:
+        values: `Values`; or a table of settings, whose numbers these are; or a NamedTuple of real numbers, triples of
+            them, and whole numbers, as truth values and the members of an IntEnum are.
     """
-    return record(**{name: FORMS.get(form, "i8") for name, form in values.__annotations__.items()}, **more)
+    if issubclass(values, Settings):
+        forms = {name: source.form for name, source in taken(values).items()}
+    elif issubclass(values, Values):
+        forms = values.forms
+    else:
+        forms = {name: FORMS.get(form, "i8") for name, form in values.__annotations__.items()}
+    return record(**forms, **more)

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused, nearest
-from twin.experiment.source import COMMAND_LINE, Source, forget, laid_over, read_source
+from twin.experiment.source import COMMAND_LINE, Source, laid_over, read_source
 from twin.places import located
 
 FOLDERS = ("bodies", "experiments/bodies")
@@ -36,7 +36,7 @@ def fill_from_body(source: Source, folder: Path) -> None:
 
 def replace_body(source: Source, name: str) -> None:
     """Make body `name` what the robot presses on; of the [contact] before only the height stays."""
-    forget(source, "contact", keep=("height_mm",))
+    source.forget("contact", keep=("height_mm",))
     source.values["contact"] = {"body": name, **source.values.get("contact", {})}
     source.origins["contact.body"] = COMMAND_LINE
 

@@ -4,35 +4,25 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field
-
 from twin.errors import InputRefused
+from twin.experiment.declared import Declared
 from twin.experiment.mistakes import checked, numbered, unknown
-from twin.experiment.quantity import Section, quantity
-from twin.experiment.schema import ForceLoop, PositionLoop
 from twin.experiment.source import at
 from twin.experiment.ticks import whole_ticks
+from twin.settings import Settings, setting
 
-CHANGEABLE: dict[str, tuple[type[Section], str]] = {
-    "controller.force.reference_N": (ForceLoop, "reference"),
-    "controller.force.kp_mm_per_N": (ForceLoop, "kp"),
-    "controller.force.ki_mm_per_N_s": (ForceLoop, "ki"),
-    "controller.position.kp_per_s": (PositionLoop, "kp"),
-}
-"""What may change while an experiment runs: key of the file -> table and attribute. Only their own table has a say in
-what they may be."""
-
-
+FORCE_LOOP = "controller.force."
+"""Where the keys of the force loop begin."""
 SCHEDULED = ("controller.force.kp_mm_per_N", "controller.force.ki_mm_per_N_s")
 """What may not, where [controller.force] has a schedule of them."""
 
 
-class ChangeTable(Section):
+class ChangeTable(Settings):
     """[[change]]: a value of [controller] that changes while the experiment runs."""
 
-    t: float = quantity("t_s", "when it changes", gt=0, examples=[8.0])
-    key: str = Field(examples=["controller.force.reference_N"], description="what changes")
-    value: float = Field(examples=[6.0], description="its new value, in the unit of the key")
+    t: float = setting("s", gt=0, examples=[8.0], help="when it changes")
+    key: str = setting(examples=["controller.force.reference_N"], help="what changes")
+    value: float = setting(examples=[6.0], help="its new value, in the unit of the key")
 
 
 @dataclass(frozen=True)
@@ -52,18 +42,19 @@ class Change:
     value: float
 
 
-def changeable(tables: Mapping[str, Any]) -> dict[str, float]:
+def changeable(declared: Declared, tables: Mapping[str, Any]) -> dict[str, float]:
     """What may change in an experiment, with the value in its file, in the unit of the key.
 
     Nothing of the force loop where it never acts, and no reference where tasks bring their own.
 
     Args:
+        declared: what may be said in them.
         tables: of the experiment, as `Experiment.values`.
     """
     found = {}
-    for key, (table, _) in CHANGEABLE.items():
+    for key in declared.changeable:
         number = at(tables, key)
-        acts = table is not ForceLoop or at(tables, "controller.mode") == "force_position"
+        acts = not key.startswith(FORCE_LOOP) or at(tables, "controller.mode") == "force_position"
         # a schedule sets these itself
         acts = acts and not (at(tables, "controller.force.schedule") and key in SCHEDULED)
         if acts and number is not None:
@@ -71,10 +62,11 @@ def changeable(tables: Mapping[str, Any]) -> dict[str, float]:
     return found
 
 
-def changed_value(key: str, number: object, tables: Mapping[str, Any]) -> float:
-    """`number`, given in the unit of the `key` of CHANGEABLE, in SI.
+def changed_value(declared: Declared, key: str, number: object, tables: Mapping[str, Any]) -> float:
+    """`number`, given in the unit of the `key`, in SI.
 
     Args:
+        declared: has `key` among what is changeable.
         number: whatever somebody has sent.
         tables: of the experiment, as `Experiment.values`.
 
@@ -84,7 +76,7 @@ def changed_value(key: str, number: object, tables: Mapping[str, Any]) -> float:
     if number is None:
         # the file may leave the reference out where no force loop acts; a running one needs it
         raise InputRefused(f"{key}: no value; expected a number")
-    table, attribute = CHANGEABLE[key]
+    table, attribute = declared.changeable[key]
     path, _, name = key.rpartition(".")
     mistakes: list[str] = []
     changed = checked(table, {**at(tables, path), name: number}, path, mistakes)
@@ -94,11 +86,12 @@ def changed_value(key: str, number: object, tables: Mapping[str, Any]) -> float:
 
 
 def checked_changes(
-    tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
+    declared: Declared, tables: Any, values: Mapping[str, Any], tick: float, duration: float, mistakes: list[str]
 ) -> tuple[Change, ...]:
     """The changes of the array of tables [[change]] that are right, the earliest first.
 
     Args:
+        declared: what may be said in the tables.
         tables: what the file says; () if nothing.
         values: the tables of the experiment.
         tick, duration: s.
@@ -110,7 +103,7 @@ def checked_changes(
         if wanted is None:
             continue
         try:
-            change = _checked(wanted, values, tick, duration)
+            change = _checked(declared, wanted, values, tick, duration)
         except InputRefused as problem:
             mistakes.append(f"[change {number}] {problem}")
             continue
@@ -120,9 +113,11 @@ def checked_changes(
     return tuple(changes[place] for place in sorted(changes))
 
 
-def _checked(wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float) -> Change:
-    known = changeable(values)
-    if wanted.key in CHANGEABLE and wanted.key not in known:
+def _checked(
+    declared: Declared, wanted: ChangeTable, values: Mapping[str, Any], tick: float, duration: float
+) -> Change:
+    known = changeable(declared, values)
+    if wanted.key in declared.changeable and wanted.key not in known:
         raise InputRefused(f'key = "{wanted.key}": does not act in this experiment; known are {", ".join(known)}')
     if wanted.key not in known:
         raise InputRefused(f"key: {unknown(wanted.key, list(known))}")
@@ -131,4 +126,4 @@ def _checked(wanted: ChangeTable, values: Mapping[str, Any], tick: float, durati
     at = whole_ticks(wanted.t, tick)
     if at is None:
         raise InputRefused(f"t_s = {wanted.t:g}: not a whole number of ticks of {tick:g} s")
-    return Change(at, wanted.key, wanted.value, changed_value(wanted.key, wanted.value, values))
+    return Change(at, wanted.key, wanted.value, changed_value(declared, wanted.key, wanted.value, values))

@@ -5,10 +5,12 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from twin.experiment import contact, fault, monitor, robot, schema, task
+from twin.experiment import schema, task
+from twin.experiment.declared import Declared, nested
+from twin.experiment.fault import FaultTable
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.quantity import Section
 from twin.experiment.recorded import Metadata, recorded_fmus, recorded_values
+from twin.settings import Settings
 
 FROM_ROBOT = ("plant", "controller.model")
 """Tables that hold the robot's own values wherever they do not say otherwise."""
@@ -32,19 +34,19 @@ def flat(values: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
 
 
 @cache
-def _names() -> dict[str, str]:
+def _names(declared: Declared) -> dict[str, str]:
     """Key of an experiment file -> its name without the unit, of every key that has one."""
-    tables = [table for module in (contact, fault, monitor, robot, schema, task) for table in vars(module).values()]
-    models = [table for table in tables if isinstance(table, type) and issubclass(table, Section)]
+    tables: dict[str, type[Settings]] = {**declared.tables, "drive": schema.Drive, "fault": FaultTable, **task.KINDS}
+    models = [model for name, table in tables.items() for model in nested(table, name).values()]
     fields = {field.alias: name for model in models for name, field in model.model_fields.items() if field.alias}
     magnitudes = {kind.magnitude_key: "magnitude" for kind in CATALOGUE.values() if kind.magnitude_key}
     return fields | magnitudes
 
 
-def name_and_unit(key: str) -> tuple[str, str]:
+def name_and_unit(declared: Declared, key: str) -> tuple[str, str]:
     """`controller.force.kp_mm_per_N` as `controller.force.kp`, `mm/N`; a drive's parameters keep names of their own."""
     tables, dot, last = key.rpartition(".")
-    name = _names().get(last, last) if ".parameters" not in tables else last
+    name = _names(declared).get(last, last) if ".parameters" not in tables else last
     words = last.removeprefix(f"{name}_").split("_") if name != last else []
     above, below = words, []
     if "per" in words:
@@ -61,14 +63,16 @@ def told(value: Any) -> str:
     return f"{value:.12g}" if isinstance(value, float) else str(value)
 
 
-def recorded_facts(metadata: Metadata, where: Path) -> dict[str, str]:
+def recorded_facts(declared: Declared, metadata: Metadata, where: Path) -> dict[str, str]:
     """Of the experiment that a recording was made of: its values, and the SHA-256 of every FMU's file.
 
     Raises:
         InputRefused: as `recorded_values` and `recorded_fmus`.
     """
     fmus = recorded_fmus(metadata, where)
-    return experiment_facts(recorded_values(metadata, where), {fmu["file"]: fmu["sha256"] for fmu in fmus.values()})
+    return experiment_facts(
+        recorded_values(declared, metadata, where), {fmu["file"]: fmu["sha256"] for fmu in fmus.values()}
+    )
 
 
 def experiment_facts(values: Mapping[str, Any], hashes: Mapping[str, str]) -> dict[str, str]:

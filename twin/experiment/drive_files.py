@@ -10,7 +10,7 @@ from pydantic import ValidationError
 from twin.errors import InputRefused, nearest
 from twin.experiment import schema
 from twin.experiment.mistakes import sentences
-from twin.experiment.replaced import names_drive
+from twin.experiment.replaced import rules_for
 from twin.experiment.source import laid_over, read_source
 from twin.files import meant
 from twin.places import located
@@ -41,7 +41,7 @@ def joint_tables(drive: dict[str, Any], folder: Path) -> list[dict[str, Any]]:
         own = drive.get(joint, {})
         if not isinstance(own, dict):
             raise InputRefused(f"[drive.{joint}] = {own!r}: expected a table")
-        tables.append(completed(own if names_drive(own) else laid_over(common, own), folder))
+        tables.append(completed(own if rules_for("drive", own) else laid_over(common, own), folder))
     return tables
 
 

@@ -1,46 +1,44 @@
 """The validated experiment, SI inside."""
 
-from dataclasses import dataclass, field
-from typing import Any
+from __future__ import annotations
 
-from pydantic import Field
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
 
 from twin.experiment import schema, task
 from twin.experiment.change import Change
-from twin.experiment.contact import Contact
 from twin.experiment.fault import Fault
 from twin.experiment.measure import Measure
-from twin.experiment.monitor import Monitor
-from twin.experiment.quantity import Section, quantity
 from twin.experiment.reference import Reference, WayPoints
-from twin.experiment.robot import Plant, Robot, Triple
 from twin.experiment.stand_in import StandIn
+from twin.settings import Settings, Triple, setting
+
+if TYPE_CHECKING:
+    # what the tables of parts are called, for the type checker alone
+    from twin.controller.computer import Computer
+    from twin.monitor.limits import Monitor
+    from twin.plant.contact_law import Contact
+    from twin.plant.parameters import Robot, TrueRobot
+    from twin.plant.scale import Display
 
 
-class Head(Section):
+class Head(Settings):
     """The keys of an experiment that stand in no table."""
 
-    title: str = Field(min_length=1, description="for people")
-    duration: float = quantity("duration_s", "simulated time", gt=0)
-    seed: int = Field(0, ge=0, lt=2**63, description="seed of the encoders' noise")
+    title: str = setting(min_length=1, help="for people")
+    duration: float = setting("s", gt=0, help="simulated time")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="seed of the encoders' noise")
 
 
-TABLES: dict[str, type[Section]] = {
-    "robot": Robot,
-    "plant": Plant,
-    "contact": Contact,
-    "cosim": schema.Cosim,
-    "controller": schema.Controller,
-}
-OPTIONAL_TABLES: dict[str, type[Section]] = {
-    "scale": schema.Scale,
+NEEDED: dict[str, type[Settings]] = {"cosim": schema.Cosim}
+OPTIONAL: dict[str, type[Settings]] = {
     "reference": Reference,
     "approach": task.Approach,
-    "monitor": Monitor,
     "recording": schema.Recording,
     "estimator": StandIn,
     "body": StandIn,
 }
+"""Tables that are no part's: an experiment needs the first ones."""
 ARRAYS = ("task", "fault", "change", "measure")
 """Arrays of tables."""
 
@@ -67,7 +65,7 @@ class Experiment:
         origins: where each value comes from.
         stand_ins: parts of another make by the name of their table; of [controller], [monitor] and [scale] only what
             acts all the same is in their own.
-    The tables are those of `schema.py`, `contact.py`, `task.py` and `monitor.py`.
+    The tables are those that the parts declare, and those of `schema.py`, `reference.py` and `task.py`.
     """
 
     name: str
@@ -78,11 +76,11 @@ class Experiment:
     scale_ticks: int
     monitor_ticks: int
     robot: Robot
-    plant: Plant
+    plant: TrueRobot
     contact: Contact
-    scale: schema.Scale | None
+    scale: Display | None
     cosim: schema.Cosim
-    controller: schema.Controller
+    controller: Computer
     reference: WayPoints | None
     approach: task.Approach | None
     tasks: tuple[task.Task, ...]

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from pydantic import Field, create_model
+from pydantic import create_model
 
 from twin.errors import InputRefused
 from twin.experiment.fault_catalogue import kind_named, refuse_target
 from twin.experiment.fault_kind import Kind
 from twin.experiment.mistakes import checked, numbered
-from twin.experiment.quantity import Section, quantity
 from twin.experiment.ticks import whole_ticks
+from twin.settings import Settings, setting
 
 NEVER = 1 << 62
 """The end, in ticks, of a fault that stays."""
@@ -41,28 +41,28 @@ class Fault:
     seed: int = 0
 
 
-class FaultTable(Section):
+class FaultTable(Settings):
     """The keys that every kind has; without `duration_s` the fault stays, without `target` it hits the kind's first."""
 
     kind: str
-    target: str | None = Field(None, description="what breaks; without it the kind's first")
-    onset: float = quantity("onset_s", "when it begins", ge=0)
-    duration: float | None = quantity(
-        "duration_s", "how long it lasts; without it to the end", None, gt=0, examples=[2.0]
+    target: str | None = setting(default=None, help="what breaks; without it the kind's first")
+    onset: float = setting("s", ge=0, help="when it begins")
+    duration: float | None = setting(
+        "s", default=None, gt=0, examples=[2.0], help="how long it lasts; without it to the end"
     )
-    seed: int = Field(0, ge=0, lt=2**63, description="of what is random in it")
+    seed: int = setting(default=0, ge=0, lt=2**63, help="of what is random in it")
 
 
 def table_of(known: Kind) -> type[FaultTable]:
     """The [[fault]] table of one kind: `FaultTable` and the keys that only this kind or its mechanism has."""
     own: dict[str, Any] = {}
     if known.magnitude_key:
-        own["magnitude"] = (float, quantity(known.magnitude_key, "how much", **known.bounds))
+        own["magnitude"] = (float, setting(known.unit or "", help="how much", **dict[str, Any](known.bounds)))
     if known.has_share:
         # more than every second sample could not be single ones
-        own["share"] = (float, Field(gt=0, le=0.5, description="of the samples that it hits"))
+        own["share"] = (float, setting(gt=0, le=0.5, help="of the samples that it hits"))
     if known.mechanism == "parameter":
-        own["ramp"] = (float | None, quantity("ramp_s", "time in which it grows", None, gt=0))
+        own["ramp"] = (float | None, setting("s", default=None, gt=0, help="time in which it grows"))
     return create_model("FaultTable", __base__=FaultTable, __doc__=known.meaning, **own)
 
 

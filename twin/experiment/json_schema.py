@@ -13,9 +13,10 @@ from pydantic import BaseModel
 from pydantic.json_schema import GenerateJsonSchema
 
 from twin.experiment import schema
-from twin.experiment.change import CHANGEABLE, ChangeTable
+from twin.experiment.change import ChangeTable
+from twin.experiment.declared import Declared
 from twin.experiment.drive_files import JOINTS
-from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
+from twin.experiment.experiment import Head
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.measure import KINDS as MEASURES
@@ -30,22 +31,22 @@ SCHEMA_FILE = "experiment.schema.json"
 Node = dict[str, Any]
 
 
-def schema_text() -> str:
+def schema_text(declared: Declared) -> str:
     """The schema as a file."""
-    return json.dumps(experiment_json_schema(), indent=1) + "\n"
+    return json.dumps(experiment_json_schema(declared), indent=1) + "\n"
 
 
-def experiment_json_schema() -> Node:
+def experiment_json_schema(declared: Declared) -> Node:
     """The schema of an experiment file, and of what it extends: robots and bodies."""
     defined: Node = {}
     head = _table(Head, defined)
-    tables = {name: _table(model, defined) for name, model in {**TABLES, **OPTIONAL_TABLES}.items()}
+    tables = {name: _table(model, defined) for name, model in declared.tables.items()}
     for role in KEPT:
         tables[role]["properties"] |= _table(StandIn, defined)["properties"]
     defined["Drive"] = _table(schema.Drive, defined)
     joints = {name: {"$ref": "#/$defs/Drive"} for name in JOINTS}
     drive = {**defined["Drive"], "properties": {**defined["Drive"]["properties"], **joints}}
-    changed = {"enum": list(CHANGEABLE), "description": "What changes."}
+    changed = {"enum": list(declared.changeable), "description": "What changes."}
     changes = "What of the controller changes on the way."
     extends = {"type": "string", "description": "A file whose values hold wherever this one says nothing."}
     return {

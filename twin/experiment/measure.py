@@ -3,24 +3,24 @@
 import re
 from typing import Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import field_validator
 from pydantic.config import JsonDict
 
 from twin.experiment.mistakes import checked_kind, numbered
-from twin.experiment.quantity import Section, quantity
 from twin.experiment.requirement import requirement
+from twin.settings import Settings, setting
 
 SIGNAL = re.compile(r"-?[a-z_]+(/[0-9]+)?\.[A-Za-z_]+(\[[0-9]+\])?")
 _NAME = re.compile(r"[a-z0-9_]+")
 _PATTERN: JsonDict = {"pattern": f"^({SIGNAL.pattern})$"}
 
 
-class Window(Section):
+class Window(Settings):
     """What every [[measure]] has: a name, and from when to when; without `until_s` to the end."""
 
-    name: str = Field(examples=["z"], description="what its numbers are called by: small letters, digits, _")
-    begin: float = quantity("begin_s", "from when on", 0.0, ge=0)
-    until: float | None = quantity("until_s", "until when; without it the end", None, gt=0, examples=[3.5])
+    name: str = setting(examples=["z"], help="what its numbers are called by: small letters, digits, _")
+    begin: float = setting("s", default=0.0, ge=0, help="from when on")
+    until: float | None = setting("s", default=None, gt=0, examples=[3.5], help="until when; without it the end")
 
     @field_validator("name")
     @classmethod
@@ -33,10 +33,10 @@ class Window(Section):
 class Watched(Window):
     """A [[measure]] of one signal."""
 
-    signal: str = Field(
+    signal: str = setting(
         examples=["plant.p_B[2]"],
-        description='as recorded, one component of it; "-" before it turns it round',
         json_schema_extra=_PATTERN,
+        help='as recorded, one component of it; "-" before it turns it round',
     )
 
     @field_validator("signal", "reference", check_fields=False)
@@ -50,10 +50,8 @@ class Watched(Window):
 class Led(Watched):
     """A [[measure]] of a signal and its reference."""
 
-    reference: str = Field(
-        examples=["controller.p_ref_B[2]"],
-        description="the signal that it should be, likewise",
-        json_schema_extra=_PATTERN,
+    reference: str = setting(
+        examples=["controller.p_ref_B[2]"], json_schema_extra=_PATTERN, help="the signal that it should be, likewise"
     )
 
 
@@ -73,7 +71,7 @@ class Lag(Led):
     """[[measure]] kind = "lag": by how much a signal comes later than its reference, which has to move."""
 
     kind: Literal["lag"]
-    longest: float = quantity("longest_s", "the most that it may lag; at most half the window", 2.0, gt=0)
+    longest: float = setting("s", default=2.0, gt=0, help="the most that it may lag; at most half the window")
 
 
 class Spread(Watched):
@@ -86,8 +84,8 @@ class Oscillation(Watched):
     """[[measure]] kind = "oscillation": the strongest sine in a signal."""
 
     kind: Literal["oscillation"]
-    lowest: float = quantity(
-        "lowest_Hz", "slower motion is no oscillation; four periods of it fit the window", 1.0, gt=0
+    lowest: float = setting(
+        "Hz", default=1.0, gt=0, help="slower motion is no oscillation; four periods of it fit the window"
     )
 
 
@@ -113,8 +111,8 @@ class Required(Window):
     """[[measure]] kind = "requirement": how far the run is from violating a formula."""
 
     kind: Literal["requirement"]
-    formula: str = Field(
-        examples=["always (|plant.F_ee_B| <= 18 N)"], description="what has to hold; docs/falsify.md has the words"
+    formula: str = setting(
+        examples=["always (|plant.F_ee_B| <= 18 N)"], help="what has to hold; docs/falsify.md has the words"
     )
 
     @field_validator("formula")

@@ -8,11 +8,12 @@ from typing import Any
 from pydantic import BaseModel, ValidationError
 
 from twin.errors import InputRefused
-from twin.experiment.experiment import ARRAYS, OPTIONAL_TABLES, TABLES, Head
+from twin.experiment.declared import Declared
+from twin.experiment.experiment import ARRAYS, Head
 from twin.experiment.mistakes import sentences, type_mistakes
-from twin.experiment.quantity import Section
 from twin.experiment.source import Source
 from twin.files import json_of
+from twin.settings import Settings
 
 Metadata = Mapping[str, Mapping[str, str]]
 NAME = re.compile(r"(?!\.{1,2}$)[^/\\\x00-\x1f\x7f]{1,150}")
@@ -51,7 +52,7 @@ def recorded_name(metadata: Metadata, where: Path) -> str:
     return name
 
 
-def recorded_values(metadata: Metadata, where: Path) -> dict[str, Any]:
+def recorded_values(declared: Declared, metadata: Metadata, where: Path) -> dict[str, Any]:
     """The checked values of the experiment that a recording was made of, keys with units; empty if it holds none.
 
     Keys that are not known any more, or that were not known yet, are no mistake: the recording may be of another
@@ -64,7 +65,7 @@ def recorded_values(metadata: Metadata, where: Path) -> dict[str, Any]:
     values = json_of(text, f"{where}: its experiment")
     mistakes = [] if isinstance(values, dict) else ["expected tables of values"]
     if not mistakes:
-        mistakes = _wrong_types(values)
+        mistakes = _wrong_types(declared, values)
     if mistakes:
         raise InputRefused(f"{where}: its experiment is none: {'; '.join(mistakes)}")
     return values
@@ -87,10 +88,10 @@ def recorded_fmus(metadata: Metadata, where: Path) -> dict[str, dict[str, Any]]:
     return fmus
 
 
-def _wrong_types(values: dict[str, Any]) -> list[str]:
+def _wrong_types(declared: Declared, values: dict[str, Any]) -> list[str]:
     source = Source()
     mistakes: list[str] = []
-    models: dict[str, type[Section]] = {"head": Head, **TABLES, **OPTIONAL_TABLES}
+    models: dict[str, type[Settings]] = {"head": Head, **declared.tables}
     source.put(values, "recorded")
     head = {key: value for key, value in source.values.items() if not isinstance(value, dict)}
     for name, model in models.items():

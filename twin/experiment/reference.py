@@ -3,42 +3,41 @@
 from itertools import pairwise
 from typing import Literal, NamedTuple
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import field_validator, model_validator
 
-from twin.experiment.quantity import Section, quantity
 from twin.experiment.replaced import SHAPES
-from twin.experiment.robot import Triple
+from twin.settings import Settings, Triple, setting
 
 
-class Circle(Section):
+class Circle(Settings):
     """[reference.circle]: level circles, counter-clockwise seen from above, at constant speed from `start_s` on."""
 
-    centre: Triple = quantity("centre_mm", "of the circle in frame B", examples=[[0.0, 0.0, -90.0]])
-    radius: float = quantity("radius_mm", "of the circle, which begins at +x", gt=0, examples=[15.0])
-    rate: float = quantity("rate_Hz", "turns per time", gt=0, examples=[0.2])
-    turns: float = Field(gt=0, examples=[1.0], description="number of turns")
-    start: float = quantity("start_s", "how long it rests before", 0.0, ge=0)
+    centre: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="of the circle in frame B")
+    radius: float = setting("mm", gt=0, examples=[15.0], help="of the circle, which begins at +x")
+    rate: float = setting("Hz", gt=0, examples=[0.2], help="turns per time")
+    turns: float = setting(gt=0, examples=[1.0], help="number of turns")
+    start: float = setting("s", default=0.0, ge=0, help="how long it rests before")
 
 
-class Chirp(Section):
+class Chirp(Settings):
     """[reference.chirp]: a sine along one axis whose frequency grows linearly with time."""
 
-    point: Triple = quantity("point_mm", "about which it swings, in frame B", examples=[[0.0, 0.0, -90.0]])
-    direction: Literal["x", "y", "z"] = Field(examples=["z"], description="axis of frame B along which it swings")
-    amplitude: float = quantity("amplitude_mm", "of the sine", gt=0, examples=[2.0])
-    begin: float = quantity("begin_Hz", "frequency at the beginning", gt=0, examples=[0.1])
-    end: float = quantity("end_Hz", "frequency at the end", gt=0, examples=[2.0])
-    duration: float = quantity("duration_s", "of the sweep", gt=0, examples=[10.0])
-    start: float = quantity("start_s", "how long it rests before", 0.0, ge=0)
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="about which it swings, in frame B")
+    direction: Literal["x", "y", "z"] = setting(examples=["z"], help="axis of frame B along which it swings")
+    amplitude: float = setting("mm", gt=0, examples=[2.0], help="of the sine")
+    begin: float = setting("Hz", gt=0, examples=[0.1], help="frequency at the beginning")
+    end: float = setting("Hz", gt=0, examples=[2.0], help="frequency at the end")
+    duration: float = setting("s", gt=0, examples=[10.0], help="of the sweep")
+    start: float = setting("s", default=0.0, ge=0, help="how long it rests before")
 
 
-class JointStep(Section):
+class JointStep(Settings):
     """[reference.joint_step]: a step of the platform after which one joint alone has another angle."""
 
-    point: Triple = quantity("point_mm", "where the platform is before", examples=[[0.0, 0.0, -90.0]])
-    joint: Literal[1, 2, 3] = Field(examples=[1], description="which moves")
-    step: float = quantity("step_deg", "by how much; positive lowers the platform", examples=[2.0])
-    start: float = quantity("start_s", "when", gt=0, examples=[0.5])
+    point: Triple = setting("mm", examples=[[0.0, 0.0, -90.0]], help="where the platform is before")
+    joint: Literal[1, 2, 3] = setting(examples=[1], help="which moves")
+    step: float = setting("deg", examples=[2.0], help="by how much; positive lowers the platform")
+    start: float = setting("s", gt=0, examples=[0.5], help="when")
 
     @field_validator("step")
     @classmethod
@@ -48,18 +47,18 @@ class JointStep(Section):
         return step
 
 
-class Reference(Section):
+class Reference(Settings):
     """[reference]: way points, straight lines at constant speed between them; or one shape."""
 
-    t: tuple[float, ...] | None = quantity(
-        "t_s", "times of the way points, ascending", None, min_length=1, examples=[[0.0, 2.0]]
+    t: tuple[float, ...] | None = setting(
+        "s", default=None, min_length=1, examples=[[0.0, 2.0]], help="times of the way points, ascending"
     )
-    p: tuple[Triple, ...] | None = quantity(
-        "p_mm",
-        "positions (x, y, z) of the way points in frame B",
-        None,
+    p: tuple[Triple, ...] | None = setting(
+        "mm",
+        default=None,
         min_length=1,
         examples=[[[0.0, 0.0, -90.0], [0.0, 0.0, -95.0]]],
+        help="positions (x, y, z) of the way points in frame B",
     )
     circle: Circle | None = None
     chirp: Chirp | None = None

@@ -1,7 +1,7 @@
 """Tables of an experiment that name something altogether: what files below said of another one is forgotten."""
 
 from collections.abc import Callable, Mapping
-from typing import Any
+from typing import Any, NamedTuple
 
 SHAPES = ("circle", "chirp", "joint_step")
 """Tables of [reference], each of which says by itself all that the reference is."""
@@ -40,12 +40,30 @@ def names_stand_in(table: Mapping[str, Any]) -> bool:
     return any(key in table for key in NAMING)
 
 
-REPLACED: tuple[tuple[str, Callable[[Mapping[str, Any]], bool], tuple[str, ...] | None], ...] = (
-    ("drive", names_drive, None),
-    ("contact", _has("body"), None),
-    ("reference", _has(*SHAPES), ()),
-    ("reference", _has("t_s", "p_mm"), ("t_s", "p_mm")),
-    *((role, names_stand_in, kept) for role, kept in KEPT.items()),
-)
-"""Table, whether it names another one altogether, keys that stay all the same: of way points one file may give the
-times and another the places."""
+class Rule(NamedTuple):
+    """A table that names something altogether takes the place of what was said of another one.
+
+    Attributes:
+        names: whether it does so, by its keys.
+        kept: keys of the table before that stay; None: none, nor the table's place among the others.
+        by_key: whether a single key of it on the command line does so, too.
+    """
+
+    names: Callable[[Mapping[str, Any]], bool]
+    kept: tuple[str, ...] | None
+    by_key: bool = False
+
+
+RULES: dict[str, tuple[Rule, ...]] = {
+    "drive": (Rule(names_drive, None),),
+    "contact": (Rule(_has("body"), None),),
+    # of way points one file may give the times and another the places
+    "reference": (Rule(_has(*SHAPES), ()), Rule(_has("t_s", "p_mm"), ("t_s", "p_mm"))),
+    **{role: (Rule(names_stand_in, kept, by_key=True),) for role, kept in KEPT.items()},
+}
+
+
+def rules_for(name: str, table: Any, by_key: bool = False) -> list[Rule]:
+    """By which rules `table`, called `name`, takes another one's place; `by_key`: it is a key of the command line."""
+    rules = RULES.get(name, ()) if isinstance(table, Mapping) else ()
+    return [rule for rule in rules if rule.names(table) and (rule.by_key or not by_key)]

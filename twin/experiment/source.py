@@ -5,21 +5,18 @@ import copy
 import functools
 import json
 import os
-import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from twin.errors import InputRefused
-from twin.experiment.replaced import KEPT, REPLACED
+from twin.experiment.replaced import rules_for
 from twin.files import DEEPEST, TOML_LIMIT, read_text, toml_of
 from twin.places import located
 
 LONGEST_CHAIN = 32
 """Files that extend each other, the first included."""
-
-_STAND_IN = re.compile(rf"\s*({'|'.join(KEPT)})\s*\.\s*(fmu|python)\s*=")
 
 COMMAND_LINE = "set on the command line"
 """The origin of what an option has set."""
@@ -39,6 +36,29 @@ class Source:
 
     values: dict[str, Any] = field(default_factory=dict)
     origins: dict[str, str] = field(default_factory=dict)
+
+    def lay(self, tables: dict[str, Any], origin: str, by_key: bool = False) -> None:
+        """Lay `tables` over what is there; one that names another drive, body, shape or part takes its place.
+
+        Args:
+            tables: by their names.
+            origin: of their values.
+            by_key: whether they are a key of the command line.
+        """
+        for name, table in tables.items():
+            for rule in rules_for(name, table, by_key):
+                # another drive has other parameters: nothing of the one before can stay
+                self.forget(name, rule.kept)
+        self.put(tables, origin)
+
+    def forget(self, table: str, keep: Collection[str] | None = None) -> None:
+        """Take out what is said of [table], but the keys `keep`; without these the table itself."""
+        before = self.values.pop(table, None)
+        kept = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
+        if keep is not None and isinstance(before, dict):
+            self.values[table] = kept
+        paths = {f"{table}.{key}" for key in kept}
+        self.origins = {k: v for k, v in self.origins.items() if not k.startswith(f"{table}.") or k in paths}
 
     def put(self, table: dict[str, Any], origin: str, prefix: str = "", into: dict[str, Any] | None = None) -> None:
         """Lay `table` over what is there, key by key."""
@@ -95,20 +115,14 @@ def with_numbers(items: Mapping[str, Any], into: tuple[Any, ...], where: str) ->
 def read_source(path: Path) -> Source:
     """The file at `path` laid over the files it `extends`.
 
-    A [drive] that names another drive, a [contact] that names a body and a [reference] that names a shape replace the
-    whole table of the files below; a part of another make what these say of twin's own.
+    What takes another one's place is in `replaced.py`.
 
     Raises:
         InputRefused: no such file, not TOML, a circle of `extends`.
     """
     source = Source()
     for file, table in reversed(_chain(path)):
-        for name, is_another, kept in REPLACED:
-            said = table.get(name)
-            if isinstance(said, dict) and is_another(said):
-                # another drive has other parameters: nothing of the one before can stay
-                forget(source, name, kept)
-        source.put(table, f"set in {file.name}")
+        source.lay(table, f"set in {file.name}")
     return source
 
 
@@ -118,21 +132,25 @@ def override(source: Source, texts: Iterable[str]) -> None:
     Raises:
         InputRefused: not of the form key=value.
     """
+    nodes = [_node(text) for text in texts]
     # what names a part of another make takes out what is said of twin's own, and nothing that is set with it
-    for text in sorted(texts, key=lambda text: not _STAND_IN.match(text)):
-        key, equals, value = text.partition("=")
-        names = key_names(key.strip())
-        if not equals or not key.strip() or len(names) > DEEPEST:
-            raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
-        node: Any = value.strip()
-        # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
-        with contextlib.suppress(InputRefused):
-            node = toml_of(f"value = {node}", "")["value"]
-        for name in reversed(names):
-            node = {name: node}
-        if _STAND_IN.match(text):
-            forget(source, names[0], KEPT[names[0]])
-        source.put(node, COMMAND_LINE)
+    for node in sorted(nodes, key=lambda node: not any(rules_for(name, node[name], by_key=True) for name in node)):
+        source.lay(node, COMMAND_LINE, by_key=True)
+
+
+def _node(text: str) -> dict[str, Any]:
+    """The setting `text` as nested tables."""
+    key, equals, value = text.partition("=")
+    names = key_names(key.strip())
+    if not equals or not key.strip() or len(names) > DEEPEST:
+        raise InputRefused(f"--set {text}: expected key=value, for example controller.force.reference_N=4")
+    node: Any = value.strip()
+    # a bare word is text, so that --set controller.mode=position needs no quotes inside quotes
+    with contextlib.suppress(InputRefused):
+        node = toml_of(f"value = {node}", "")["value"]
+    for name in reversed(names):
+        node = {name: node}
+    return node
 
 
 def key_names(key: str) -> list[str]:
@@ -151,19 +169,7 @@ def key_names(key: str) -> list[str]:
 
 def replace_drive(source: Source, fmu: str) -> None:
     """Make the drive at path `fmu` that of every joint, with the parameters of its own mapping or its start values."""
-    forget(source, "drive")
-    source.values["drive"] = {"fmu": fmu}
-    source.origins["drive.fmu"] = COMMAND_LINE
-
-
-def forget(source: Source, table: str, keep: Collection[str] | None = None) -> None:
-    """Take out what is said of [table], but the keys `keep`; without these the table itself."""
-    before = source.values.pop(table, None)
-    kept = {key: before[key] for key in before if key in (keep or ())} if isinstance(before, dict) else {}
-    if keep is not None and isinstance(before, dict):
-        source.values[table] = kept
-    paths = {f"{table}.{key}" for key in kept}
-    source.origins = {k: v for k, v in source.origins.items() if not k.startswith(f"{table}.") or k in paths}
+    source.lay({"drive": {"fmu": fmu}}, COMMAND_LINE)
 
 
 def laid_over(base: Mapping[str, Any], table: Mapping[str, Any]) -> dict[str, Any]:

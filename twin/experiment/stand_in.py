@@ -7,17 +7,18 @@ from typing import Any, NamedTuple
 from pydantic import Field, model_validator
 
 from twin.errors import InputRefused
+from twin.experiment.declared import Declared
 from twin.experiment.drive_files import completed
 from twin.experiment.mistakes import checked, keys
-from twin.experiment.quantity import Section
 from twin.experiment.replaced import KEPT, NAMING, names_stand_in
-from twin.experiment.schema import TOLERANCE, Controller, Parameter, Scale
+from twin.experiment.schema import TOLERANCE, Parameter
 from twin.places import located
+from twin.settings import Settings
 
 Names = dict[str, str | tuple[str, ...]]
 
 
-class StandIn(Section):
+class StandIn(Settings):
     """[controller], [estimator], [monitor], [scale], [body]: a part of another make.
 
     Either `fmu`, with names and units of the FMU's own, or `python`, whose class names its ports itself.
@@ -61,39 +62,22 @@ class StandIn(Section):
         return f"{self.file.name}:{self.class_name}" if self.python else self.file.name
 
 
-class OtherController(Controller):
-    """What is left of [controller] where its law is another one."""
-
-    mode: Any = None
-    position: Any = None
-    force: Any = None
-
-
-class OtherScale(Scale):
-    """What is left of [scale] where its display is another one."""
-
-    resolution: Any = None
-
-
-_REST: Mapping[str, type[Section]] = {"controller": OtherController, "scale": OtherScale}
-
-
 class Apart(NamedTuple):
     """A table of a part of another make: what is said of that, and what of the table still acts."""
 
     stand_in: StandIn | None
-    rest: Section | None
+    rest: Settings | None
 
 
-def checked_apart(role: str, model: type[Section], table: Mapping[str, Any], folder: Path, told: list[str]) -> Apart:
+def checked_apart(declared: Declared, role: str, table: Mapping[str, Any], folder: Path, told: list[str]) -> Apart:
     """The table [role], which names an FMU or a class.
 
     Args:
-        model: of the table where twin's own component has the role.
+        declared: what may be said in it where twin's own component has the role.
         folder: from which files are looked up.
         told: gets a sentence for each mistake.
     """
-    said = keys(StandIn)
+    said, model = keys(StandIn), declared.tables[role]
     own = {key: value for key, value in table.items() if key in said}
     rest = {key: value for key, value in table.items() if key not in said}
     idle = [key for key in rest if key in keys(model) and key not in KEPT[role]]
@@ -110,13 +94,12 @@ def checked_apart(role: str, model: type[Section], table: Mapping[str, Any], fol
     kept = {key: value for key, value in rest.items() if key not in idle}
     if model is StandIn:
         return Apart(checked(StandIn, {**own, **kept}, role, told), None)
-    return Apart(checked(StandIn, own, role, told), checked(_REST.get(role, model), kept, role, told))
+    return Apart(checked(StandIn, own, role, told), checked(declared.rest(role), kept, role, told))
 
 
-def rest_of(role: str, table: Mapping[str, Any]) -> Section | None:
-    """What of the checked table [role] of a part of another make still acts; None if it has nothing of the kind."""
-    kept = {key: value for key, value in table.items() if key in KEPT[role]}
-    return _REST[role].model_validate(kept) if role in _REST else None
+def rest_of(declared: Declared, role: str, table: Mapping[str, Any]) -> Settings:
+    """What of the checked table [role] of a part of another make still acts."""
+    return declared.rest(role).model_validate({key: value for key, value in table.items() if key in KEPT[role]})
 
 
 def _named(own: Mapping[str, Any]) -> str:

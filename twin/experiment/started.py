@@ -4,13 +4,14 @@ import os
 from pathlib import Path
 
 from twin.errors import InputRefused, nearest
+from twin.experiment.declared import Declared
 from twin.experiment.json_schema import SCHEMA_FILE, schema_text
 from twin.experiment.named import known_experiments
 from twin.experiment.template import commented_experiment
 from twin.writing import made_folder, write_text
 
 
-def start_experiment(file: Path, start: str) -> list[Path]:
+def start_experiment(declared: Declared, file: Path, start: str) -> list[Path]:
     """Write an experiment to `file` that does what the experiment `start` of those that come with twin does.
 
     Returns:
@@ -26,12 +27,12 @@ def start_experiment(file: Path, start: str) -> list[Path]:
     if file.suffix != ".toml":
         raise InputRefused(f"{file}: expected a name that ends with .toml")
     schema = file.parent / SCHEMA_FILE
-    text = commented_experiment(file.name, known[start])
+    text = commented_experiment(declared, file.name, known[start])
     made_folder(file.parent)
     if os.path.lexists(file):
         raise InputRefused(f"{file}: exists, and is never overwritten; choose another name")
     write_text(file, text)
     if os.path.lexists(schema):
         return [file]
-    write_text(schema, schema_text())
+    write_text(schema, schema_text(declared))
     return [file, schema]

@@ -9,26 +9,22 @@ from twin.errors import InputRefused
 from twin.experiment import schema
 from twin.experiment.body_files import fill_from_body
 from twin.experiment.change import Change, checked_changes
+from twin.experiment.declared import Declared
 from twin.experiment.drive_files import joint_tables
-from twin.experiment.experiment import ARRAYS, OPTIONAL_TABLES, TABLES, Experiment, Head
+from twin.experiment.experiment import ARRAYS, Experiment, Head
 from twin.experiment.fault import Fault, checked_faults
 from twin.experiment.measure import Measure, checked_measures
 from twin.experiment.mistakes import checked, keys, unknown
-from twin.experiment.quantity import Section
 from twin.experiment.reference import WayPoints
 from twin.experiment.replaced import KEPT
-from twin.experiment.robot import Model, Robot
 from twin.experiment.source import Source, with_numbers
 from twin.experiment.stand_in import StandIn, checked_apart, role_named
 from twin.experiment.task import Task, checked_tasks
 from twin.experiment.ticks import MOST_TICKS, whole_ticks
+from twin.settings import Settings
 
-_TRIPLES = {
-    str(field.alias): field.default for field in Robot.model_fields.values() if isinstance(field.default, tuple)
-}
-"""What three numbers of a robot are where its file does not say."""
 OTHERS = ("drive", *ARRAYS)
-"""What is checked elsewhere than `TABLES`."""
+"""What is checked elsewhere than the tables that are declared."""
 
 
 @dataclass(frozen=True)
@@ -54,15 +50,16 @@ class Tables:
     stand_ins: dict[str, StandIn]
 
 
-def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
+def checked_tables(declared: Declared, source: Source, folder: Path, mistakes: list[str]) -> Tables:
     """The tables of `source`, which is completed in place.
 
     Args:
+        declared: what may be said in them.
         source: of all files.
         folder: from which bodies and drives are looked up.
         mistakes: gets a sentence for each mistake.
     """
-    _fill_from_robot(source.values)
+    _fill_from_robot(declared, source.values)
     values = source.values
     try:
         fill_from_body(source, folder)
@@ -70,7 +67,7 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
         mistakes.append(str(problem))
         # all that the body would have said is missing now, and that is no second mistake
         values = {**values, "contact": None}
-    by_name, stand_ins = _by_name(values, folder, mistakes)
+    by_name, stand_ins = _by_name(declared, values, folder, mistakes)
     tasks = checked_tasks(source.values.get("task"), mistakes)
     drives = _joint_drives(source.values.get("drive"), folder, mistakes)
     ticks = _ticks(by_name, mistakes)
@@ -78,7 +75,7 @@ def checked_tables(source: Source, folder: Path, mistakes: list[str]) -> Tables:
     tick = by_name["cosim"].tick if "cosim" in by_name else 1e-9
     faults = checked_faults(source.values.get("fault", ()), tick, mistakes)
     length = by_name["head"].duration if "head" in by_name else math.inf
-    changes = checked_changes(source.values.get("change", ()), source.values, tick, length, mistakes)
+    changes = checked_changes(declared, source.values.get("change", ()), source.values, tick, length, mistakes)
     measures = checked_measures(source.values.get("measure", ()), length, mistakes)
     return Tables(by_name, length, tasks, ticks, faults, changes, measures, drives, stand_ins)
 
@@ -101,7 +98,7 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
         controller_ticks=ticks["controller"],
         scale_ticks=ticks.get("scale", 1),
         monitor_ticks=ticks.get("monitor", 1),
-        **{name: found[name] for name in TABLES},
+        **{name: found[name] for name in ("robot", "plant", "contact", "cosim", "controller")},
         scale=found.get("scale"),
         reference=reference,
         approach=found.get("approach"),
@@ -118,53 +115,56 @@ def experiment_of(name: str, tables: Tables, reference: WayPoints | None, source
     )
 
 
-def _fill_from_robot(values: dict[str, Any]) -> None:
+def _fill_from_robot(declared: Declared, values: dict[str, Any]) -> None:
     """[plant] and [controller.model] are the robot's own values wherever they do not say otherwise."""
     robot = values.get("robot")
     if not isinstance(robot, dict):
         return
+    fields = declared.tables["robot"].model_fields.values()
+    whole = {str(field.alias): field.default for field in fields if isinstance(field.default, tuple)} | robot
     plant, controller = values.setdefault("plant", {}), values.setdefault("controller", {})
     if isinstance(plant, dict):
-        values["plant"] = _over_robot(robot, plant, "plant")
+        values["plant"] = {**robot, **_whole(whole, plant, "plant")}
     if isinstance(controller, dict):
         model = controller.get("model", {})
         if isinstance(model, dict):
-            known = keys(Model)
+            known = declared.model_keys()
             believed = {k: v for k, v in robot.items() if k in known}
-            controller["model"] = _over_robot(believed, model, "controller.model")
+            controller["model"] = {**believed, **_whole(whole, model, "controller.model")}
 
 
-def _over_robot(robot: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
-    """The robot's values under those of a table, which may name single numbers of three: `joint_zero_deg.2`."""
-    known = {**_TRIPLES, **robot}
+def _whole(known: dict[str, Any], own: dict[str, Any], table: str) -> dict[str, Any]:
+    """A table's `own` values, of which single numbers of three may be named: `joint_zero_deg.2`, of those `known`."""
     numbered = {
         key: with_numbers(value, known[key], f"{table}.{key}")
         for key, value in own.items()
         if isinstance(value, dict) and isinstance(known.get(key), tuple)
     }
-    return {**robot, **own, **numbered}
+    return {**own, **numbered}
 
 
-def _by_name(values: dict[str, Any], folder: Path, mistakes: list[str]) -> tuple[dict[str, Any], dict[str, StandIn]]:
+def _by_name(
+    declared: Declared, values: dict[str, Any], folder: Path, mistakes: list[str]
+) -> tuple[dict[str, Any], dict[str, StandIn]]:
     """The tables that are right, and parts of another make; what is wrong with the others goes to `mistakes`."""
     right: dict[str, Any] = {}
     stand_ins: dict[str, StandIn] = {}
-    known = {**TABLES, **OPTIONAL_TABLES}
+    known = declared.tables
     head = {key: value for key, value in values.items() if key not in known and key not in OTHERS}
     for key in list(head):
         if key not in keys(Head):
             mistakes.append(unknown(key, [*keys(Head), *known, *OTHERS]))
             del head[key]
-    models: dict[str, type[Section]] = {"head": Head, **known}
+    models: dict[str, type[Settings]] = {"head": Head, **known}
     for name, model in models.items():
         table = head if name == "head" else values.get(name)
         if table is None:
-            if name in TABLES and name not in values:
+            if name in declared.needed and name not in values:
                 mistakes.append(f"missing table [{name}]")
             continue
         found: list[str] = []
         if name in KEPT and (table_of_other := role_named(values, name)) is not None:
-            stand_in, section = checked_apart(name, model, table_of_other, folder, found)
+            stand_in, section = checked_apart(declared, name, table_of_other, folder, found)
             if stand_in is not None:
                 stand_ins[name] = stand_in
             if section is not None:

@@ -2,23 +2,23 @@
 
 from typing import Any, Literal
 
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from twin.experiment.mistakes import checked_kind, numbered
-from twin.experiment.quantity import Section, quantity
+from twin.settings import Settings, setting
 
 Pair = tuple[float, float]
 
 
-class Approach(Section):
+class Approach(Settings):
     """[approach]: how all tasks come and go."""
 
-    height: float = quantity("height_mm", "z at which the robot travels between tasks")
-    floor: float = quantity("floor_mm", "z below which it never searches for contact")
-    speed: float = quantity("speed_mm_per_s", "speed of travelling", gt=0)
-    descent: float = quantity("descent_mm_per_s", "speed of going down until it touches", gt=0)
-    ramp: float = quantity("ramp_ms", "time in which a speed changes", gt=0)
-    release: float = quantity("release_s", "time in which the force is taken back", gt=0)
+    height: float = setting("mm", help="z at which the robot travels between tasks")
+    floor: float = setting("mm", help="z below which it never searches for contact")
+    speed: float = setting("mm/s", gt=0, help="speed of travelling")
+    descent: float = setting("mm/s", gt=0, help="speed of going down until it touches")
+    ramp: float = setting("ms", gt=0, help="time in which a speed changes")
+    release: float = setting("s", gt=0, help="time in which the force is taken back")
 
     @model_validator(mode="after")
     def _floor_is_below(self) -> "Approach":
@@ -27,48 +27,48 @@ class Approach(Section):
         return self
 
 
-class TaskOnPoint(Section):
+class TaskOnPoint(Settings):
     """What every task has."""
 
-    point: Pair = quantity("point_mm", "where (x, y)")
-    force: float = quantity("force_N", "pressing force", gt=0)
+    point: Pair = setting("mm", help="where (x, y)")
+    force: float = setting("N", gt=0, help="pressing force")
 
 
 class Press(TaskOnPoint):
     """[[task]] kind = "press": onto a point, the force grows, is held, and taken back."""
 
     kind: Literal["press"]
-    build_up: float = quantity("build_up_s", "time in which the force grows", gt=0)
-    hold: float = quantity("hold_s", "time for which it is held", gt=0)
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    hold: float = setting("s", gt=0, help="time for which it is held")
 
 
 class Tap(TaskOnPoint):
     """[[task]] kind = "tap": down fast until the force is there, and up again, many times."""
 
     kind: Literal["tap"]
-    speed: float = quantity("speed_mm_per_s", "speed of going down and up", gt=0)
-    lift: float = quantity("lift_mm", "height above the surface between two taps", gt=0)
-    period: float = quantity("period_s", "from tap to tap", gt=0)
-    times: int = Field(ge=1, description="number of taps")
+    speed: float = setting("mm/s", gt=0, help="speed of going down and up")
+    lift: float = setting("mm", gt=0, help="height above the surface between two taps")
+    period: float = setting("s", gt=0, help="from tap to tap")
+    times: int = setting(ge=1, help="number of taps")
 
 
 class Roll(TaskOnPoint):
     """[[task]] kind = "roll": a small circle under a constant force."""
 
     kind: Literal["roll"]
-    build_up: float = quantity("build_up_s", "time in which the force grows", gt=0)
-    radius: float = quantity("radius_mm", "radius of the circle", gt=0)
-    rate: float = quantity("rate_Hz", "turns per time", gt=0)
-    turns: float = Field(ge=1, description="number of turns")
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    radius: float = setting("mm", gt=0, help="radius of the circle")
+    rate: float = setting("Hz", gt=0, help="turns per time")
+    turns: float = setting(ge=1, help="number of turns")
 
 
 class Push(TaskOnPoint):
     """[[task]] kind = "push": along a line under a constant force."""
 
     kind: Literal["push"]
-    build_up: float = quantity("build_up_s", "time in which the force grows", gt=0)
-    to: Pair = quantity("to_mm", "where the line ends (x, y)")
-    speed: float = quantity("speed_mm_per_s", "speed along the line", gt=0)
+    build_up: float = setting("s", gt=0, help="time in which the force grows")
+    to: Pair = setting("mm", help="where the line ends (x, y)")
+    speed: float = setting("mm/s", gt=0, help="speed along the line")
 
     @model_validator(mode="after")
     def _goes_somewhere(self) -> "Push":

@@ -6,7 +6,7 @@ Made of the models that check an experiment, so that no key is missing and none 
 import json
 import math
 import shlex
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
 from typing import Any, Literal, get_args, get_origin
 
@@ -16,14 +16,14 @@ from pydantic.fields import FieldInfo
 from twin.experiment import schema
 from twin.experiment.body_files import fill_from_body
 from twin.experiment.change import ChangeTable
-from twin.experiment.experiment import OPTIONAL_TABLES, TABLES, Head
+from twin.experiment.declared import Declared
+from twin.experiment.experiment import Head
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.json_schema import SCHEMA_FILE
 from twin.experiment.measure import KINDS as MEASURES
 from twin.experiment.mistakes import model_in
 from twin.experiment.replaced import KEPT
-from twin.experiment.robot import Model, Plant, Robot
 from twin.experiment.source import Source, at, read_source, toml_value
 from twin.experiment.stand_in import StandIn
 from twin.experiment.task import KINDS as TASKS
@@ -56,13 +56,14 @@ TRUE = "What is true where it differs from [robot]: any key of it. The controlle
 Table = Mapping[str, Any]
 
 
-def commented_experiment(name: str, base: Path) -> str:
+def commented_experiment(declared: Declared, name: str, base: Path) -> str:
     """The text of an experiment that does what the one at `base` does, with all that it could say besides.
 
     What `base` says of other tables than [robot] stands as it is; of [plant], what the robot's file does not say. All
     else stands behind a "#", with the value that body or robot give it, or its default, or one that would do.
 
     Args:
+        declared: what may be said in it.
         name: of the file it will be.
         base: one of the repository's experiments.
 
@@ -74,7 +75,7 @@ def commented_experiment(name: str, base: Path) -> str:
     for other in OTHERS:
         others.put(read_source(located(other, base.parent)).values, "")
     page = _Page(own, filled.values, others.values)
-    models: dict[str, type[BaseModel]] = {"cosim": TABLES["cosim"], "drive": schema.Drive, **TABLES, **OPTIONAL_TABLES}
+    models: dict[str, type[BaseModel]] = {"cosim": schema.Cosim, "drive": schema.Drive, **declared.tables}
     lines = [
         f"#:schema {SCHEMA_FILE}",
         f"# Run this: {shlex.join(['twin', 'run', name])}",
@@ -97,12 +98,18 @@ def commented_experiment(name: str, base: Path) -> str:
     lines += ["", f"# {CHANGES}", *page.array("change", {None: ChangeTable}, (CHANGE,))]
     lines += ["", f"# {MEASURED}", *page.array("measure", MEASURES, (MEASURE,))]
     lines += ["", "# The robot as the file that this one extends has it.", "#[robot]"]
-    lines += page.keys("robot", Robot, {}, {})
+    whole = _plain_keys(declared.tables["robot"])
+    lines += page.keys("robot", declared.tables["robot"], {}, {})
     robot = at(read_source(located(f"experiments/{ROBOT}", base.parent)).values, "plant") or {}
     true = {key: value for key, value in (at(own.values, "plant") or {}).items() if robot.get(key) != value}
     origins = page.origins("plant")
-    lines += ["", f"# {TRUE}", f"{'' if true else '#'}[plant]", *page.keys("plant", Plant, true, origins)]
-    lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k not in _plain_keys(Plant)]
+    lines += [
+        "",
+        f"# {TRUE}",
+        f"{'' if true else '#'}[plant]",
+        *page.keys("plant", declared.tables["plant"], true, origins, whole),
+    ]
+    lines += [_line(k, value, "", origins.get(k)) for k, value in true.items() if k in whole]
     return "\n".join(lines) + "\n"
 
 
@@ -138,7 +145,7 @@ class _Page:
                 entries = at(self._own.values, path) or {}
                 lines += ["", f"# {info.description}", f"{'' if entries else '#'}[{path}]"]
                 lines += [_line(key, value, "", self.origins(path).get(key)) for key, value in entries.items()]
-            elif inner is Model:
+            elif path == "controller.model":
                 lines += ["", f"# {BELIEVED}", f"#[{path}]"]
             elif inner is not None and get_origin(info.annotation) is tuple:
                 entries = at(self._own.values, path)
@@ -166,10 +173,14 @@ class _Page:
                 lines += [f"# {_meaning(info)}", _line(key, value, own, origins.get(key))]
         return lines
 
-    def keys(self, table: str, model: type[BaseModel], own: Table, origins: Table) -> list[str]:
-        """The keys of `model` but for tables, each below its meaning."""
+    def keys(
+        self, table: str, model: type[BaseModel], own: Table, origins: Table, without: Collection[str] = ()
+    ) -> list[str]:
+        """The keys of `model` but for tables and those `without`, each below its meaning."""
         lines = []
         for key, info in _plain_keys(model).items():
+            if key in without:
+                continue
             path = f"{table}.{key}" if table else key
             candidates = (at(self._nearer, path), _instead(info), at(self._farther, path))
             instead = next((value for value in candidates if value is not None), None)
@@ -179,12 +190,11 @@ class _Page:
 
 
 def _plain_keys(model: type[BaseModel]) -> dict[str, FieldInfo]:
-    """The keys of `model` that hold no table; of [plant] those that [robot] has not."""
-    repeated = Robot.model_fields if issubclass(model, Plant) else {}
+    """The keys of `model` that hold no table."""
     return {
         info.alias or field: info
         for field, info in model.model_fields.items()
-        if field not in repeated and model_in(info.annotation) is None and get_origin(info.annotation) is not dict
+        if model_in(info.annotation) is None and get_origin(info.annotation) is not dict
     }
 
 

@@ -1,57 +1,57 @@
 """What the monitor tolerates, and how it retracts."""
 
-from typing import NamedTuple
-
 from twin.cosim.record import record_of
+from twin.settings import Settings, Values, setting, taken
 
 
-class Limits(NamedTuple):
-    """Limits of the monitor, SI. A check trips when its limit is reached; docs/safety.md says what each is for.
+class Monitor(Settings):
+    """[monitor]: a table without keys is complete. The defaults suit a massage at 3 to 8 N.
 
-    Attributes:
-        force_limit: length of the low-passed force F_ee_B (N).
-        force_rate_limit: how fast that length may grow (N/s).
-        contact_force: pressing force at which a contact begins (N); it ends at half of it.
-        penetration_limit: platform below the place where the contact began (m).
-        contact_time_limit: one contact without a pause (s).
-        speed_limit: low-passed speed of the platform (m/s).
-        workspace_radius, z_min, z_max: upright cylinder about the z axis of B in which O_P has to stay (m).
-        deflection_limit: wind-up of a spring, motor side (rad).
-        jump_limit: motor, joint and wind-up, all on the motor's side, from one sample to the next (rad/s).
-        stale_time: how far the sample counter may be off the time that has passed (s).
-        frozen_demand: commanded speed (rad/s) above which a motor encoder has to move, within `frozen_time` (s).
-        frozen_travel: motor angle (rad) within which the joint has to move a count.
-        command_limit: commanded motor speed that counts as saturated (rad/s).
-        saturation_time: for how long (s).
-        follow_limit: how far a motor's low-passed speed may be off the command's (rad/s).
-        follow_time: how long (s).
-        filter: corner of the first-order low-pass on force and speeds (Hz).
-        retract: motor angle of the retraction (rad).
-        retract_speed: its speed (rad/s).
+    A command counts as saturated at `command_limit`, by default the controller's own limit.
     """
 
-    force_limit: float
-    force_rate_limit: float
-    contact_force: float
-    penetration_limit: float
-    contact_time_limit: float
-    speed_limit: float
-    workspace_radius: float
-    z_min: float
-    z_max: float
-    deflection_limit: float
-    jump_limit: float
-    stale_time: float
-    frozen_demand: float
-    frozen_time: float
-    frozen_travel: float
-    command_limit: float
-    saturation_time: float
-    follow_limit: float
-    follow_time: float
-    filter: float
-    retract: float
-    retract_speed: float
+    enabled: bool = setting(default=True, help="false: nobody watches")
+    period: float = setting("ms", into=None, default=2.0, gt=0, help="time between two looks")
+    force_limit: float = setting("N", default=15.0, gt=0, help="length of the force, in any direction, that trips")
+    force_rate_limit: float = setting("N/s", default=300.0, gt=0, help="force rate that trips")
+    contact_force: float = setting("N", default=1.0, gt=0, help="force that counts as contact")
+    penetration_limit: float = setting("mm", default=25.0, gt=0, help="depth below first contact that trips")
+    contact_time_limit: float = setting("s", default=120.0, gt=0, help="contact without a break that trips")
+    speed_limit: float = setting("mm/s", default=250.0, gt=0, help="platform speed that trips")
+    workspace_radius: float = setting("mm", default=40.0, gt=0, help="distance from the z axis that trips")
+    z_min: float = setting("mm", default=-135.0, lt=0, help="lowest z")
+    z_max: float = setting("mm", default=-75.0, lt=0, help="highest z")
+    deflection_limit: float = setting("deg", default=20.0, gt=0, help="spring wind-up that trips")
+    jump_limit: float = setting(
+        "rad/s", default=25.0, gt=0, help="change of a spring's wind-up that no motion explains"
+    )
+    stale_time: float = setting("ms", default=10.0, gt=0, help="time without a new encoder message that trips")
+    frozen_demand: float = setting("rad/s", default=0.5, gt=0, help="commanded speed at which a shaft has to move")
+    frozen_time: float = setting("ms", default=100.0, gt=0, help="time for which it may stand still")
+    frozen_travel: float = setting("deg", default=8.0, gt=0, help="commanded travel without a count that trips")
+    command_limit: float | None = setting(
+        "rad/s",
+        default=None,
+        gt=0,
+        examples=[8.0],
+        help="command that counts as saturated; without it the controller's own limit",
+    )
+    saturation_time: float = setting("ms", default=500.0, gt=0, help="time of a saturated command that trips")
+    follow_limit: float = setting(
+        "rad/s", default=1.5, gt=0, help="difference of commanded and measured motor speed that trips"
+    )
+    follow_time: float = setting("ms", default=150.0, gt=0, help="time for which it has to last")
+    filter: float = setting("Hz", default=20.0, gt=0, help="low-pass of speeds and rates")
+    retract: float = setting("deg", default=30.0, gt=0, help="how far a trip turns the motors back")
+    retract_speed: float = setting("rad/s", default=2.0, gt=0, help="how fast")
+
+
+class Limits(Values, parts=(taken(Monitor),)):
+    """Limits of the monitor, SI, and how it retracts.
+
+    A check trips when its limit is reached; a contact ends at half of the force at which it begins. docs/safety.md says
+    what each is for.
+    """
 
 
 LIMITS = record_of(Limits)

@@ -16,8 +16,12 @@ smooth: a contact that grows over the touch depth.
 
 import math
 from enum import IntEnum
+from typing import Any, Literal, NamedTuple
+
+from pydantic import ValidationInfo, field_validator
 
 from twin.compiled.function import njit
+from twin.settings import Settings, setting
 
 
 class ContactLaw(IntEnum):
@@ -50,3 +54,166 @@ def pressing_force(parameters, d, rate):
         fade = share * share * (3.0 - 2.0 * share)
         return max(elastic_force(parameters, d) + parameters.damper * fade * rate, 0.0)
     return max(elastic_force(parameters, d) * (1.0 + parameters.damping * rate), 0.0)
+
+
+class LawKeys(NamedTuple):
+    """The keys that a law knows besides the stiffness."""
+
+    needed: tuple[str, ...]
+    optional: tuple[str, ...] = ()
+
+    @property
+    def all(self) -> tuple[str, ...]:
+        return self.needed + self.optional
+
+
+Law = Literal["hunt_crossley", "kelvin_voigt", "exponential"]
+LAWS: dict[Law, LawKeys] = {
+    "hunt_crossley": LawKeys(("damping",), ("exponent", "reference_depth")),
+    "kelvin_voigt": LawKeys(("damper", "touch_depth")),
+    "exponential": LawKeys(("damping", "stiffening")),
+}
+
+
+class Breathing(Settings):
+    """[contact.breathing]: the surface goes up by twice the amplitude and back with every breath."""
+
+    amplitude: float = setting("mm", ge=0, examples=[1.0], help="half the way from breath to breath")
+    rate: float = setting("1/min", gt=0, examples=[15.0], help="breaths per time")
+    start: float = setting("s", default=0.0, ge=0, help="first breath")
+    end: float | None = setting("s", default=None, ge=0, examples=[20.0], help="last breath")
+
+
+class Shift(Settings):
+    """[contact.shift]: the person moves once; if an end is given, back again from then on."""
+
+    by: tuple[float, float, float] = setting("mm", examples=[[0.0, 0.0, 2.0]], help="how far (x, y, z)")
+    start: float = setting("s", ge=0, examples=[5.0], help="when it moves")
+    rise: float = setting("s", gt=0, examples=[0.5], help="how long it takes")
+    end: float | None = setting("s", default=None, ge=0, examples=[20.0], help="when it moves back")
+
+
+class Contact(Settings):
+    """[contact]: a surface, how it answers to being pressed in and rubbed, and how it moves.
+
+    Which law the stiffness and the keys of `LAWS` belong to: see `twin/plant/contact_law.py`.
+
+    Attributes:
+        body: the file in bodies/ that filled this table in.
+        kind: for people; a law or shape is not tied to it.
+    """
+
+    body: str | None = setting(
+        default=None, examples=["back"], help="a file of bodies/ that fills in what this table does not say"
+    )
+    kind: Literal["scale", "skin"] = setting(into=None, help="for people")
+    height: float = setting("mm", field="z_s", help="z of the surface's highest point, or of the plane at x = y = 0")
+    tilt: float = setting("deg", gt=-45, lt=45, help="tilt about y")
+    tilt_x: float = setting("deg", default=0.0, gt=-45, lt=45, help="tilt about x")
+    radius: float | None = setting(
+        "mm", absent=math.inf, default=None, gt=0, examples=[60.0], help="radius of a sphere or cylinder"
+    )
+    shape: Literal["plane", "sphere", "cylinder_x", "cylinder_y"] = setting(
+        default="plane", help="shape of the surface"
+    )
+    stiffness: float = setting(
+        "N/m", field="K", broken_by=("stiffness_change",), ge=0, help="stiffness; the laws say at which depth"
+    )
+    damping: float | None = setting(
+        "s/m",
+        absent=0.0,
+        default=None,
+        ge=0,
+        examples=[3.0],
+        help="Hunt-Crossley and exponential: force grows by this share per speed of pressing in",
+    )
+    exponent: float | None = setting(
+        absent=1.0, default=None, ge=1, le=5, examples=[1.5], help="Hunt-Crossley: force over depth"
+    )
+    reference_depth: float | None = setting(
+        "mm",
+        absent=1e-3,
+        default=None,
+        gt=0,
+        examples=[4.0],
+        help="Hunt-Crossley with an exponent: depth at which the stiffness holds",
+    )
+    damper: float | None = setting(
+        "N s/m", absent=0.0, default=None, ge=0, examples=[10.0], help="Kelvin-Voigt: viscous damper"
+    )
+    touch_depth: float | None = setting(
+        "mm",
+        absent=1e-3,
+        default=None,
+        gt=0,
+        examples=[1.0],
+        help="Kelvin-Voigt: depth over which damper and spring take hold",
+    )
+    stiffening: float | None = setting(
+        "1/mm",
+        absent=0.0,
+        default=None,
+        gt=0,
+        examples=[0.2],
+        help="exponential: relative growth of the stiffness per depth",
+    )
+    # law and shape stand after the keys they decide on: a field's check sees the fields before it
+    law: Law = setting(default="hunt_crossley", help="law of the normal force")
+    friction: float = setting(field="mu", ge=0, help="Coulomb coefficient")
+    bristle: float = setting("N/m", field="sigma_0", gt=0, help="lateral stiffness while sticking")
+    bristle_damping: float = setting("N s/m", field="sigma_1", ge=0, help="lateral damping while sticking")
+    breathing: Breathing | None = None
+    shift: Shift | None = None
+
+    @property
+    def law_constants(self) -> dict[str, Any]:
+        """What is said of the law, by attribute."""
+        return {name: getattr(self, name) for name in LAWS[self.law].all if getattr(self, name) is not None}
+
+    @field_validator("shape")
+    @classmethod
+    def _radius_where_it_belongs(cls, shape: str, info: ValidationInfo) -> str:
+        flat, has_radius = shape == "plane", info.data.get("radius") is not None
+        if flat and has_radius:
+            raise ValueError("has no radius; remove radius_mm or name the shape it belongs to")
+        if not flat and not has_radius and "radius" in info.data:
+            raise ValueError("missing key 'radius_mm'")
+        return shape
+
+    @field_validator("stiffness")
+    @classmethod
+    def _skin_resists(cls, stiffness: float, info: ValidationInfo) -> float:
+        if stiffness == 0.0 and info.data.get("kind") == "skin":
+            raise ValueError("a skin that does not resist is not there; expected a number > 0")
+        return stiffness
+
+    @field_validator("law")
+    @classmethod
+    def _keys_of_one_law(cls, law: Law, info: ValidationInfo) -> Law:
+        missing = [name for name in LAWS[law].needed if _is_missing(name, info.data)]
+        curved = law == "hunt_crossley" and (info.data.get("exponent") or 1.0) != 1.0
+        if curved and _is_missing("reference_depth", info.data):
+            missing.append("reference_depth")
+        if missing:
+            raise ValueError(f"needs {', '.join(_key(name) for name in missing)}")
+        others = {name for keys in LAWS.values() for name in keys.all} - set(LAWS[law].all)
+        foreign = sorted(_key(name) for name in others if info.data.get(name) is not None)
+        if foreign:
+            raise ValueError(f"does not know {', '.join(foreign)}; remove it or name the law it belongs to")
+        return law
+
+    @field_validator("breathing", "shift")
+    @classmethod
+    def _ends_after_it_starts(cls, table: Breathing | Shift | None) -> Breathing | Shift | None:
+        if table is not None and table.end is not None and table.end <= table.start:
+            raise ValueError(f"ends at {table.end:g} s, before it starts at {table.start:g} s")
+        return table
+
+
+def _is_missing(name: str, checked: dict[str, Any]) -> bool:
+    """Whether nothing was said of `name`; a value that was refused is told as a mistake of its own."""
+    return name in checked and checked[name] is None
+
+
+def _key(name: str) -> str:
+    return Contact.model_fields[name].alias or name

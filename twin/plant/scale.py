@@ -6,6 +6,15 @@ from twin.cosim.component import NativeComponent
 from twin.cosim.native import step_function
 from twin.cosim.port import Port
 from twin.cosim.record import memory_of, record
+from twin.settings import Settings, setting
+
+
+class Display(Settings):
+    """[scale]: the electronic scale's display."""
+
+    resolution: float = setting("g", gt=0, help="smallest step of the display")
+    period: float = setting("ms", gt=0, help="time between two readings")
+
 
 INPUTS = (Port("F_ee_B", 3, "N", "force by the robot on the scale in base frame B"),)
 OUTPUTS = (Port("F_z", 1, "N", "reading of the scale, pressing positive"),)

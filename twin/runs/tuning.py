@@ -9,6 +9,7 @@ from twin.experiment.change import changed_value
 from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import unknown
 from twin.runs.assembly.assemble import Assembly
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.tunable import tunables
 from twin.runs.observer import Observer, TickEvent
 
@@ -48,7 +49,7 @@ class Tuning(Observer):
         """
         if key not in self._tunables:
             raise InputRefused(f"{unknown(key, list(self._tunables))}; only these can be changed while it runs")
-        value = changed_value(key, number, self._experiment.values)
+        value = changed_value(DECLARED, key, number, self._experiment.values)
         with self._lock:
             if not self._open:
                 raise InputRefused(f"{key} = {number}: the run is over, nothing can be changed any more")

@@ -4,6 +4,7 @@ from twin.experiment.difference import flat, name_and_unit
 from twin.recording.recording import Recording
 from twin.report.page.parameters import differences, source
 from twin.report.page.run import ReportRun
+from twin.runs.assembly.declared import DECLARED
 
 
 @pytest.mark.parametrize(
@@ -23,7 +24,7 @@ from twin.report.page.run import ReportRun
     ],
 )
 def test_the_unit_is_read_from_the_key(key: str, name: str, unit: str):
-    assert name_and_unit(key) == (name, unit)
+    assert name_and_unit(DECLARED, key) == (name, unit)
 
 
 def test_every_value_of_a_run_has_a_source(force_position: Recording):

@@ -3,8 +3,7 @@
 import pytest
 
 from tests.monitor.motions import LIMITS
-from twin.experiment.monitor import Monitor
-from twin.monitor.limits import Limits
+from twin.monitor.limits import Limits, Monitor
 from twin.runs.assembly.beliefs import monitor_limits
 
 

@@ -6,6 +6,7 @@ from twin.experiment.difference import FROM_ROBOT, differing, flat, name_and_uni
 from twin.experiment.source import COMMAND_LINE
 from twin.report.page.markup import Markup, element, table
 from twin.report.page.run import ReportRun
+from twin.runs.assembly.declared import DECLARED
 
 
 def source(key: str, origins: Mapping[str, str]) -> str:
@@ -22,7 +23,7 @@ def parameters(run: ReportRun) -> Markup:
     """Every value of the experiment, table by table; those that were set on the command line are marked."""
     rows = []
     for key, value in flat(run.values):
-        name, unit = name_and_unit(key)
+        name, unit = name_and_unit(DECLARED, key)
         origin = source(key, run.origins)
         said = element("mark", origin) if origin == COMMAND_LINE else origin
         rows.append((name, told(value), unit, said))
@@ -31,9 +32,11 @@ def parameters(run: ReportRun) -> Markup:
 
 def differences(runs: Sequence[ReportRun]) -> list[tuple[str, ...]]:
     """(what, unit, its value in each run ...) of every parameter, FMU and version that is not the same in all."""
-    return [(*name_and_unit(key), *values) for key, values in differing([_facts(run) for run in runs]).items()]
+    return [
+        (*name_and_unit(DECLARED, key), *values) for key, values in differing([_facts(run) for run in runs]).items()
+    ]
 
 
 def _facts(run: ReportRun) -> dict[str, str]:
     versions = {f"version of {name}": text for name, text in run.recording.metadata.get("versions", {}).items()}
-    return recorded_facts(run.recording.metadata, run.recording.path) | versions
+    return recorded_facts(DECLARED, run.recording.metadata, run.recording.path) | versions

@@ -5,19 +5,16 @@ import math
 import numpy as np
 
 from twin.controller.adaptive import Adapting
-from twin.controller.breath import Breathing
+from twin.controller.computer import Computer
 from twin.controller.schedule import SchedulePoint, Scheduling
 from twin.controller.tissue import Sensing
 from twin.experiment.experiment import Experiment
-from twin.experiment.robot import Triple
-from twin.experiment.schema import Controller
 from twin.robot.gravity import Masses, leg_inertia, moving_mass
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 from twin.runs.assembly.beliefs import geometry_of
+from twin.settings import Triple
 
-ENOUGH, DOUBTFUL = 0.4, 0.7
-"""Shares of the tolerance at which the dither ends, and begins anew: before the estimate is no longer trusted."""
 LIGHT_TOUCH = 0.3
 """Pressing force (N) below which nothing is learnt of the tissue."""
 
@@ -29,14 +26,13 @@ def adapting(experiment: Experiment) -> Adapting | None:
         return None
     scheduling = None
     if c.force.schedule:
-        scheduling = Scheduling(c.tissue.tolerance, c.force.rate, c.force.follow, c.force.kp, c.force.ki)
-    points = [SchedulePoint(point.stiffness, point.kp, point.ki) for point in c.force.schedule]
-    breathing = None if c.breath is None else Breathing(c.breath.rate, c.breath.lag)
+        scheduling = Scheduling.made(c.tissue, c.force)
+    points = [SchedulePoint.made(point) for point in c.force.schedule]
     learning = 0.0 if c.touch is None else c.touch.force_learning
-    return Adapting(sensing(c, experiment.start), scheduling, points, breathing, learning)
+    return Adapting(sensing(c, experiment.start), scheduling, points, c.breath, learning)
 
 
-def sensing(computer: Controller, p_B: Triple) -> Sensing:
+def sensing(computer: Computer, p_B: Triple) -> Sensing:
     """How the tissue is looked at, with the robot as it is believed to be, about `p_B` (m)."""
     tissue, model = computer.tissue, computer.model
     assert tissue is not None
@@ -48,12 +44,8 @@ def sensing(computer: Controller, p_B: Triple) -> Sensing:
     counts = model.motor_counts_per_turn, model.joint_counts_per_turn
     motor, joint = (2.0 * math.pi / each / math.sqrt(12.0) for each in counts)
     per_motor = model.k_s * model.eta * model.N
-    return Sensing(
-        frequency=tissue.frequency,
-        window=tissue.window,
-        dither=tissue.dither,
-        enough=ENOUGH * tissue.tolerance,
-        doubtful=DOUBTFUL * tissue.tolerance,
+    return Sensing.made(
+        tissue,
         contact=LIGHT_TOUCH,
         mass=float(moving_mass(masses)) + rods,
         inertia=float(leg_inertia(geometry, masses)),

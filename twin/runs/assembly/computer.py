@@ -6,13 +6,12 @@ import numpy as np
 
 from twin.controller import program as programs
 from twin.controller.controller import NEVER, OMEGA_REF, Controller, Law
-from twin.controller.damping import Damping
-from twin.controller.energy_tank import EnergyTank, Tank
+from twin.controller.energy_tank import Tank, TankValve
 from twin.controller.estimator import Estimator
-from twin.controller.feed_forward import FeedForward
+from twin.controller.feed_forward import Believed
 from twin.controller.phase import Phase
-from twin.controller.pid import Gains
-from twin.controller.task_controller import TaskController, Touch
+from twin.controller.pid import Gains, force_gains
+from twin.controller.task_controller import TaskController
 from twin.controller.way_points import P_REF_B, WayPointReference
 from twin.cosim.delay import delay
 from twin.errors import InputRefused
@@ -49,17 +48,10 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
     """
     c = experiment.controller
     force_on = c.mode == "force_position"
-    law = Law(
-        N=c.model.N,
-        omega_max=c.speed_limit,
-        F_z_ref=c.force.reference or 0.0,
-        trigger_force=c.force.trigger if force_on and c.force.trigger is not None else NEVER,
-        trigger_time=c.force.trigger_time if force_on and c.force.trigger_time is not None else NEVER,
-        dp_z_max=c.force.limit,
-        corner=c.force.filter,
-    )
-    position = Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter)
-    force = Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter)
+    # in position mode nothing starts the force loop
+    started = {} if force_on else {"trigger_force": NEVER, "trigger_time": NEVER}
+    law = Law.made(c, c.model, c.force, **started)
+    position, force = Gains.made(c.position), force_gains(c.force)
     ticks, besides, tank = experiment.controller_ticks, adapting(experiment), c.energy_tank is not None
     if experiment.reference is not None and program is None:
         return Controller(law, position, force, experiment.reference.t, experiment.reference.p, ticks, besides, tank)
@@ -71,9 +63,9 @@ def controller(experiment: Experiment, program: Sequence[Phase] | None = None) -
         law,
         position,
         force,
-        FeedForward(c.model.k_s, c.model.eta, c.feed_forward.friction, c.feed_forward.lag),
-        Damping(c.damping.gain, c.damping.corner),
-        Touch(c.touch.contact, c.touch.patience, c.touch.turn, c.touch.learning),
+        Believed.made(c.model, c.feed_forward),
+        c.damping,
+        c.touch,
         program,
         experiment.start,
         ticks,
@@ -118,20 +110,8 @@ def tanks(build: Build) -> Makers:
     c, ticks = build.experiment.controller, build.experiment.controller_ticks
     if c.energy_tank is None:
         return {}
-    release = NEVER if c.energy_tank.release is None else c.energy_tank.release
-    late = LATE * ticks * build.experiment.cosim.tick
-    tank = Tank(
-        c.energy_tank.size,
-        c.energy_tank.horizon,
-        c.energy_tank.touch,
-        release,
-        c.energy_tank.bias,
-        late,
-        c.model.k_s,
-        c.model.N,
-        c.model.eta,
-    )
-    return {"tank": lambda: EnergyTank(tank, ticks)}
+    tank = Tank.made(c.energy_tank, c.model, late=LATE * ticks * build.experiment.cosim.tick)
+    return {"tank": lambda: TankValve(tank, ticks)}
 
 
 def delays(build: Build) -> Makers:

@@ -13,6 +13,7 @@ from twin.experiment.source import Source, override, read_source, replace_drive
 from twin.experiment.tables import checked_tables, experiment_of
 from twin.experiment.unit_hints import unit_hints
 from twin.runs.assembly.checks.agreement import disagreements
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.way_points import led
 
 OUT_OF_REACH = "out of reach"
@@ -58,7 +59,7 @@ def checked_experiment(source: Source, name: str, where: Path, folder: Path) -> 
         InputRefused: with every mistake, one sentence each.
     """
     mistakes: list[str] = []
-    tables = checked_tables(source, folder, mistakes)
+    tables = checked_tables(DECLARED, source, folder, mistakes)
     reference = led(tables, mistakes)
     apart = disagreements(tables, reference, source.values)
     if any(OUT_OF_REACH in mistake for mistake in apart):

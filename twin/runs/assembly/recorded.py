@@ -13,6 +13,7 @@ from twin.experiment.schema import Drive
 from twin.experiment.source import Source
 from twin.files import json_of
 from twin.places import located
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.load import checked_experiment
 
 
@@ -26,7 +27,7 @@ def recorded_experiment(metadata: Metadata, where: Path) -> Experiment:
         InputRefused: it carries no experiment, was made with substitutes or changed by hand while it ran, or an FMU is
             not found.
     """
-    name, values = recorded_name(metadata, where), recorded_values(metadata, where)
+    name, values = recorded_name(metadata, where), recorded_values(DECLARED, metadata, where)
     if "drive" not in values:
         raise InputRefused(f"{where}: carries no experiment that could be run again")
     fmus = {drive: facts["sha256"] for drive, facts in recorded_fmus(metadata, where).items()}

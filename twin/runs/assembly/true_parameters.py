@@ -3,14 +3,11 @@
 import math
 from collections.abc import Sequence
 
-from twin.experiment.contact import Breathing, Contact, Shift
 from twin.experiment.fault import NEVER, Fault
-from twin.experiment.robot import Plant
 from twin.plant.body import Motion, MotionKind
-from twin.plant.contact_law import ContactLaw
+from twin.plant.contact_law import Breathing, Contact, Shift
 from twin.plant.encoder import Shaft
-from twin.plant.parameters import PlantParameters
-from twin.plant.surface import Shape
+from twin.plant.parameters import PlantParameters, TrueRobot
 
 SUDDEN = 0.02
 """Time (s) in which a surface jumps or drops away as a fault."""
@@ -18,25 +15,12 @@ BREATHING_RATE = 0.25
 """Of breathing as a fault (Hz): 15 per minute."""
 
 
-def plant_parameters(plant: Plant, contact: Contact) -> PlantParameters:
+def plant_parameters(plant: TrueRobot, contact: Contact) -> PlantParameters:
     """What is true, SI."""
-    p, c = plant, contact
-    return PlantParameters(
-        a=p.a, b=p.b, l_a=p.l_a, l_b=p.l_b, m_a=p.m_a, m_b=p.m_b, m_p=p.m_p, I_r=p.I_r, b_j=p.b_j,
-        k_s=p.k_s, N=p.N, eta=p.eta, backlash=p.backlash, eta_rate=p.eta_rate,
-        z_s=c.height, tilt=c.tilt, tilt_x=c.tilt_x,
-        shape=int(Shape[c.shape.upper()]), radius=math.inf if c.radius is None else c.radius,
-        law=int(ContactLaw[c.law.upper()]), K=c.stiffness, **{"damping": 0.0, **c.law_constants},
-        mu=c.friction, sigma_0=c.bristle, sigma_1=c.bristle_damping,
-        belt_compliance=p.belt_compliance, joint_friction=p.joint_friction, joint_presliding=p.joint_presliding,
-        spring_hysteresis=p.spring_hysteresis, spring_stop=math.inf if p.spring_stop is None else p.spring_stop,
-        joint_lower=-math.inf if p.joint_lower is None else p.joint_lower,
-        joint_upper=math.inf if p.joint_upper is None else p.joint_upper, stop=p.stop,
-        mounting_tilt=p.mounting_tilt, mounting_tilt_x=p.mounting_tilt_x, head=p.head,
-    )  # fmt: skip
+    return PlantParameters.made(plant, contact)
 
 
-def shafts(plant: Plant) -> tuple[Shaft, Shaft]:
+def shafts(plant: TrueRobot) -> tuple[Shaft, Shaft]:
     """The encoders of the motors and of the joints."""
     p = plant
     return (

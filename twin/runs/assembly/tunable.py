@@ -9,19 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.cosim.place import Place
 from twin.cosim.system import MemoryChange, System
 from twin.experiment.change import changeable
 from twin.experiment.experiment import Experiment
+from twin.runs.assembly.declared import DECLARED, PLACES
 
 FORCE_REFERENCE = "controller.force.reference_N"
-PLACES = {
-    FORCE_REFERENCE: Place("controller", "law", "F_z_ref"),
-    "controller.force.kp_mm_per_N": Place("controller", "force", "kp"),
-    "controller.force.ki_mm_per_N_s": Place("controller", "force", "ki"),
-    "controller.position.kp_per_s": Place("controller", "position", "kp"),
-}
-"""By the keys of the experiment's file, those of `twin.experiment.change.CHANGEABLE`."""
 
 
 class Tunable(NamedTuple):
@@ -42,7 +35,7 @@ def tunables(experiment: Experiment, system: System) -> dict[str, Tunable]:
     Nothing of a controller that keeps it elsewhere than ours.
     """
     found = {}
-    for key, number in changeable(experiment.values).items():
+    for key, number in changeable(DECLARED, experiment.values).items():
         memory = PLACES[key].memory_of(system.component(PLACES[key].component))
         if memory is not None:
             found[key] = Tunable(number, memory)

@@ -20,7 +20,7 @@ from foxglove_schemas_protobuf.SpherePrimitive_pb2 import SpherePrimitive
 from foxglove_schemas_protobuf.Vector3_pb2 import Vector3
 from numpy.typing import ArrayLike
 
-from twin.experiment.contact import Contact
+from twin.plant.contact_law import Contact
 from twin.robot.geometry import Geometry
 from twin.robot.skeleton import OUTWARD
 from twin.runs.scene.frames import BASE, HALF_WIDTH, LINKS, PHI, PLATFORM, RODS, SURFACE

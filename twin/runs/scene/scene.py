@@ -9,8 +9,8 @@ from foxglove_schemas_protobuf.FrameTransforms_pb2 import FrameTransforms
 from numpy.typing import NDArray
 
 from twin.cosim.system import System
-from twin.experiment.contact import Contact
 from twin.experiment.experiment import Experiment
+from twin.plant.contact_law import Contact
 from twin.recording.form import BLANK_TIME, Form, blank
 from twin.runs.assembly.beliefs import geometry_of
 from twin.runs.scene.arrows import WIDTH, arrows, force_example

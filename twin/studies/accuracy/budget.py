@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.robot import Model
 from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
+from twin.robot.model import Model
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
 from twin.studies.accuracy.effects import EFFECTS, Effect, without_effects

@@ -10,8 +10,8 @@ from math import radians
 from typing import Any
 
 from twin.experiment.experiment import Experiment
-from twin.experiment.robot import Plant
 from twin.experiment.variation import with_plant
+from twin.plant.parameters import TrueRobot
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Effect:
 
     def in_force(self, experiment: Experiment) -> bool:
         """Whether the experiment has it."""
-        return any(getattr(experiment.plant, name) != Plant.model_fields[name].default for name in self.values)
+        return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
 
     def of(self, experiment: Experiment, like: Experiment) -> Experiment:
         """`experiment` with the effect as `like` has it, or, if it has not, a plausible one."""
@@ -49,7 +49,7 @@ class Effect:
 def without_effects(experiment: Experiment) -> Experiment:
     """A robot that has none of them."""
     names = {name for effect in EFFECTS for name in effect.values}
-    return with_plant(experiment, **{name: Plant.model_fields[name].default for name in names})
+    return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
 
 
 ONE_TICK = "one tick"

@@ -6,8 +6,7 @@ from typing import Self
 
 import numpy as np
 
-from twin.controller.damping import Damping
-from twin.controller.pid import Gains
+from twin.controller.pid import Gains, force_gains
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.ticks import whole_ticks
@@ -93,10 +92,10 @@ class Linearised:
         return Settings(
             N=c.model.N,
             eta=c.model.eta,
-            position=Gains(c.position.kp, c.position.ki, c.position.kd, c.position.derivative_filter),
-            force=Gains(c.force.kp, c.force.ki, c.force.kd, c.force.derivative_filter) if force_on else OFF,
+            position=Gains.made(c.position),
+            force=force_gains(c.force) if force_on else OFF,
             corner=c.force.filter,
-            damping=None if damping is None else Damping(damping.gain, damping.corner),
+            damping=damping,
             period=self.stepping.period * self.stepping.tick,
         )
 

@@ -3,9 +3,8 @@
 from collections.abc import Sequence
 
 from twin.experiment.experiment import Experiment
-from twin.studies.build.adaptive import senses
 from twin.studies.build.fault_numbers import fault_beside, fault_of
-from twin.studies.build.parameters import Parameter, said_in
+from twin.studies.build.parameters import Parameter, said_in, senses
 from twin.studies.build.part import RobotPart
 
 _FIXED = {

@@ -5,48 +5,39 @@ so all that is derived of it is derived again when it is put there. What is not 
 many ticks or phases there are, or which law holds, or something is worked out of it in Python.
 """
 
-import math
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from twin.controller.belief import Belief
-from twin.experiment.contact import Breathing, Contact, Shift
+from twin.cosim.component import NativeComponent
+from twin.cosim.place import Place
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault import table_of
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.experiment.quantity import Section
-from twin.experiment.robot import Model, Plant, Robot
-from twin.experiment.schema import Controller, Damping, EnergyTank, FeedForward, ForceLoop, PositionLoop, Scale, Touch
-from twin.experiment.tissue import Breath, Tissue
-from twin.monitor.belief import MonitorBelief
-from twin.robot.gravity import G_ACCELERATION
-from twin.runs.assembly.tunable import PLACES as TUNABLES
-from twin.studies.build.adaptive import besides, senses
+from twin.robot.model import Model
+from twin.runs.assembly.declared import MEMORIES, PATHS, PLACES
 from twin.studies.build.fault_numbers import fault_numbers, fault_of
 from twin.studies.build.part import RobotPart
 from twin.units import Unit, known_unit
 
 START = "start.p_B"
-_TABLES: dict[str, type[Section]] = {
-    "plant": Plant,
-    "robot": Robot,
-    "contact": Contact,
-    "contact.breathing": Breathing,
-    "contact.shift": Shift,
-    "scale": Scale,
-    "controller": Controller,
-    "controller.model": Model,
-    "controller.force": ForceLoop,
-    "controller.position": PositionLoop,
-    "controller.touch": Touch,
-    "controller.feed_forward": FeedForward,
-    "controller.damping": Damping,
-    "controller.tissue": Tissue,
-    "controller.breath": Breath,
-    "controller.energy_tank": EnergyTank,
-}
+_TABLES = (
+    "plant", "robot", "contact", "contact.breathing", "contact.shift", "scale", "controller", "controller.model",
+    "controller.force", "controller.position", "controller.touch", "controller.feed_forward", "controller.damping",
+    "controller.tissue", "controller.breath", "controller.energy_tank",
+)  # fmt: skip
+"""The order in which their parameters stand."""
+_FIRST = {
+    "contact": (
+        "height", "tilt", "tilt_x", "stiffness", "friction", "bristle", "bristle_damping", "damping", "exponent",
+        "reference_depth", "damper", "touch_depth", "stiffening", "radius",
+    ),
+    "controller.force": ("limit", "filter", "kp", "ki", "kd", "derivative_filter", "follow", "rate"),
+    "controller.energy_tank": ("size", "horizon", "touch", "bias", "release"),
+}  # fmt: skip
+"""Of a table, what stands before all else, as in FMUs that were built before; the rest as it lies in memory."""
+_MODELS = {path: table for table, path in PATHS.items()}
 
 Limits = tuple[float | None, float | None, float | None, float | None]
 UNLIMITED: Limits = (None, None, None, None)
@@ -95,15 +86,13 @@ def parameters(part: RobotPart) -> list[Parameter]:
     found: dict[str, list[Destination]] = {}
     worked_out = {f"controller.model.{name}" for name in Model.model_fields} if senses(part) else set()
     for component in part.components:
-        for key, destination in _OF.get(component.name, _nothing)(part, component.memory[0:1]):
+        for key, destination in _numbers(part, component):
             if key not in worked_out:
                 found.setdefault(key, []).append(destination)
         fault = fault_of(part.experiment, component.name)
         for attribute, memory, times in fault_numbers(part.experiment, fault, component) if fault else ():
             found[f"{component.name}.{attribute}"] = [Destination(component.name, memory, times=times)]
-    order = {table: n for n, table in enumerate(_TABLES)}
-    keys = sorted((key for key in found if key != START), key=lambda key: order.get(key.rpartition(".")[0], 0))
-    offered = [_parameter(part.experiment, key, tuple(found[key])) for key in keys]
+    offered = [_parameter(part.experiment, key, tuple(found[key])) for key in sorted(found, key=_order) if key != START]
     if START in found:
         meaning = "where the platform is at the start, at rest"
         metre = known_unit("m")
@@ -113,10 +102,19 @@ def parameters(part: RobotPart) -> list[Parameter]:
     return offered
 
 
+def _order(key: str) -> tuple[int, int]:
+    table, _, name = key.rpartition(".")
+    first = _FIRST.get(table, ())
+    return (
+        _TABLES.index(table) if table in _TABLES else 0,
+        first.index(name) if name in first else len(first),
+    )
+
+
 def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination, ...]) -> Parameter:
     table, _, attribute = key.rpartition(".")
     fault = fault_of(experiment, table)
-    field = (table_of(CATALOGUE[fault.kind]) if fault else _TABLES[table]).model_fields[attribute]
+    field = (table_of(CATALOGUE[fault.kind]) if fault else _MODELS[table]).model_fields[attribute]
     name = field.alias or attribute
     value = said_in(experiment, table).get(name, field.default)
     text = name.removeprefix(f"{attribute}_").replace("_per_", "/").replace("per_", "1/").replace("_", ".")
@@ -129,37 +127,51 @@ def _parameter(experiment: Experiment, key: str, destinations: tuple[Destination
     )
     key = f"{table}.{name}"
     limits = above, at_least, below, at_most
-    return Parameter(key, field.description or "", start, unit, text, limits, destinations, key in TUNABLES)
+    return Parameter(key, field.description or "", start, unit, text, limits, destinations, key in PLACES)
 
 
 Found = Iterator[tuple[str, Destination]]
 
 
-def _nothing(part: RobotPart, memory: np.ndarray) -> Found:
-    return iter(())
+def _numbers(part: RobotPart, component: NativeComponent) -> Found:
+    """What of the file is in the memory of a `component`: key by attribute, and where it is."""
+    name = component.name
+    for memory in MEMORIES:
+        for field, source in memory.fields.items() if memory.component == name else ():
+            path, numbers = PATHS[source.table], Place(name, memory.record, field).memory_of(component)
+            shown = source.setting.exported and source.form != "i8"
+            if shown and numbers is not None and _is_open(part, memory.record, path, source.name):
+                yield f"{path}.{source.name}", Destination(name, numbers, source.divisor, source.times)
+    if name == "body":
+        yield from _body(part)
+    if name == "plant":
+        yield START, Destination("plant", component.memory[0:1]["x"][0, :3])
 
 
-def _plant(part: RobotPart, memory: np.ndarray) -> Found:
-    true, contact = memory["parameters"], part.experiment.contact
-    for name in (
-        "a", "b", "l_a", "l_b", "m_a", "m_b", "m_p", "I_r", "b_j", "k_s", "N", "eta", "backlash", "eta_rate",
-        "belt_compliance", "joint_friction", "joint_presliding", "spring_hysteresis", "spring_stop", "joint_lower",
-        "joint_upper", "stop", "mounting_tilt", "mounting_tilt_x", "head",
-    ):  # fmt: skip
-        if getattr(part.experiment.plant, name) is not None:
-            yield f"plant.{name}", Destination("plant", true[name])
-    names = {
-        "height": "z_s", "tilt": "tilt", "tilt_x": "tilt_x", "stiffness": "K", "friction": "mu", "bristle": "sigma_0",
-        "bristle_damping": "sigma_1", **{name: name for name in contact.law_constants},
-    }  # fmt: skip
-    if contact.radius is not None:
-        names["radius"] = "radius"
-    for name, own in names.items():
-        yield f"contact.{name}", Destination("plant", true[own])
-    yield START, Destination("plant", memory["x"][0, :3])
+def _is_open(part: RobotPart, record: str, path: str, name: str) -> bool:
+    """Whether a number is one that the experiment has, and that nothing is worked out of."""
+    c, watched = part.experiment.controller, part.experiment.monitor
+    table: Any = part.experiment
+    for inner in path.split("."):
+        table = getattr(table, inner, None)
+    if getattr(table, name, None) is None:
+        return False
+    match record, name:
+        case "law", "speed_limit":
+            # the limits of a monitor are worked out of it where it has no limit of its own
+            return watched is None or watched.command_limit is not None or part.component("monitor") is None
+        case "law", "reference":
+            return part.experiment.reference is not None
+        case "law", "trigger" | "trigger_time":
+            return part.experiment.reference is not None and c.mode == "force_position"
+        case "adaptive.schedule", _:
+            return bool(c.force.schedule)
+        case "adaptive.taps", _:
+            return c.touch is not None and c.touch.force_learning > 0.0
+    return True
 
 
-def _body(part: RobotPart, memory: np.ndarray) -> Found:
+def _body(part: RobotPart) -> Found:
     body = part.component("body")
     assert body is not None
     contact, motions = part.experiment.contact, iter(body.pointers["motions"])
@@ -177,87 +189,9 @@ def _body(part: RobotPart, memory: np.ndarray) -> Found:
                 yield f"contact.{name}.{key}", Destination("body", place)
 
 
-def _scale(part: RobotPart, memory: np.ndarray) -> Found:
-    yield "scale.resolution", Destination("scale", memory["resolution"], times=G_ACCELERATION)
-
-
-def _encoder(part: RobotPart, memory: np.ndarray) -> Found:
-    for side in ("motor", "joint"):
-        yield f"plant.{side}_counts_per_turn", Destination("encoder", memory[side]["counts_per_rad"], 2 * math.pi)
-        yield f"plant.{side}_zero", Destination("encoder", memory[side]["zero"])
-        for name in ("noise", "eccentricity", "eccentric_at"):
-            yield f"plant.{side}_{name}", Destination("encoder", memory[side][name])
-
-
-_COUNTS = {"motor_counts": "motor_counts_per_turn", "joint_counts": "joint_counts_per_turn"}
-
-
-def _estimator(part: RobotPart, memory: np.ndarray) -> Found:
-    belief = memory["belief"]
-    for name in Belief._fields:
-        key = "controller.dead_zone" if name == "backlash" else f"controller.model.{_COUNTS.get(name, name)}"
-        yield key, Destination("estimator", belief[name])
-
-
-def _controller(part: RobotPart, memory: np.ndarray) -> Found:
-    c, law = part.experiment.controller, memory["law"]
-    yield "controller.model.N", Destination("controller", law["N"])
-    watched = part.experiment.monitor
-    # the limits of a monitor are worked out of it where it has no limit of its own
-    if watched is None or watched.command_limit is not None or part.component("monitor") is None:
-        yield "controller.speed_limit", Destination("controller", law["omega_max"])
-    yield "controller.force.limit", Destination("controller", law["dp_z_max"])
-    yield "controller.force.filter", Destination("controller", law["corner"])
-    for loop in ("force", "position"):
-        for name in ("kp", "ki", "kd"):
-            yield f"controller.{loop}.{name}", Destination("controller", memory[loop][name])
-        yield f"controller.{loop}.derivative_filter", Destination("controller", memory[loop]["derivative_corner"])
-    if c.tissue is not None:
-        yield from ((key, Destination("controller", to, times=n)) for key, to, n in besides(c, memory["adaptive"]))
-    if part.experiment.reference is not None:
-        led = {"reference": "F_z_ref", "trigger": "trigger_force", "trigger_time": "trigger_time"}
-        if c.mode != "force_position":
-            led = {"reference": "F_z_ref"}
-        for name, own in led.items():
-            if getattr(c.force, name) is not None:
-                yield f"controller.force.{name}", Destination("controller", law[own])
-        return
-    forward, machine = memory["forward"], memory["machine"]
-    yield "controller.model.k_s", Destination("controller", forward["k_s"])
-    yield "controller.model.eta", Destination("controller", forward["eta"])
-    yield "controller.feed_forward.friction", Destination("controller", forward["mu"])
-    yield "controller.feed_forward.lag", Destination("controller", forward["lag"])
-    yield "controller.damping.gain", Destination("controller", memory["damper"]["gain"])
-    yield "controller.damping.corner", Destination("controller", memory["damper"]["corner"])
-    yield "controller.touch.patience", Destination("controller", machine["patience"])
-    yield "controller.touch.turn", Destination("controller", machine["t_turn"])
-    yield "controller.touch.learning", Destination("controller", machine["learning"])
-
-
-def _tank(part: RobotPart, memory: np.ndarray) -> Found:
-    tank = memory["tank"]
-    for name in ("size", "horizon", "touch", "bias", *(["release"] if np.isfinite(tank["release"]).all() else [])):
-        yield f"controller.energy_tank.{name}", Destination("tank", tank[name])
-    yield "controller.energy_tank.size", Destination("tank", memory["level"])  # at the start it is full
-    for name in ("k_s", "N", "eta"):
-        yield f"controller.model.{name}", Destination("tank", tank[name])
-
-
-def _monitor(part: RobotPart, memory: np.ndarray) -> Found:
-    for name in MonitorBelief._fields:
-        yield f"robot.{_COUNTS.get(name, name)}", Destination("monitor", memory["belief"][name])
-
-
-_OF = {
-    "plant": _plant,
-    "body": _body,
-    "scale": _scale,
-    "encoder": _encoder,
-    "estimator": _estimator,
-    "controller": _controller,
-    "tank": _tank,
-    "monitor": _monitor,
-}
+def senses(part: RobotPart) -> bool:
+    """Whether its controller senses the tissue: masses and springs are worked out of its model then, in Python."""
+    return part.component("controller") is not None and part.experiment.controller.tissue is not None
 
 
 def said_in(experiment: Experiment, table: str) -> Mapping[str, Any]:

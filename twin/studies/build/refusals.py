@@ -6,9 +6,8 @@ from twin.cosim.wiring import Feeds
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.runs.assembly.faults.inject import PARAMETERS
+from twin.runs.assembly.declared import BROKEN, PLACES
 from twin.runs.assembly.mechanics import motions
-from twin.runs.assembly.tunable import PLACES
 
 
 def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> None:
@@ -44,8 +43,8 @@ def refuse_others(experiment: Experiment, name: str, wanted: Sequence[str]) -> N
 
 def _refuse_alone(name: str, kind: str) -> None:
     """A fault that is no component between wires."""
-    if kind in PARAMETERS:
-        owner = PARAMETERS[kind].component
+    if kind in BROKEN:
+        owner = BROKEN[kind].component
         raise InputRefused(
             f"{name}: {kind} writes into the memory of {owner}, which no FMU can do to another; it cannot be built"
         )
@@ -89,7 +88,7 @@ def refuse_broken(experiment: Experiment, name: str, wanted: Sequence[str], soun
                 f"{name}; build its components one by one ({apart}), {instead}"
             )
     for number, fault_ in enumerate(experiment.faults, start=1):
-        if fault_.kind in PARAMETERS and (owner := PARAMETERS[fault_.kind].component) in wanted:
+        if fault_.kind in BROKEN and (owner := BROKEN[fault_.kind].component) in wanted:
             raise InputRefused(
                 f"{experiment.name}: fault_{number} ({fault_.kind}) writes into the memory of {owner}, which no FMU "
                 f"can do to another; expected faults between parts, {instead}"

@@ -6,6 +6,7 @@ from twin.errors import InputRefused
 from twin.experiment.difference import differing, recorded_facts
 from twin.recording.logs.reader import is_recording
 from twin.recording.origin import origin
+from twin.runs.assembly.declared import DECLARED
 from twin.studies.lines import counted, cut, wrapped
 
 FEW = 8
@@ -24,7 +25,9 @@ def experiments_differ(a: Path, b: Path) -> Differences | None:
         found = [origin(path) for path in (a, b)]
         if any("experiment" not in metadata for metadata in found):
             return None
-        return differing([recorded_facts(metadata, path) for metadata, path in zip(found, (a, b), strict=True)])
+        return differing(
+            [recorded_facts(DECLARED, metadata, path) for metadata, path in zip(found, (a, b), strict=True)]
+        )
     except InputRefused:
         return None
 

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from twin.experiment.robot import Plant
 from twin.experiment.schema import Cosim
 from twin.plant.dynamics import series_share, spring_stiffness
+from twin.plant.parameters import TrueRobot
 from twin.studies.replay.model import RobotModel
 
 
@@ -17,7 +17,7 @@ def truth(model: RobotModel) -> Mapping[str, float]:
     angle over its tick H: the spring sees it half a tick early (Gauss-Seidel) or late (Jacobi), which is a torque
     k_s eta N^2 H/2 theta_l' along or against the motion (docs/physics.md, "Springs are inside the plant").
     """
-    plant = Plant.model_validate(model.values["plant"])
+    plant = TrueRobot.model_validate(model.values["plant"])
     surface = model.plant
     k_s = spring_stiffness(surface, 0) * series_share(surface, 0)
     k = k_s * plant.eta

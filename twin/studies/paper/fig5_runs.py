@@ -15,6 +15,7 @@ from twin.experiment.recorded import recorded_values
 from twin.experiment.task import Task, checked_tasks
 from twin.monitor.reasons import MEANINGS, Reason
 from twin.recording.recording import Recording
+from twin.runs.assembly.declared import DECLARED
 from twin.studies.metrics.needs import FIG5, lacking
 from twin.studies.metrics.response import Curve, first_time
 
@@ -154,7 +155,7 @@ def settings(recording: Recording) -> dict[str, Any]:
     Raises:
         InputRefused: as `recorded_values`.
     """
-    return recorded_values(recording.metadata, recording.path)
+    return recorded_values(DECLARED, recording.metadata, recording.path)
 
 
 def drive_of(recording: Recording) -> str:

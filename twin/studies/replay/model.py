@@ -8,28 +8,27 @@ from typing import Any
 from pydantic import ValidationError
 
 from twin.controller.belief import Belief
+from twin.controller.computer import Computer
 from twin.errors import InputRefused
-from twin.experiment.contact import Contact
 from twin.experiment.mistakes import sentences, unknown
-from twin.experiment.quantity import Section
 from twin.experiment.recorded import recorded_name, recorded_values
-from twin.experiment.robot import Plant
-from twin.experiment.schema import Controller, Cosim, Scale
+from twin.experiment.schema import Cosim
 from twin.experiment.source import Source, override
 from twin.experiment.stand_in import rest_of, role_named
 from twin.plant.body import Motion
-from twin.plant.parameters import PlantParameters
+from twin.plant.contact_law import Contact
+from twin.plant.parameters import PlantParameters, TrueRobot
+from twin.plant.scale import Display
 from twin.recording.logs.reader import is_recording
 from twin.recording.reader import read
 from twin.robot.gravity import G_ACCELERATION
 from twin.runs.assembly.beliefs import believed
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.load import load_experiment
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.assembly.true_parameters import plant_parameters, surface_motions
 
-TABLES: dict[str, type[Section]] = {
-    "plant": Plant, "contact": Contact, "cosim": Cosim, "controller": Controller, "scale": Scale
-}  # fmt: skip
+TABLES = {name: DECLARED.tables[name] for name in ("plant", "contact", "cosim", "controller", "scale")}
 """What is read of a recorded experiment; it may lack a scale."""
 
 
@@ -102,7 +101,7 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
     Raises:
         InputRefused: the recording has no experiment, or a setting does not fit.
     """
-    name, values = recorded_name(metadata, where), recorded_values(metadata, where)
+    name, values = recorded_name(metadata, where), recorded_values(DECLARED, metadata, where)
     if not values:
         raise InputRefused(f"{where}: carries no experiment; name the robot's with --experiment FILE")
     source = Source()
@@ -117,7 +116,9 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
         if table in source.values or table != "scale":
             try:
                 other = role_named(source.values, table)
-                checked[table] = rest_of(table, other) if other else schema.model_validate(source.values.get(table, {}))
+                checked[table] = (
+                    rest_of(DECLARED, table, other) if other else schema.model_validate(source.values.get(table, {}))
+                )
             except ValidationError as error:
                 mistakes += sentences(error, schema, table)
     if mistakes:
@@ -126,8 +127,8 @@ def recorded_model(metadata: Mapping[str, Mapping[str, str]], where: Path, setti
 
 
 def _model(
-    name: str, values: Mapping[str, Any], plant: Plant, contact: Contact, cosim: Cosim, controller: Controller,
-    scale: Scale | None = None,
+    name: str, values: Mapping[str, Any], plant: TrueRobot, contact: Contact, cosim: Cosim, controller: Computer,
+    scale: Display | None = None,
 ) -> RobotModel:  # fmt: skip
     return RobotModel(
         name=name,

@@ -16,6 +16,7 @@ from twin.recording.folder import LATEST, NAMED, RECORDING, STAMP
 from twin.recording.origin import origin
 from twin.recording.output import PARTIAL
 from twin.recording.reader import last_time
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.provenance import named_files
 from twin.runs.run import SUMMARY
 
@@ -84,7 +85,7 @@ class KeptRun:
         """Options with which the run was started: `--drive`, `pmsm_foc.fmu`."""
         try:
             # ours has files by name only; of a path that is there nevertheless nothing is opened but that name
-            values = named_files(recorded_values(self.metadata, self.recording))
+            values = named_files(recorded_values(DECLARED, self.metadata, self.recording))
             return options(values, self.metadata.get("origins", {}))
         except InputRefused:
             return []

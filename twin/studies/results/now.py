@@ -8,6 +8,7 @@ from twin.errors import InputRefused, TwinError
 from twin.experiment.difference import differing, experiment_facts, recorded_facts
 from twin.experiment.named import experiment_file
 from twin.experiment.recorded import recorded_name
+from twin.runs.assembly.declared import DECLARED
 from twin.runs.assembly.drives import fmus
 from twin.runs.assembly.load import load_experiment
 from twin.runs.provenance import named_files
@@ -28,7 +29,7 @@ class ExperimentsNow:
         Raises:
             TwinError: the run says of no experiment, or there is none of that name any more, or a mistake in it.
         """
-        then = recorded_facts(run.metadata, run.recording)
+        then = recorded_facts(DECLARED, run.metadata, run.recording)
         now = self._of(recorded_name(run.metadata, run.recording), run.typed)
         if "controller" in run.metadata.get("substituted", {}):
             now = {key: value for key, value in now.items() if key in then or not key.startswith("controller.")}

@@ -9,10 +9,11 @@ from typing import Any
 
 import numpy as np
 
+from twin.controller.loops import ScheduledGains
 from twin.controller.schedule import SchedulePoint, gains_at, table_of
+from twin.controller.tissue import Tissue
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
-from twin.experiment.tissue import ScheduledGains, Tissue
 from twin.runs.assembly.checks.adapting import believed_loop, radius
 from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness
 from twin.studies.tune.corner import Corner, opened

@@ -9,7 +9,8 @@ from twin.errors import InputRefused
 from twin.experiment.fault import Fault
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.faults import count_fault, drive_fault
-from twin.runs.assembly.faults.inject import COUNT_LAWS, DRIVE_LAWS, PARAMETERS, inject
+from twin.runs.assembly.declared import BROKEN
+from twin.runs.assembly.faults.inject import COUNT_LAWS, DRIVE_LAWS, inject
 
 DEG = np.pi / 180.0
 TURN = 2.0 * np.pi
@@ -144,9 +145,7 @@ def test_a_target_that_the_system_does_not_have_is_refused():
     )
 
 
-@pytest.mark.parametrize(
-    ("mechanism", "kinds"), [("counts", COUNT_LAWS), ("drive", DRIVE_LAWS), ("parameter", PARAMETERS)]
-)
+@pytest.mark.parametrize(("mechanism", "kinds"), [("counts", COUNT_LAWS), ("drive", DRIVE_LAWS), ("parameter", BROKEN)])
 def test_each_mechanism_does_its_kinds_and_no_others(mechanism, kinds):
     assert set(kinds) == {name for name, known in CATALOGUE.items() if known.mechanism == mechanism}
 

@@ -6,13 +6,14 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.controller.computer import Computer
 from twin.controller.pid import low_pass_share
 from twin.controller.schedule import SchedulePoint, gains_at, table_of
-from twin.experiment.robot import Plant, Triple
-from twin.experiment.schema import Controller
+from twin.plant.parameters import TrueRobot
 from twin.robot.jacobian import jacobian
 from twin.runs.assembly.adapting import sensing
 from twin.runs.assembly.beliefs import geometry_of
+from twin.settings import Triple
 
 BEST_BAND = 0.05
 """Middle of the estimator's band times the controller's period, at most: 20 calls per swing."""
@@ -77,7 +78,7 @@ def radius(loop: Loop, stiffness: float, kp: float, ki: float) -> float:
     return float(np.abs(np.linalg.eigvals(whole @ sampled)).max())
 
 
-def adapting_mistakes(computer: Controller, plant: Plant | None, start: Triple | None) -> Iterator[str]:
+def adapting_mistakes(computer: Computer, plant: TrueRobot | None, start: Triple | None) -> Iterator[str]:
     """Each reason why the controller cannot do it, in a sentence.
 
     Args:
@@ -109,7 +110,7 @@ def adapting_mistakes(computer: Controller, plant: Plant | None, start: Triple |
         yield from _unstable(computer, plant, start)
 
 
-def believed_loop(computer: Controller, plant: Plant, start: Triple) -> Loop:
+def believed_loop(computer: Computer, plant: TrueRobot, start: Triple) -> Loop:
     """The loop as the check takes it: a robot at `start` (m), with a drive that lags as the controller believes."""
     known, model = sensing(computer, start), computer.model
     squares = float(np.sum(jacobian(geometry_of(model), start)[:, 2] ** 2))
@@ -127,10 +128,10 @@ def believed_loop(computer: Controller, plant: Plant, start: Triple) -> Loop:
     )
 
 
-def _unstable(computer: Controller, plant: Plant, start: Triple) -> Iterator[str]:
+def _unstable(computer: Computer, plant: TrueRobot, start: Triple) -> Iterator[str]:
     """The first set of gains that shakes on the stiffness that it is for: of a point, or between two."""
     loop = believed_loop(computer, plant, start)
-    points = [SchedulePoint(point.stiffness, point.kp, point.ki) for point in computer.force.schedule]
+    points = [SchedulePoint.made(point) for point in computer.force.schedule]
     table = table_of(points)
     tried = [(f"point {n}", point) for n, point in enumerate(points, start=1)]
     for n, (below, above) in enumerate(pairwise(points), start=1):

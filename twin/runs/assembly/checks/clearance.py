@@ -3,14 +3,14 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.experiment.robot import Plant
+from twin.plant.parameters import TrueRobot
 from twin.robot.clearance import BARS, Bars, ball_joint_angles, clearances
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.beliefs import geometry_of
 
 
-def obstructed(plant: Plant, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
+def obstructed(plant: TrueRobot, p_B: NDArray[np.float64]) -> tuple[int, str] | None:
     """(which pose, why) the robot cannot be at one of `p_B` (n, 3) in m, all of which it reaches; None if it can.
 
     What the robot's file does not state does not limit it.
@@ -40,7 +40,7 @@ def obstructed(plant: Plant, p_B: NDArray[np.float64]) -> tuple[int, str] | None
     return None
 
 
-def _at_a_stop(plant: Plant, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
+def _at_a_stop(plant: TrueRobot, geometry: Geometry, places: NDArray[np.float64]) -> tuple[int, str] | None:
     """As `obstructed`, of the joints' hard stops."""
     if plant.joint_lower is None and plant.joint_upper is None:
         return None

@@ -7,10 +7,11 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.reference import WayPoints
-from twin.experiment.robot import Plant, Triple
+from twin.plant.parameters import TrueRobot
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.checks.clearance import obstructed
+from twin.settings import Triple
 
 WAY_POINT_SPACING = 1e-3
 """How densely (m) straight lines are checked for reach."""
@@ -26,7 +27,9 @@ def unreachable(geometry: Geometry, p_B: np.ndarray) -> Unreachable | None:
     return None
 
 
-def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry], plant: Plant | None = None) -> list[str]:
+def reference_mistakes(
+    reference: WayPoints, geometries: Iterable[Geometry], plant: TrueRobot | None = None
+) -> list[str]:
     """The first place at which the way points, or the lines between them, leave the reach of one of `geometries`, or at
     which `plant` bends too far or meets itself."""
     return list(_mistakes(reference, tuple(geometries), plant))
@@ -34,7 +37,7 @@ def reference_mistakes(reference: WayPoints, geometries: Iterable[Geometry], pla
 
 # the runs of a sweep have one way, mostly, and so have the studies of an experiment
 @lru_cache(64)
-def _mistakes(reference: WayPoints, geometries: tuple[Geometry, ...], plant: Plant | None) -> list[str]:
+def _mistakes(reference: WayPoints, geometries: tuple[Geometry, ...], plant: TrueRobot | None) -> list[str]:
     if len(reference.t) != len(reference.p):
         return [f"[reference] {len(reference.t)} times and {len(reference.p)} points: expected as many of each"]
     for geometry in geometries:

@@ -8,12 +8,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.experiment.monitor import Monitor
-from twin.experiment.robot import Plant
-from twin.experiment.schema import Controller
+from twin.controller.computer import Computer
 from twin.experiment.task import Approach, Push, Roll, Tap, Task
+from twin.monitor.limits import Monitor
 from twin.plant.contact_law import elastic_force
-from twin.plant.parameters import PlantParameters
+from twin.plant.parameters import PlantParameters, TrueRobot
 from twin.plant.surface import Shape, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
@@ -41,10 +40,10 @@ class Situation:
     """
 
     plant: PlantParameters
-    robot: Plant
+    robot: TrueRobot
     geometries: tuple[Geometry, ...]
     approach: Approach
-    controller: Controller
+    controller: Computer
     monitor: Monitor | None
 
 

@@ -5,13 +5,10 @@ What of a fault would do nothing, or cannot be done, is refused.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
 
 from twin.cosim.component import Component
-from twin.cosim.place import Place
 from twin.cosim.wiring import End, Feeds, ends
 from twin.errors import InputRefused
 from twin.experiment.fault import Fault
@@ -25,6 +22,7 @@ from twin.faults.parameter_fault import ParameterFault
 from twin.faults.randomness import first_state
 from twin.faults.window import Span
 from twin.runs.assembly.build import JOINTS
+from twin.runs.assembly.declared import BROKEN
 from twin.runs.assembly.faults.circuit import Circuit
 
 THREE_AXES = "drive"
@@ -34,25 +32,6 @@ COUNT_LAWS = {f"encoder_{law.name.lower()}": law for law in CountLaw}
 LEAST_COUNTS = {CountLaw.BIAS: 0.5, CountLaw.GLITCH: 0.5, CountLaw.QUANTISATION: 2.0}
 """Below which a law changes no count."""
 DRIVE_LAWS = {law.name.lower(): law for law in DriveLaw}
-
-
-@dataclass(frozen=True)
-class Parameter(Place):
-    """Where a kind's parameter lies, and how the magnitude acts on it."""
-
-    operation: Literal["factor", "added"]
-
-
-PARAMETERS = {
-    "spring_softened": Parameter("plant", "parameters", "k_s_share", "factor"),
-    "spring_broken": Parameter("plant", "parameters", "k_s_share", "factor"),
-    "stiffness_change": Parameter("plant", "parameters", "K", "factor"),
-    "backlash_growth": Parameter("plant", "parameters", "backlash_added", "added"),
-    "joint_friction": Parameter("plant", "parameters", "b_j_added", "added"),
-    "belt_slip": Parameter("plant", "parameters", "slip", "added"),
-    "belief_k_s": Parameter("estimator", "belief", "k_s", "factor"),
-    "belief_eta": Parameter("estimator", "belief", "eta", "factor"),
-}
 
 
 def inject(
@@ -195,8 +174,8 @@ def _axis(circuit: Circuit, number: int, target: str, joint: int, port: str) -> 
 
 
 def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list[str]) -> None:
-    """The magnitude is a factor on the parameter or an addition to it, as `PARAMETERS` says."""
-    place = PARAMETERS[fault.kind]
+    """The magnitude is a factor on the parameter, an addition where it has a unit; without one nothing is left."""
+    place = BROKEN[fault.kind]
     element = _element(fault.target)
     owner = circuit.component(place.component, number, fault.target)
     field = place.memory_of(owner)
@@ -206,7 +185,9 @@ def _change_parameter(circuit: Circuit, number: int, fault: Fault, written: list
             f"'{owner.name}', which has none; remove the fault or use the native {owner.name}"
         )
     cell = field[0, element : element + 1] if field.ndim == 2 else field[0:1]
-    factor, added = (fault.magnitude, 0.0) if place.operation == "factor" else (1.0, fault.magnitude)
+    factor, added = (
+        (fault.magnitude, 0.0) if kind_named(number, fault.kind).unit in ("factor", None) else (1.0, fault.magnitude)
+    )
     path = f"{place.component}.{place.field}[{element}]"
     chained = path in written
     name, span = _named(number, fault)

@@ -9,15 +9,15 @@ from pydantic import ValidationError
 
 from twin.errors import InputRefused
 from twin.experiment.mistakes import sentences
-from twin.experiment.quantity import Section
 from twin.files import toml_of
 from twin.recording.logs.column_map import TIME_NAMES, split_unit, unit
 from twin.recording.logs.log import Log, LogRefused
+from twin.settings import Settings
 
 Points = tuple[tuple[float, float], tuple[float, float]]
 
 
-class Figure(Section):
+class Figure(Settings):
     """What was digitised."""
 
     number: str
@@ -26,7 +26,7 @@ class Figure(Section):
     image: str
 
 
-class Digitised(Section):
+class Digitised(Settings):
     """Who did it, when and with what."""
 
     by: str
@@ -34,7 +34,7 @@ class Digitised(Section):
     tool: str
 
 
-class FileHead(Section):
+class FileHead(Settings):
     """The head of a file, by column: two points (pixel, value) of its axis, and the uncertainty."""
 
     figure: Figure
