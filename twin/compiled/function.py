@@ -12,8 +12,6 @@ from typing import Any
 
 import numpy as np
 
-from twin.compiled.compiling import hear_numba
-
 
 class _Module:
     """A module that is imported when something of it is asked for."""
@@ -88,7 +86,7 @@ class Function(Name):
     """A compiled function, which Python may call too.
 
     What only compiled functions call needs nothing that takes and gives objects, which takes half of the time to
-    compile; for Python it is compiled once more, with that, and kept by numba.
+    compile; for Python it is compiled once more, with that.
 
     Args:
         function: its source.
@@ -108,8 +106,8 @@ class Function(Name):
     @cached_property
     def called(self) -> Callable:
         """What Python calls."""
-        hear_numba()
-        made: Callable = importlib.import_module("numba").njit(**self._options)(self.__wrapped__)
+        options = {**self._options, "cache": False}
+        made: Callable = importlib.import_module("numba").njit(**options)(self.__wrapped__)
         return made
 
     @property

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.compiled import store
+from twin.compiled import machine, store
 from twin.compiled.address import address
 from twin.compiled.builtin import PYTHON, built_in
 from twin.compiled.compiling import compiling
@@ -33,6 +33,14 @@ _KINDS: dict[str, tuple[str, str]] = {
 """What numba and LLVM call it."""
 
 
+_helpers: list[Callable[[], None]] = []
+
+
+def help_with(helper: Callable[[], None]) -> None:
+    """Call `helper` before this process compiles for the first time."""
+    _helpers.append(helper)
+
+
 class Native:
     """A function at an address, compiled or taken from the store when that is asked for.
 
@@ -50,22 +58,21 @@ class Native:
     @cached_property
     def address(self) -> int:
         """Where the machine code is."""
-        try:
-            name = self._name
-        except store.Unnamed:
+        if not self._name:
             return self._of_numba()
         if not self.is_there:
-            store.call_helpers()
-            with compiling(), store.alone(name):
-                code = b"" if store.has(name) else self._emitted(name)
+            while _helpers:
+                _helpers.pop()()
+            with compiling(), store.alone(self._name):
+                code = b"" if self.is_there else self._emitted()
                 if code:
-                    store.take(name, code)
-        return store.address(name) if store.has(name) else self._of_numba()
+                    machine.take(self._name, code)
+        return machine.address(self._name) if self.is_there else self._of_numba()
 
     @property
     def is_there(self) -> bool:
         """Whether it need not be compiled any more."""
-        return store.has(self._name)
+        return bool(self._name) and machine.has(self._name)
 
     @property
     def signature(self) -> Any:
@@ -75,27 +82,31 @@ class Native:
     @cached_property
     def called(self) -> Callable:
         """It, for Python, where addresses are numbers; of one that is `entered`."""
-        if not (self.address and store.has(self._name)):
-            raise RuntimeError(f"{self._name} needs more than mathematics: Python cannot enter it")
-        return built_in(store.address(self._name + PYTHON), self.function.__name__)
+        if not (self.address and self.is_there):
+            raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
+        return built_in(machine.address(self._name + PYTHON), self.function.__name__)
 
     @cached_property
     def _name(self) -> str:
-        return store.name_of(self.function, repr((self.returns, [_told(kind) for kind in self.takes])))
+        """Of its object file; "" if it cannot have one."""
+        kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
+        with contextlib.suppress(store.Unnamed):
+            return store.name_of(self.function, f"{self.returns} {kinds} {machine.target()}")
+        return ""
 
-    def _emitted(self, name: str) -> bytes:
+    def _emitted(self) -> bytes:
         """Object code; none if it needs more than mathematics."""
         from twin.compiled import emission
 
-        returns, machine = _KINDS[self.returns][1], store.machine()
-        module = emission.callable_by_c(self.module(name), returns)
-        made, foreign = emission.bare(module, machine)
+        returns = _KINDS[self.returns][1]
+        module = emission.callable_by_c(self.module(self._name), returns)
+        made, foreign = emission.bare(module, machine.machine())
         if foreign:
             return b""
         if self.entered:
             kinds = ["ptr" if isinstance(kind, np.dtype) else _KINDS[kind][1] for kind in self.takes]
-            made = emission.callable_by_python(made, name, returns, kinds)
-        return bytes(machine.emit_object(made))
+            made = emission.callable_by_python(made, self._name, returns, kinds)
+        return bytes(machine.machine().emit_object(made))
 
     def module(self, symbol: str) -> "Module":
         """As numba leaves it, with a function that shall be called `symbol`.
@@ -107,9 +118,7 @@ class Native:
 
         from twin.compiled import emission
 
-        file = ""
-        with contextlib.suppress(store.Unnamed):
-            file = "" if self.entered else f"{self._name}.ll"
+        file = f"{self._name}.ll" if self._name and not self.entered else ""
         known = store.kept(file) if file else b""
         if known:
             inner, _, text = zstandard.decompress(known).decode().partition("\n")
@@ -123,7 +132,7 @@ class Native:
         from numba import cfunc
 
         with compiling():
-            self._kept = cfunc(self.signature, cache=True, error_model="numpy")(self.function)
+            self._kept = cfunc(self.signature, error_model="numpy")(self.function)
         return int(self._kept.address)
 
 
@@ -146,10 +155,6 @@ class Entry(Function):
 def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:
     """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs."""
     return lambda function: Entry(returns, takes, function)
-
-
-def _told(kind: Kind) -> str:
-    return f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind
 
 
 def _of_numba(kind: Kind) -> Any:
