@@ -13,7 +13,7 @@ import pytest
 
 from twin.compiled import emission, machine, store
 from twin.compiled.function import Function, carray, njit
-from twin.compiled.native import Entry, Native
+from twin.compiled.native import Entry, Native, address_of
 from twin.cosim.native import doubles_at
 from twin.runs.guard.futex import load
 
@@ -183,3 +183,17 @@ def test_a_function_keeps_its_name_and_its_words():
     assert (function.__name__, function.__doc__, function.__wrapped__) == ("told", "Says so.", told)
     with pytest.raises(AttributeError):
         _ = function.__array_interface__
+
+
+ARRAYS = [
+    np.empty(5),
+    np.empty((4, 6))[1::2, 3:],
+    np.frombuffer(b"read only", dtype=np.uint8),
+    np.empty(3, dtype=[("a", "i8"), ("b", "f4")])["b"],
+    np.empty(4).view(np.recarray),
+]
+
+
+@pytest.mark.parametrize("array", ARRAYS)
+def test_the_address_of_an_array_is_the_one_that_numpy_tells(array: np.ndarray):
+    assert address_of(array) == array.ctypes.data

@@ -6,12 +6,10 @@ what it calls; the counting of references to arrays in memory that nobody counts
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
-
-from twin.compiled.builtin import in_front_of
 
 MATHEMATICS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
@@ -99,8 +97,3 @@ define {returned} @"{module.symbol}"({taken}) {{
 }}
 """
     return module._replace(inner=module.symbol, text=module.text + body)
-
-
-def callable_by_python(module: Any, symbol: str, returns: str, takes: Sequence[str]) -> Any:
-    """LLVM's `module` with a function that the interpreter calls in front of `symbol`, see `builtin`."""
-    return llvm.parse_assembly(f"{module}{in_front_of(symbol, returns, takes)}")

@@ -1,6 +1,7 @@
 """Functions that C can call, as machine code: taken from the store, or compiled and kept there."""
 
 import contextlib
+import ctypes
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
@@ -8,8 +9,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from twin.compiled import machine, store
-from twin.compiled.address import address
-from twin.compiled.builtin import PYTHON, built_in
 from twin.compiled.compiling import compiling
 from twin.compiled.function import Function, types
 
@@ -19,18 +18,18 @@ if TYPE_CHECKING:
 Kind = str | np.dtype
 """Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
 
-_KINDS: dict[str, tuple[str, str]] = {
-    "int": ("int64", "i64"),
-    "int32": ("int32", "i32"),
-    "byte": ("uint8", "i8"),
-    "double": ("float64", "double"),
-    "pointer": ("voidptr", "ptr"),
-    "doubles": ("CPointer(float64)", "ptr"),
-    "integers": ("CPointer(int64)", "ptr"),
-    "bytes": ("CPointer(uint8)", "ptr"),
-    "nothing": ("void", "void"),
+_KINDS: dict[str, tuple[str, str, Any]] = {
+    "int": ("int64", "i64", ctypes.c_int64),
+    "int32": ("int32", "i32", ctypes.c_int32),
+    "byte": ("uint8", "i8", ctypes.c_uint8),
+    "double": ("float64", "double", ctypes.c_double),
+    "pointer": ("voidptr", "ptr", ctypes.c_void_p),
+    "doubles": ("CPointer(float64)", "ptr", ctypes.c_void_p),
+    "integers": ("CPointer(int64)", "ptr", ctypes.c_void_p),
+    "bytes": ("CPointer(uint8)", "ptr", ctypes.c_void_p),
+    "nothing": ("void", "void", None),
 }
-"""What numba and LLVM call it."""
+"""What numba, LLVM and ctypes call it."""
 
 
 _helpers: list[Callable[[], None]] = []
@@ -84,7 +83,9 @@ class Native:
         """It, for Python, where addresses are numbers; of one that is `entered`."""
         if not (self.address and self.is_there):
             raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
-        return built_in(machine.address(self._name + PYTHON), self.function.__name__)
+        kinds = ["pointer" if isinstance(kind, np.dtype) else kind for kind in (self.returns, *self.takes)]
+        # the interpreter's lock is free meanwhile
+        return ctypes.CFUNCTYPE(*(_KINDS[kind][2] for kind in kinds))(self.address)
 
     @cached_property
     def _name(self) -> str:
@@ -103,9 +104,6 @@ class Native:
         made, foreign = emission.bare(module, machine.machine())
         if foreign:
             return b""
-        if self.entered:
-            kinds = ["ptr" if isinstance(kind, np.dtype) else _KINDS[kind][1] for kind in self.takes]
-            made = emission.callable_by_python(made, self._name, returns, kinds)
         return bytes(machine.machine().emit_object(made))
 
     def module(self, symbol: str) -> "Module":
@@ -136,6 +134,15 @@ class Native:
         return int(self._kept.address)
 
 
+def address_of(array: np.ndarray) -> int:
+    """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long."""
+    try:
+        return ctypes.addressof(ctypes.c_byte.from_buffer(array))
+    except (TypeError, ValueError, BufferError):
+        # it is read only, empty, or has gaps
+        return array.ctypes.data
+
+
 class Entry(Function):
     """A compiled function that Python enters without numba, and that compiled functions call like others.
 
@@ -149,7 +156,7 @@ class Entry(Function):
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""
-        return self.native.called(*[address(a) if isinstance(a, np.ndarray) else a for a in arguments])
+        return self.native.called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
 def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:
