@@ -54,17 +54,12 @@ def test_what_stands_for_numbas_names_is_compiled_as_those_are():
     assert summed(values.ctypes.data, 3) == 2.0 * values.sum() == summed.py_func.__globals__["doubled"](values.sum())
 
 
-def test_a_function_that_only_compiled_code_calls_is_never_compiled_for_python():
-    @njit(cache=False)
-    def inner(x):
-        return x + 1.0
-
-    @njit(cache=False)
-    def outer(x):
-        return inner(x) + 1.0
-
-    assert outer(1.0) == 3.0
-    assert "called" not in vars(inner) and "called" in vars(outer)
+def test_the_twin_calls_the_source_of_what_is_compiled_and_numba_is_not_imported():
+    code = (
+        "import sys; from twin.robot.sea import load_torque as f; print(f(2.0, 3.0, 0.5, 1.0), 'numba' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["3.0", "False"]
 
 
 def test_python_enters_with_numbers_and_arrays_and_gets_numbers(place: Path):

@@ -11,6 +11,8 @@ from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
+from twin.compiled.numba_internals import inner_module
+
 MATHEMATICS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
     r"nearbyint|round|fabs|fmod|copysign|memcpy|memset|memmove)"
@@ -36,14 +38,7 @@ class Module(NamedTuple):
 
 def module_of(signature: Any, function: Callable, symbol: str) -> Module:
     """The module of `function`, compiled for a `signature` of numba's, that shall be called `symbol`."""
-    from numba import cfunc
-
-    from twin.compiled.unexecuted import unexecuted
-
-    with unexecuted():
-        # anew: what comes from numba's cache has no module
-        compiled = cfunc(signature, error_model="numpy")(function)
-    return Module(symbol, compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module))
+    return Module(symbol, *inner_module(signature, function))
 
 
 def bare(module: Module, machine: Any) -> Any:
