@@ -17,7 +17,7 @@ KEPT = 3
 
 def call_compiled() -> None:
     """From now on, in this process."""
-    Function.__call__ = _called  # type: ignore[method-assign]
+    Function.__call__ = _called  # type: ignore[method-assign, assignment]
 
 
 def _called(function: Function, *arguments: Any) -> Any:

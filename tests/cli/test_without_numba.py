@@ -13,11 +13,10 @@ with open(os.environ["NUMBA_ASKED"], "a") as asked:
     asked.write("asked")
 raise ImportError("numba is not to be imported")
 """
-SHORT = "--set duration_s=7 --set 'reference.t_s=[0.0, 3.0, 5.5]'"
 SWEEP = 'experiment = "step_z_air.toml"\n[[vary]]\nkey = "controller.position.kp_per_s"\nvalues = [1.0, 1.5]\n'
 TOGETHER = (
     (
-        f"run fig4_force_position {SHORT} --isolate none --out a", f"run fig4_position {SHORT} --isolate none --out b",
+        "run fig4_force_position --isolate none --out a", "run fig4_position --isolate none --out b",
         "compare a b", "replay a --plant --out x", "export a --csv --rate 100", "report a --isolate none",
     ),
     ("run massage --isolate none --out a",),
@@ -25,7 +24,7 @@ TOGETHER = (
     ("faults pressing --kind surface_jump --onset 6 --isolate none",),
     ("converge step_z_air --duration 0.8 --isolate none",),
     ("analyse step_z_air --no-try --isolate none",),
-    (f"accuracy fig4_force_position {SHORT} --isolate none",),
+    ("accuracy fig4_force_position --isolate none",),
     ("check step_z_air --drive velocity_servo --isolate none",),
     ("sweep sweep.toml -j 1 --out rows --yes", "sweep show rows"),
     ("tune step_z_air --isolate none",),

@@ -137,7 +137,7 @@ class Native:
 def address_of(array: np.ndarray) -> int:
     """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long."""
     try:
-        return ctypes.addressof(ctypes.c_byte.from_buffer(array))
+        return ctypes.addressof(ctypes.c_byte.from_buffer(array))  # type: ignore[arg-type]
     except (TypeError, ValueError, BufferError):
         # it is read only, empty, or has gaps
         return array.ctypes.data
