@@ -12,6 +12,7 @@ import pytest
 from hypothesis import settings
 
 from tests.drive.eventful import Maker, maker
+from tests.machine_code import call_compiled
 from tests.warm import WarmStart
 from twin import cache_folder
 from twin.recording.reader import read
@@ -19,6 +20,7 @@ from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 
+call_compiled()
 ROOT = Path(__file__).parents[1]
 STRANGER = 1234
 """Another user."""

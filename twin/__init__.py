@@ -4,28 +4,10 @@ For programs, notebooks and tests: `load`, `run`, `read`, `check` and the types 
 What they need is imported when they are asked for.
 """
 
-import sys
 from importlib import import_module
 from typing import Any
 
 __version__ = "0.1.0"
-
-
-class _BeforeNumba:
-    """Chooses where numba keeps what it compiles, as soon as somebody imports it; half of the commands do not."""
-
-    def find_spec(self, fullname: str, path: Any, target: Any = None) -> None:
-        if fullname == "numba":
-            sys.meta_path.remove(self)  # type: ignore[arg-type]
-            from twin.compiled.cache import use_cache
-
-            use_cache()
-
-
-_before = _BeforeNumba()
-sys.meta_path.insert(0, _before)  # type: ignore[arg-type]
-if "numba" in sys.modules:
-    _before.find_spec("numba", None)
 
 _PUBLIC = {
     "Experiment": "twin.experiment.experiment:Experiment",

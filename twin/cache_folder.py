@@ -116,7 +116,7 @@ def foreign(path: Path) -> str:
         return ""
     if why:
         return f"{path}: {why}"
-    # what lies in a folder that others cannot enter may have any mode: numba's files have what the umask leaves
+    # what lies in a folder that others cannot enter may have any mode: some have what the umask leaves
     entered = found.st_mode & (stat.S_IXGRP | stat.S_IXOTH)
     for entry in _entries_below(path) if stat.S_ISDIR(found.st_mode) else ():
         with contextlib.suppress(FileNotFoundError):
@@ -175,13 +175,11 @@ def hold(folder: Path) -> bool:
     return False
 
 
-def files_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
-    """What lies in `folder` and in folders within it, and is no folder; pathlib would take ten times as long."""
-    return (entry for entry in _entries_below(folder) if not entry.is_dir(follow_symlinks=False))
-
-
 def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]"]:
-    """What lies in `folder` and in folders within it; a folder before what it holds."""
+    """What lies in `folder` and in folders within it; a folder before what it holds.
+
+    Pathlib would take ten times as long.
+    """
     folders: list[str | os.PathLike[str]] = [folder]
     while folders:
         # another process may take it away meanwhile
@@ -192,15 +190,21 @@ def _entries_below(folder: str | os.PathLike[str]) -> Iterator["os.DirEntry[str]
                     folders.append(entry.path)
 
 
-def evict(home: Path, kept: int) -> None:
-    """Leave in `home` the `kept` folders that were used last, and those that a process holds."""
+def evict(home: Path, kept: int, names: re.Pattern[str] = _NAME) -> None:
+    """Leave in `home` the `kept` folders or files that were used last, and those that a process holds.
+
+    Args:
+        home: a `private_folder`.
+        kept: how many.
+        names: of those that count; others stay.
+    """
     used: list[tuple[float, Path]] = []
     for entry in home.iterdir():
         # another process may be evicting
         with contextlib.suppress(OSError):
             used.append((entry.stat().st_mtime, entry))
-    folders = [entry for _, entry in sorted(used, reverse=True) if _NAME.fullmatch(entry.name)]
-    for old in folders[kept:]:
+    counted = [entry for _, entry in sorted(used, reverse=True) if names.fullmatch(entry.name)]
+    for old in counted[kept:]:
         with contextlib.suppress(OSError), _alone(old):
             remove(old)
     for last, entry in used:

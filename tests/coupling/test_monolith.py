@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from tests.coupling.monolith import T_M, coupled_system, drive_droop
 from tests.laws.runs import PARAMETERS, shipped
 from twin.plant.equilibrium import resting
-from twin.studies.converge.coupled import coupled_derivative
+from twin.studies.converge.coupled import Coupled
 
 EXPERIMENT = shipped()
 SYSTEM = coupled_system(EXPERIMENT)
@@ -29,6 +29,6 @@ def coupled_states(draw: st.DrawFn) -> NDArray[np.float64]:
 
 @given(coupled_states(), st.tuples(share, share, share).map(np.array))
 def test_what_scipy_integrates_is_what_python_control_interconnects(x, omega_ref):
-    compiled = coupled_derivative(PARAMETERS, np.full(3, T_M), drive_droop(EXPERIMENT), omega_ref, x)
+    compiled = Coupled(PARAMETERS, np.full(3, T_M), drive_droop(EXPERIMENT)).derivative(omega_ref, x)
     # rounding: the two add up the droop in another order; speeds change by up to 1e2 rad/s2
     np.testing.assert_allclose(compiled, SYSTEM.dynamics(0.0, x, omega_ref), rtol=1e-12, atol=1e-12)

@@ -1,8 +1,6 @@
 """A worktree in which mutants are tried: its own source, its own compiled code, nothing of the one in use."""
 
-import ast
 import os
-import shutil
 import subprocess
 import sys
 import time
@@ -22,10 +20,9 @@ class Place:
 
     def __init__(self, repository: Path, root: Path):
         """Make the worktree below `root`, an empty folder."""
-        self.root, self.compiled, self._warm = root / "source", root / "compiled", root / "warm"
+        self.root, self.compiled = root / "source", root / "compiled"
         self._repository, self._touched = repository, time.time()
         self._git("worktree", "add", "--quiet", "--detach", str(self.root))
-        self._importers = _importers(self.root)
 
     def close(self) -> None:
         """Remove the worktree."""
@@ -41,7 +38,6 @@ class Place:
         outcome = self._tested(self._tests(rooms), timeout=None)
         if outcome != "survived":
             raise RuntimeError(f"{self.root}: tests fail without a mutant")
-        shutil.copytree(self.compiled, self._warm)
         return time.monotonic() - begin
 
     def tried(self, mutant: Mutant, timeout: float) -> str:
@@ -51,16 +47,12 @@ class Place:
         """
         file = self.root / mutant.file
         source = file.read_text()
-        stale = [f"{name.stem}." for name in self._dependents(mutant.file)]
         try:
-            self._drop(stale)
             self._write(file, mutant.applied(source))
             own = self.root / "tests" / mutant.room / f"test_{mutant.file.stem}.py"
             return self._tested([*([own] if own.exists() else []), *self._tests((mutant.room,))], timeout)
         finally:
             self._write(file, source)
-            self._drop(stale)
-            self._restore(stale)
 
     def _tests(self, rooms: Iterable[str]) -> list[Path]:
         return [self.root / "tests" / room for room in (*rooms, "laws")]
@@ -86,45 +78,10 @@ class Place:
             process.wait()
 
     def _write(self, file: Path, source: str) -> None:
-        """Write `source` with a time of its own: Python and numba tell versions of a file by time and size."""
+        """Write `source` with a time of its own: Python tells versions of a file by time and size."""
         file.write_text(source)
         self._touched += 1
         os.utime(file, (self._touched, self._touched))
 
-    def _dependents(self, file: Path) -> set[Path]:
-        """Files whose compiled code may hold that of `file`: all that import it, however far away."""
-        found, new = {file}, {file}
-        while new:
-            new = {importer for name in new for importer in self._importers.get(name, ())} - found
-            found |= new
-        return found
-
-    def _drop(self, stems: list[str]) -> None:
-        for path in self.compiled.rglob("*.nb*"):
-            if path.name.startswith(tuple(stems)):
-                path.unlink(missing_ok=True)
-
-    def _restore(self, stems: list[str]) -> None:
-        for path in self._warm.rglob("*.nb*"):
-            if path.name.startswith(tuple(stems)):
-                shutil.copy2(path, self.compiled / path.relative_to(self._warm))
-
     def _git(self, *words: str) -> None:
         subprocess.run(["git", *words], cwd=self._repository, check=True)
-
-
-def _importers(root: Path) -> dict[Path, set[Path]]:
-    """By file, the files below `root`/twin that import it."""
-    importers: dict[Path, set[Path]] = {}
-    for path in (root / "twin").rglob("*.py"):
-        for node in ast.walk(ast.parse(path.read_text())):
-            modules = []
-            if isinstance(node, ast.ImportFrom) and node.module:
-                modules = [node.module, *(f"{node.module}.{name.name}" for name in node.names)]
-            elif isinstance(node, ast.Import):
-                modules = [name.name for name in node.names]
-            for module in modules:
-                name = Path(*module.split(".")).with_suffix(".py")
-                if (root / name).exists():
-                    importers.setdefault(name, set()).add(path.relative_to(root))
-    return importers

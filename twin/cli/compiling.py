@@ -3,8 +3,8 @@
 import threading
 import time
 
-from twin.cli.installation.native import compiled_pieces
 from twin.cli.progress import Progress
+from twin.compiled.store import compiled_pieces
 
 PIECES = 18
 """How many pieces of machine code a run of Fig. 4 needs, about; where none is there yet."""

@@ -2,7 +2,6 @@
 
 import contextlib
 from collections.abc import Callable, Iterator
-from functools import cache
 
 Witness = Callable[[bool], None]
 _witnesses: list[Witness] = []
@@ -39,18 +38,3 @@ def end() -> None:
     if not _under_way:
         for witness in _witnesses:
             witness(False)
-
-
-@cache
-def hear_numba() -> None:
-    """From now on what numba compiles by itself, when a function is called for the first time, is told too."""
-    from numba.core import event
-
-    class Ear(event.Listener):  # type: ignore[misc]
-        def on_start(self, event: object) -> None:
-            begin()
-
-        def on_end(self, event: object) -> None:
-            end()
-
-    event.register("numba:compile", Ear())

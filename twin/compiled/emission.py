@@ -6,12 +6,12 @@ what it calls; the counting of references to arrays in memory that nobody counts
 """
 
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import llvmlite.binding as llvm
 
-from twin.compiled.builtin import in_front_of
+from twin.compiled.numba_internals import inner_module
 
 MATHEMATICS = re.compile(
     r"(a?(sin|cos|tan)h?|atan2|sincos|exp|exp2|expm1|log|log2|log10|log1p|pow|sqrt|cbrt|hypot|floor|ceil|trunc|rint|"
@@ -38,14 +38,7 @@ class Module(NamedTuple):
 
 def module_of(signature: Any, function: Callable, symbol: str) -> Module:
     """The module of `function`, compiled for a `signature` of numba's, that shall be called `symbol`."""
-    from numba import cfunc
-
-    from twin.compiled.unexecuted import unexecuted
-
-    with unexecuted():
-        # anew: what comes from numba's cache has no module
-        compiled = cfunc(signature, error_model="numpy")(function)
-    return Module(symbol, compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module))
+    return Module(symbol, *inner_module(signature, function))
 
 
 def bare(module: Module, machine: Any) -> Any:
@@ -99,8 +92,3 @@ define {returned} @"{module.symbol}"({taken}) {{
 }}
 """
     return module._replace(inner=module.symbol, text=module.text + body)
-
-
-def callable_by_python(module: Any, symbol: str, returns: str, takes: Sequence[str]) -> Any:
-    """LLVM's `module` with a function that the interpreter calls in front of `symbol`, see `builtin`."""
-    return llvm.parse_assembly(f"{module}{in_front_of(symbol, returns, takes)}")

@@ -2,7 +2,7 @@
 
 Importing numba takes as long as the rest of a run of Fig. 4, and what a run needs is kept as machine code (`store`). So
 `njit`, `carray` and `intrinsic` stand here as names that numba knows how to read: where it finds one of these objects
-in the source of a function, it asks for its `_numba_type_`, and only then there is something of numba's behind it.
+in the source of a function, it asks for its type, and only then there is something of numba's behind it.
 """
 
 import importlib
@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from twin.compiled.compiling import hear_numba
+from twin.compiled.numba_internals import Typed, refresh
 
 
 class _Module:
@@ -56,7 +56,7 @@ class _Layout:
 c = _Layout()
 
 
-class Name:
+class Name(Typed):
     """Something that compiled functions call, made when numba meets it for the first time.
 
     Args:
@@ -67,28 +67,19 @@ class Name:
         self._make = make
 
     @cached_property
-    def made(self) -> Any:
+    def made(self) -> Any:  # type: ignore[override]
         """What numba works with."""
-        from numba.core.registry import cpu_target
-
         made = self._make()
         # numba may be in the middle of the compilation of a function that calls it
-        cpu_target.typing_context.refresh()
-        cpu_target.target_context.refresh()
+        refresh()
         return made
-
-    @property
-    def _numba_type_(self) -> Any:
-        from numba.core.registry import cpu_target
-
-        return cpu_target.typing_context.resolve_value_type(self.made)
 
 
 class Function(Name):
-    """A compiled function, which Python may call too.
+    """A compiled function: what is compiled calls it as such, Python calls its source.
 
-    What only compiled functions call needs nothing that takes and gives objects, which takes half of the time to
-    compile; for Python it is compiled once more, with that, and kept by numba.
+    So no command waits for numba because of one number; what has to be fast in Python, or takes records, is a
+    `native.Entry`.
 
     Args:
         function: its source.
@@ -96,27 +87,21 @@ class Function(Name):
     """
 
     def __init__(self, function: Callable, **options: Any):
-        # numba would keep both under one name, and give Python the one that it cannot call
+        # what takes and gives objects of Python would take half of the time to compile
         bare = {**options, "cache": False, "no_cpython_wrapper": True, "no_cfunc_wrapper": True}
         super().__init__(lambda: importlib.import_module("numba").njit(**bare)(function))
-        self._options = options
+        self.options = options
         update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        return self.called(*arguments)
+        return self.__wrapped__(*arguments)
 
     @cached_property
-    def called(self) -> Callable:
-        """What Python calls."""
-        hear_numba()
-        made: Callable = importlib.import_module("numba").njit(**self._options)(self.__wrapped__)
+    def compiled(self) -> Callable:
+        """It as machine code that takes what Python has, compiled anew by each process: for trials."""
+        options = {**self.options, "cache": False}
+        made: Callable = importlib.import_module("numba").njit(**options)(self.__wrapped__)
         return made
-
-    @property
-    def py_func(self) -> Callable:
-        """Its source, for Python."""
-        source: Callable = self.__wrapped__
-        return source
 
     def __getattr__(self, name: str) -> Any:
         # of numba's dispatcher, by which it knows what to inline; what any object may be asked for is not there

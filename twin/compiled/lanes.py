@@ -11,12 +11,12 @@ from functools import cache
 from typing import Any
 
 from twin.compiled.function import Name, c, ir, types
+from twin.compiled.numba_internals import infer
 
 
 @cache
 def _made() -> tuple[Any, Any]:
     """The type made known to numba, and what makes values of it."""
-    from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
     from numba.extending import intrinsic, lower_builtin, models, register_model
 
     class Lanes(types.Type):  # type: ignore[misc, name-defined]
@@ -41,15 +41,12 @@ def _made() -> tuple[Any, Any]:
         value = placed(builder, ir.Constant(register, ir.Undefined), 0, value)
         return builder.shuffle_vector(value, value, ir.Constant(ir.VectorType(c.i32, 4), [0, 0, 0, 0]))
 
-    def told(function: Any, *cases: Any) -> None:
-        infer_global(function)(type("Told", (ConcreteTemplate,), {"key": function, "cases": list(cases)}))
-
     def two(function: Any, instruction: str) -> None:
         def lowered(context, builder, sig, arguments):
             return getattr(builder, instruction)(*map(spread, (builder, builder), arguments, sig.args))
 
         cases = (lanes, lanes), (lanes, number), (number, lanes)
-        told(function, *(signature(lanes, *case) for case in cases))
+        infer(function, *((lanes, *case) for case in cases))
         for case in cases:
             lower_builtin(function, *case)(lowered)
 
@@ -58,19 +55,19 @@ def _made() -> tuple[Any, Any]:
     ):  # fmt: skip
         two(function, instruction)
 
-    told(operator.neg, signature(lanes, lanes))
+    infer(operator.neg, (lanes, lanes))
 
     @lower_builtin(operator.neg, lanes)
     def negated(context, builder, sig, arguments):
         return builder.fneg(arguments[0])
 
-    told(math.sqrt, signature(lanes, lanes))
+    infer(math.sqrt, (lanes, lanes))
 
     @lower_builtin(math.sqrt, lanes)
     def rooted(context, builder, sig, arguments):
         return builder.call(builder.module.declare_intrinsic("llvm.sqrt.v4f64", fnty=root), arguments)
 
-    told(operator.getitem, signature(number, lanes, types.intp))
+    infer(operator.getitem, (number, lanes, types.intp))
 
     @lower_builtin(operator.getitem, lanes, types.Integer)
     def indexed(context, builder, sig, arguments):

@@ -1,6 +1,7 @@
 """Memory as addresses and bytes, for compiled code that writes what others have laid out."""
 
 from twin.compiled.function import c, intrinsic, ir, types
+from twin.compiled.numba_internals import declared
 
 
 @intrinsic
@@ -24,11 +25,9 @@ def copy(typingctx, to, source, count):
     """
 
     def codegen(context, builder, signature, arguments):
-        from numba.core import cgutils
-
         to_, source_, count_ = arguments
         kind = ir.FunctionType(c.pointer, [c.pointer, c.pointer, c.i64])
-        memcpy = cgutils.get_or_insert_function(builder.module, kind, "memcpy")
+        memcpy = declared(builder.module, kind, "memcpy")
         builder.call(memcpy, [builder.inttoptr(to_, c.pointer), builder.inttoptr(source_, c.pointer), count_])
         return context.get_dummy_value()
 

@@ -1,15 +1,14 @@
 """Functions that C can call, as machine code: taken from the store, or compiled and kept there."""
 
 import contextlib
+import ctypes
 from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from twin.compiled import store
-from twin.compiled.address import address
-from twin.compiled.builtin import PYTHON, built_in
+from twin.compiled import machine, store
 from twin.compiled.compiling import compiling
 from twin.compiled.function import Function, types
 
@@ -19,18 +18,26 @@ if TYPE_CHECKING:
 Kind = str | np.dtype
 """Of what a function takes or returns: a key of `_KINDS`, or a record's dtype, which it takes by its address."""
 
-_KINDS: dict[str, tuple[str, str]] = {
-    "int": ("int64", "i64"),
-    "int32": ("int32", "i32"),
-    "byte": ("uint8", "i8"),
-    "double": ("float64", "double"),
-    "pointer": ("voidptr", "ptr"),
-    "doubles": ("CPointer(float64)", "ptr"),
-    "integers": ("CPointer(int64)", "ptr"),
-    "bytes": ("CPointer(uint8)", "ptr"),
-    "nothing": ("void", "void"),
+_KINDS: dict[str, tuple[str, str, Any]] = {
+    "int": ("int64", "i64", ctypes.c_int64),
+    "int32": ("int32", "i32", ctypes.c_int32),
+    "byte": ("uint8", "i8", ctypes.c_uint8),
+    "double": ("float64", "double", ctypes.c_double),
+    "pointer": ("voidptr", "ptr", ctypes.c_void_p),
+    "doubles": ("CPointer(float64)", "ptr", ctypes.c_void_p),
+    "integers": ("CPointer(int64)", "ptr", ctypes.c_void_p),
+    "bytes": ("CPointer(uint8)", "ptr", ctypes.c_void_p),
+    "nothing": ("void", "void", None),
 }
-"""What numba and LLVM call it."""
+"""What numba, LLVM and ctypes call it."""
+
+
+_helpers: list[Callable[[], None]] = []
+
+
+def help_with(helper: Callable[[], None]) -> None:
+    """Call `helper` before this process compiles for the first time."""
+    _helpers.append(helper)
 
 
 class Native:
@@ -50,22 +57,21 @@ class Native:
     @cached_property
     def address(self) -> int:
         """Where the machine code is."""
-        try:
-            name = self._name
-        except store.Unnamed:
+        if not self._name:
             return self._of_numba()
         if not self.is_there:
-            store.call_helpers()
-            with compiling(), store.alone(name):
-                code = b"" if store.has(name) else self._emitted(name)
+            while _helpers:
+                _helpers.pop()()
+            with compiling(), store.alone(self._name):
+                code = b"" if self.is_there else self._emitted()
                 if code:
-                    store.take(name, code)
-        return store.address(name) if store.has(name) else self._of_numba()
+                    machine.take(self._name, code)
+        return machine.address(self._name) if self.is_there else self._of_numba()
 
     @property
     def is_there(self) -> bool:
         """Whether it need not be compiled any more."""
-        return store.has(self._name)
+        return bool(self._name) and machine.has(self._name)
 
     @property
     def signature(self) -> Any:
@@ -75,27 +81,30 @@ class Native:
     @cached_property
     def called(self) -> Callable:
         """It, for Python, where addresses are numbers; of one that is `entered`."""
-        if not (self.address and store.has(self._name)):
-            raise RuntimeError(f"{self._name} needs more than mathematics: Python cannot enter it")
-        return built_in(store.address(self._name + PYTHON), self.function.__name__)
+        if not (self.address and self.is_there):
+            raise RuntimeError(f"{self.function.__name__} needs more than mathematics: Python cannot enter it")
+        kinds = ["pointer" if isinstance(kind, np.dtype) else kind for kind in (self.returns, *self.takes)]
+        # the interpreter's lock is free meanwhile
+        return ctypes.CFUNCTYPE(*(_KINDS[kind][2] for kind in kinds))(self.address)
 
     @cached_property
     def _name(self) -> str:
-        return store.name_of(self.function, repr((self.returns, [_told(kind) for kind in self.takes])))
+        """Of its object file; "" if it cannot have one."""
+        kinds = [f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind for kind in self.takes]
+        with contextlib.suppress(store.Unnamed):
+            return store.name_of(self.function, f"{self.returns} {kinds} {machine.target()}")
+        return ""
 
-    def _emitted(self, name: str) -> bytes:
+    def _emitted(self) -> bytes:
         """Object code; none if it needs more than mathematics."""
         from twin.compiled import emission
 
-        returns, machine = _KINDS[self.returns][1], store.machine()
-        module = emission.callable_by_c(self.module(name), returns)
-        made, foreign = emission.bare(module, machine)
+        returns = _KINDS[self.returns][1]
+        module = emission.callable_by_c(self.module(self._name), returns)
+        made, foreign = emission.bare(module, machine.machine())
         if foreign:
             return b""
-        if self.entered:
-            kinds = ["ptr" if isinstance(kind, np.dtype) else _KINDS[kind][1] for kind in self.takes]
-            made = emission.callable_by_python(made, name, returns, kinds)
-        return bytes(machine.emit_object(made))
+        return bytes(machine.machine().emit_object(made))
 
     def module(self, symbol: str) -> "Module":
         """As numba leaves it, with a function that shall be called `symbol`.
@@ -107,9 +116,7 @@ class Native:
 
         from twin.compiled import emission
 
-        file = ""
-        with contextlib.suppress(store.Unnamed):
-            file = "" if self.entered else f"{self._name}.ll"
+        file = f"{self._name}.ll" if self._name and not self.entered else ""
         known = store.kept(file) if file else b""
         if known:
             inner, _, text = zstandard.decompress(known).decode().partition("\n")
@@ -123,8 +130,17 @@ class Native:
         from numba import cfunc
 
         with compiling():
-            self._kept = cfunc(self.signature, cache=True, error_model="numpy")(self.function)
+            self._kept = cfunc(self.signature, error_model="numpy")(self.function)
         return int(self._kept.address)
+
+
+def address_of(array: np.ndarray) -> int:
+    """Of the first number of an array. To ask numpy, `array.ctypes.data`, takes four times as long."""
+    try:
+        return ctypes.addressof(ctypes.c_byte.from_buffer(array))  # type: ignore[arg-type]
+    except (TypeError, ValueError, BufferError):
+        # it is read only, empty, or has gaps
+        return array.ctypes.data
 
 
 class Entry(Function):
@@ -140,16 +156,12 @@ class Entry(Function):
 
     def __call__(self, *arguments: Any) -> Any:
         """For a pointer an array may be given, contiguous and of the right kind."""
-        return self.native.called(*[address(a) if isinstance(a, np.ndarray) else a for a in arguments])
+        return self.native.called(*[address_of(a) if isinstance(a, np.ndarray) else a for a in arguments])
 
 
 def entry(returns: str, *takes: Kind) -> Callable[[Callable], Any]:
     """Decorator: `Entry`, of kinds "int", "double" and pointers. The interpreter's lock is free while it runs."""
     return lambda function: Entry(returns, takes, function)
-
-
-def _told(kind: Kind) -> str:
-    return f"{kind.descr} {kind.itemsize}" if isinstance(kind, np.dtype) else kind
 
 
 def _of_numba(kind: Kind) -> Any:

@@ -1,22 +1,24 @@
-"""Machine code of functions kept as object files, which are loaded without numba.
+"""Machine code kept between processes: an object file for each root, which is loaded without numba.
 
-They lie in the folder of this source (`cache`), each with a seal at its end (`seal`), named after the function, what it
-was closed over, its types, the processor and the compiler. An object file holds code that asks for nothing but
-mathematics; a function whose code needs more, memory of its own say, stays numba's.
+A root is a function that C or Python calls; its file holds all that it calls, and asks for nothing but mathematics. The
+file is named after the source that the root reaches, what it was closed over, its types, numba and the processor, so
+that code of an older source is never found. A hash at its end finds accidents: what was damaged is thrown away and
+compiled again. Against malice stands that the folder and each file are the user's alone, see `twin.cache_folder`.
 """
 
 import contextlib
 import hashlib
 import os
-from collections.abc import Callable, Iterator
+import re
+import sys
+import sysconfig
+from collections.abc import Iterator
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import llvmlite
-import llvmlite.binding as llvm
-import numpy as np
+from twin.cache_folder import cache_folder, discard_foreign, evict, private_folder, remove
+from twin.errors import InputRefused
 
 try:
     import fcntl
@@ -24,68 +26,80 @@ except ImportError:
     # Windows, where two processes may make the same file
     fcntl = None  # type: ignore[assignment]
 
-from twin.compiled.cache import is_own, source_digest, use_cache
-from twin.compiled.function import Function
-from twin.compiled.seal import sealed, unsealed
-
-FOLDER = "objects"
-_OWN = "twin."
-_COMPILERS = ("NUMBA_CPU_NAME", "NUMBA_CPU_FEATURES", "NUMBA_OPT")
-"""Variables that change what numba makes."""
-
-_loaded: set[str] = set()
-"""Names of object files of this process."""
-
-
-_helpers: list[Callable[[], None]] = []
+VARIABLE = "NUMBA_CACHE_DIR"
+"""Names a folder of the user's own choice."""
+MOST = 500
+"""Files that are kept: seven sources of all there is."""
+OBJECT = ".o"
+SEAL = 16
+"""Bytes of the hash at the end of a file."""
+_PACKAGE = Path(__file__).parents[1]
+_OWN = _PACKAGE.name
+_INSTALLED = tuple({sysconfig.get_path(name) + os.sep for name in ("stdlib", "platlib", "purelib")})
+"""What lies there is known by the version of Python and numba, but for this package."""
+_IMPORT = re.compile(rb"^[ \t]*(?:from[ \t]+([\w.]+)[ \t]+import[ \t]+(\([^)]*\)|.*)|import[ \t]+(.*))", re.MULTILINE)
+_KEPT = re.compile(r".+\.(o|ll)|[0-9a-f]{16}")
+"""Also folders, in which everything of one source was kept before."""
+_refusal: list[str] = []
+_reported: set[Path] = set()
 
 
 class Unnamed(Exception):
     """A function whose code cannot be told from that of another one by its name."""
 
 
-def name_of(function: Callable, kinds: str) -> str:
-    """Of the object file of a function of this package.
+def name_of(function: Any, made_for: str) -> str:
+    """Of the object file of a function.
 
     Args:
         function: its source.
-        kinds: what tells its types.
+        made_for: what tells its types, the compiler and the processor.
 
     Raises:
-        Unnamed: it belongs to somebody else, or is closed over something whose value cannot be told.
+        Unnamed: its source is in no file, or it is closed over something whose value cannot be told.
     """
-    if not function.__module__.startswith(_OWN):
-        raise Unnamed
-    what = hashlib.blake2b(f"{_identity(function)}\0{kinds}\0{_target()}".encode(), digest_size=12).hexdigest()
-    return f"{function.__module__.removeprefix(_OWN)}.{function.__name__}-{what}"
+    modules: set[str] = set()
+    variant = _hash(f"{_identity(function, modules)}\0{made_for}".encode())
+    return f"{function.__module__}.{function.__name__}-{variant}-{source_digest(*modules)}"
 
 
-def has(name: str) -> bool:
-    """Whether there is an object file of that name; its function has an address from now on."""
-    if name not in _loaded:
-        content = kept(f"{name}.o")
-        if content:
-            _load(name, content)
-    return name in _loaded
+def keep(file: str, content: bytes) -> None:
+    """Put a file beside the object files, if that is possible."""
+    aside = folder() / f".{file}-{os.getpid()}"
+    # a full disk, a folder that is gone: the code runs all the same
+    with contextlib.suppress(OSError):
+        # whatever the umask leaves to others
+        with open(aside, "wb", opener=lambda path, flags: os.open(path, flags, 0o600)) as written:
+            written.write(content + _seal(file, content))
+        aside.replace(folder() / file)
+        evict(folder(), MOST, _KEPT)
 
 
-def help_with(helper: Callable[[], None]) -> None:
-    """Call `helper` before this process compiles for the first time."""
-    _helpers.append(helper)
-
-
-def call_helpers() -> None:
-    """Something has to be compiled."""
-    while _helpers:
-        _helpers.pop()()
+def kept(file: str) -> bytes:
+    """What was put there under that name; nothing if it is not there, or not as it was written."""
+    path = folder() / file
+    try:
+        discard_foreign(path)
+        content = _whole(path)
+        os.utime(path)
+    except FileNotFoundError:
+        return b""
+    except OSError:
+        content = b""
+    if not content:
+        with contextlib.suppress(OSError):
+            remove(path)
+        if folder() not in _reported:
+            _reported.add(folder())
+            print(f"twin: compiled code in {folder()}/ was damaged: compiled again", file=sys.stderr)
+    return content
 
 
 @contextlib.contextmanager
 def alone(name: str) -> Iterator[None]:
     """Nobody else makes the object file of that name meanwhile."""
     try:
-        _folder().mkdir(parents=True, exist_ok=True)
-        lock = open(_folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
+        lock = open(folder() / f".{name}.lock", "w")  # noqa: SIM115, its end is below
     except OSError:
         # nothing can be kept, so nobody can wait for it
         yield
@@ -97,90 +111,159 @@ def alone(name: str) -> Iterator[None]:
         yield
 
 
-def take(name: str, content: bytes) -> None:
-    """Take a new object file; it is there for other processes too if that is possible."""
-    keep(f"{name}.o", content)
-    _load(name, content)
+@cache
+def folder() -> Path:
+    """Where object files are: beside the package, or in the user's cache folder where that is not the user's alone.
+
+    Where neither is, nothing is kept beyond this process and those that it starts.
+    """
+    given = os.environ.get(VARIABLE)
+    try:
+        if given:
+            return private_folder(Path(given, "objects").absolute())
+        try:
+            return private_folder(_PACKAGE / "__pycache__" / "native")
+        except InputRefused:
+            return cache_folder("native")
+    except InputRefused as refused:
+        _refusal.append(str(refused))
+        os.environ[VARIABLE] = _passing()
+        return private_folder(Path(os.environ[VARIABLE], "objects"))
 
 
-def keep(file: str, content: bytes) -> None:
-    """Put a file beside the object files, if that is possible."""
-    # a full disk, a folder that is gone: the code runs all the same
-    with contextlib.suppress(OSError):
-        _folder().mkdir(parents=True, exist_ok=True)
-        aside = _folder() / f".{file}-{os.getpid()}"
-        aside.write_bytes(sealed(content))
-        aside.replace(_folder() / file)
+def refusal() -> str:
+    """Why nothing that is compiled is kept, as a sentence; "" if it is."""
+    folder()
+    return "".join(_refusal)
 
 
-def kept(file: str) -> bytes:
-    """What was put there under that name; nothing if it is not there, or not as it was written."""
-    return unsealed(_folder() / file, _folder())
+def object_files() -> list[Path]:
+    """Those that are kept, of all sources."""
+    return sorted(folder().glob(f"[!.]*{OBJECT}"))
 
 
-def address(symbol: str) -> int:
-    """Of a function of an object file that is there."""
-    return int(_engine().get_function_address(symbol))
+def compiled_pieces() -> int:
+    """How many object files are kept; what a run needs beyond them is compiled when it is needed."""
+    return len(object_files())
+
+
+def damaged_files() -> list[Path]:
+    """Those that are not as they were written."""
+    return [path for path in object_files() if not _is_whole(path)]
+
+
+def source_digest(*modules: str) -> str:
+    """Hash over the files of `modules` and all that they import, but for installed packages."""
+    reached: dict[str, bytes] = {}
+    ahead = list(modules)
+    while ahead:
+        module = ahead.pop()
+        if module not in reached:
+            reached[module], imported = _source(module)
+            ahead += imported
+    return _hash(b"".join(name.encode() + content for name, content in sorted(reached.items()) if content))
 
 
 @cache
-def machine() -> Any:
-    """The processor, and code that may lie anywhere in memory."""
-    llvm.initialize_native_target()
-    llvm.initialize_native_asmprinter()
-    return llvm.Target.from_default_triple().create_target_machine(
-        cpu=llvm.get_host_cpu_name(),
-        features=llvm.get_host_cpu_features().flatten(),
-        opt=3,
-        jit=True,
-        reloc="default",
-        codemodel="jitdefault",
-    )
+def _source(module: str) -> tuple[bytes, tuple[str, ...]]:
+    """Hash of a module's file, and what it may import; nothing of what has no file, or an installed one."""
+    file = _file(module)
+    if not file:
+        return b"", ()
+    text = Path(file).read_bytes()
+    package = module if file.endswith("__init__.py") else module.rpartition(".")[0]
+    imported: set[str] = set()
+    for origin, names, whole in _IMPORT.findall(text):
+        for each in whole.decode().split(","):
+            imported.add(each.split(" as ")[0].partition("#")[0].strip())
+        if origin:
+            full = _absolute(origin.decode(), package)
+            imported.add(full)
+            if (_file(full) or "").endswith("__init__.py"):
+                imported |= {f"{full}.{name}" for name in re.findall(r"\w+", names.decode())}
+    return hashlib.blake2b(text, digest_size=SEAL).digest(), tuple(imported)
 
 
-def _load(name: str, content: bytes) -> None:
-    _engine().add_object_file(llvm.ObjectFileRef.from_data(content))
-    _engine().finalize_object()
-    _loaded.add(name)
-
-
-@cache
-def _engine() -> Any:
-    machine()
-    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), machine())
-
-
-@cache
-def _folder() -> Path:
-    """Where object files are."""
-    return use_cache() / FOLDER
+def _absolute(origin: str, package: str) -> str:
+    """The module that `from origin import` means in a package."""
+    name = origin.lstrip(".")
+    above = package.split(".")
+    base = ".".join(above[: len(above) + 1 - (len(origin) - len(name))]) if name != origin else ""
+    return f"{base}.{name}".strip(".")
 
 
 @cache
-def _target() -> str:
-    given = [os.environ.get(name, "") for name in _COMPILERS]
-    folder = _folder().parent
-    # one of the user's own choice is not named after the source
-    given += [] if is_own(folder) else [source_digest(Path(__file__).parents[1])]
-    features = llvm.get_host_cpu_features().flatten()
-    return repr((version("numba"), llvmlite.__version__, llvm.get_host_cpu_name(), features, given))
+def _file(module: str) -> str | None:
+    """Of a module of this package, or of one that is loaded and not installed."""
+    top, _, below = module.partition(".")
+    if top == _OWN:
+        stem = os.path.join(_PACKAGE, *below.split("."))
+        return next((file for file in (stem + ".py", os.path.join(stem, "__init__.py")) if os.path.isfile(file)), None)
+    found: str | None = getattr(sys.modules.get(module), "__file__", None)
+    return found if found and os.path.isfile(found) and not found.startswith(_INSTALLED) else None
 
 
-def _identity(value: Any) -> str:
-    """What tells `value`, a function or what it is closed over, from others within this source.
+def _identity(value: Any, modules: set[str]) -> str:
+    """What tells `value`, a function or what it is closed over, from others within their source.
+
+    Args:
+        value: it.
+        modules: those of functions in it are added.
 
     Raises:
         Unnamed: nothing does.
     """
-    if isinstance(value, Function):
-        value = value.__wrapped__
+    import numpy as np
+
+    # ours is a name for a function, and so is numba's
+    value = getattr(value, "__wrapped__", getattr(value, "py_func", value))
     if value is None or isinstance(value, (bool, int, float, str)):
         return repr(value)
     if isinstance(value, np.dtype):
         return f"{value.descr} {value.itemsize}"
     if isinstance(value, (tuple, list)):
-        return f"({', '.join(map(_identity, value))})"
-    if callable(value) and hasattr(value, "__code__"):
+        return f"({', '.join(_identity(each, modules) for each in value)})"
+    if callable(value) and hasattr(value, "__code__") and _file(value.__module__):
+        modules.add(value.__module__)
         closed = [cell.cell_contents for cell in value.__closure__ or ()]
-        return f"{value.__module__}.{value.__qualname__}{_identity(closed)}"
+        line = value.__code__.co_firstlineno
+        return f"{value.__module__}.{value.__qualname__}:{line}{_identity(closed, modules)}"
     raise Unnamed
+
+
+def _whole(path: Path) -> bytes:
+    """What was sealed in a file; nothing if it is not as it was written."""
+    content = path.read_bytes()
+    return content[:-SEAL] if content[-SEAL:] == _seal(path.name, memoryview(content)[:-SEAL]) else b""
+
+
+def _is_whole(path: Path) -> bool:
+    try:
+        return bool(_whole(path))
+    except FileNotFoundError:
+        # another process cleared it
+        return True
+    except OSError:
+        return False
+
+
+def _seal(name: str, content: bytes | memoryview) -> bytes:
+    """Of a file of that name; a file that was renamed is none of ours."""
+    seal = hashlib.blake2b(name.encode() + b"\0", digest_size=SEAL)
+    seal.update(content)
+    return seal.digest()
+
+
+def _hash(content: bytes) -> str:
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+def _passing() -> str:
+    """A folder that goes with this process."""
+    import atexit
+    import shutil
+    import tempfile
+
+    passing = tempfile.mkdtemp(prefix="twin-native-")
+    atexit.register(shutil.rmtree, passing, ignore_errors=True)
+    return passing

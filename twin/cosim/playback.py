@@ -3,24 +3,26 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.compiled.function import njit
+from twin.compiled.memory import copy
+from twin.compiled.native import entry
 from twin.cosim.component import Component
 from twin.cosim.native import call_step
 from twin.cosim.port import by_port, width
 
 
-@njit(cache=True)
-def _play(step, self, t, h, u_address, u_bytes, steps, y, y_address, rows):
-    """`rows[k]` becomes the outputs after `steps[k]` more steps; (rows done, status), status 0 if all went well."""
+@entry("int", "int", "int", "doubles", "doubles", "int", "int", "integers", "int", "int", "int", "int", "integers")
+def _play(step, self, t, h, u_address, u_bytes, steps, count, y_address, rows_address, row_bytes, failed):
+    """Row k becomes the outputs after `steps[k]` more steps; rows done, all of `count` unless a step `failed`."""
     j = 0
-    for k in range(len(rows)):
+    for k in range(count):
         for _ in range(steps[k]):
             status = call_step(step, self, t[j], h[j], u_address + j * u_bytes, y_address)
             if status != 0 and status != 1:
-                return k, status
+                failed[0] = status
+                return k
             j += 1
-        rows[k] = y
-    return len(rows), 0
+        copy(rows_address + k * row_bytes, y_address, row_bytes)
+    return count
 
 
 def play(
@@ -45,11 +47,13 @@ def play(
     steps = np.ones(len(u), dtype=np.int64) if steps is None else steps
     u = np.ascontiguousarray(u, dtype=np.float64)
     y = component.initial_outputs.copy()
-    rows = np.empty((len(steps), width(component.outputs)))
-    done, status = _play(
-        component.step_address, component.self_address, t, h, u.ctypes.data, u.strides[0], steps, y, y.ctypes.data, rows
-    )
-    return rows[:done], status
+    rows, status = np.empty((len(steps), width(component.outputs))), np.zeros(1, dtype=np.int64)
+    done = _play(
+        component.step_address, component.self_address, np.ascontiguousarray(t, dtype=float),
+        np.ascontiguousarray(h, dtype=float), u.ctypes.data, u.strides[0], np.ascontiguousarray(steps, dtype=np.int64),
+        len(rows), y.ctypes.data, rows.ctypes.data, rows.strides[0], status,
+    )  # fmt: skip
+    return rows[:done], int(status[0])
 
 
 def columns(component: Component, rows: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:

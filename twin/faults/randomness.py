@@ -30,4 +30,6 @@ def drawn(memory):
 
 def first_state(seed: int, number: int) -> int:
     """State of the generator of the fault with this number: the same `seed` serves them all, and each draws its own."""
-    return int(mixed(np.uint64((seed + number * int(_GAMMA)) % 2**64)))
+    # modulo 2**64, which is what is meant
+    with np.errstate(over="ignore"):
+        return int(mixed(np.uint64((seed + number * int(_GAMMA)) % 2**64)))

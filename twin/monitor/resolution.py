@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike
 
 from twin.monitor.belief import MonitorBelief
 from twin.robot.geometry import Geometry
-from twin.robot.gravity import Masses, environment_force
+from twin.robot.gravity import Masses, force_on_environment
 from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 from twin.robot.sea import load_torque
@@ -71,7 +71,7 @@ def press_wind_up(belief: MonitorBelief, p_B: ArrayLike, force: float) -> float:
     shape = geometry(belief)
     theta_l, J = joint_angles(shape, p_B), jacobian(shape, p_B)
     masses = Masses(belief.m_a, belief.m_b, belief.m_p, 0.0)
-    unwound = np.array(environment_force(shape, masses, theta_l, np.asarray(p_B, dtype=float), np.zeros(3)))
+    unwound = force_on_environment(shape, masses, theta_l, p_B, np.zeros(3))
     tau_l = np.linalg.solve(J.T, np.array([0.0, 0.0, -force]) - unwound)
     return float(np.abs(tau_l).max() / load_torque(belief.k_s, belief.N, belief.eta, 1.0) + belief.backlash)
 

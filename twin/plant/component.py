@@ -189,12 +189,6 @@ def outputs_near(parameters, x, theta_m, s_B, v_s_B, apex, anchors, y):
 
 
 @njit(cache=True)
-def outputs(parameters, x, theta_m, s_B, v_s_B, y):
-    """As `outputs_near`, with nothing known of a pose near this one."""
-    return outputs_near(parameters, x, theta_m, s_B, v_s_B, apex_frame(parameters), np.full((3, ANCHORS), np.nan), y)
-
-
-@njit(cache=True)
 def triple(v):
     """A port of three values as a tuple."""
     return v[0], v[1], v[2]

@@ -6,10 +6,9 @@ are those of the messages, in seconds and nanoseconds as a form has them.
 
 import numpy as np
 
-from twin.compiled.address import address
 from twin.compiled.function import carray
 from twin.compiled.memory import copy, put
-from twin.compiled.native import entry
+from twin.compiled.native import address_of, entry
 
 DOUBLE, INTEGER, BOOL, SECONDS, NANOS = range(5)
 """Kinds of places: a double, a 64-bit integer, a byte that is 0 or 1, and a time in groups of 7 bits."""
@@ -62,7 +61,7 @@ class Filling:
 
     def __init__(self, template: np.ndarray, places: np.ndarray):
         self.template, self._places = template, places
-        self._template_at, self._places_at = address(template), address(places)
+        self._template_at, self._places_at = template.ctypes.data, places.ctypes.data
 
     def fill(self, to: int, times: int, count: int, first_sequence: int, rows: np.ndarray) -> bool:
         """Write `count` records at address `to`; whether there is an integer wherever one goes.
@@ -72,12 +71,12 @@ class Filling:
             first_sequence: number of the first record.
             rows: (count, columns) float64.
         """
-        if rows.dtype != FLOAT or not rows.size or rows.strides[1] != ITEM or rows.strides[0] % ITEM:
+        if rows.dtype != FLOAT or rows.strides[1] != ITEM or rows.strides[0] % ITEM:
             rows = np.ascontiguousarray(rows, dtype=FLOAT)
         stride, step = len(self.template), rows.strides[0] // ITEM
         # addresses all of them: an entry would look for arrays among its arguments
         whole: int = _fill.native.called(
-            to, count, stride, self._template_at, times, first_sequence, address(rows), step,
+            to, count, stride, self._template_at, times, first_sequence, address_of(rows[:1]), step,
             self._places_at, len(self._places),
         )  # fmt: skip
         return whole != 0
@@ -95,5 +94,5 @@ class Filling:
         """
         times = np.ascontiguousarray(times, dtype=np.int64)
         records = np.empty((len(times), len(self.template)), dtype=np.uint8)
-        whole = self.fill(address(records), address(times), len(times), first_sequence, rows)
+        whole = self.fill(records.ctypes.data, times.ctypes.data, len(times), first_sequence, rows)
         return records if whole else None

@@ -4,8 +4,6 @@ from typing import NamedTuple
 
 import numpy as np
 
-from twin.compiled.address import address
-
 ROOM = 256 * 1024
 """Bytes to begin with: those of a slice."""
 
@@ -59,4 +57,4 @@ class Pending:
         self.size = 0
 
     def _hold(self, memory: np.ndarray) -> None:
-        self._memory, self.address = memory, address(memory)
+        self._memory, self.address = memory, memory.ctypes.data

@@ -14,7 +14,6 @@ from typing import NamedTuple
 import numpy as np
 from mcap.opcode import Opcode
 
-from twin.compiled.address import address
 from twin.compiled.function import carray
 from twin.compiled.memory import copy
 from twin.compiled.native import entry
@@ -112,7 +111,7 @@ class _Weave:
     def __init__(self, shapes: Sequence[Shape], places: np.ndarray, pieces: tuple[Piece, ...]):
         self.pieces = pieces
         self._blocks, self._places = np.array([shape[1:] for shape in shapes], dtype=np.int64), places
-        self.table = address(self._blocks), len(shapes), address(places), len(places)
+        self.table = self._blocks.ctypes.data, len(shapes), places.ctypes.data, len(places)
 
 
 @lru_cache(KEPT)

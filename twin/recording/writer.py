@@ -13,7 +13,6 @@ from mcap.records import Channel, Header, Message, Metadata, MetadataIndex, Sche
 from mcap.writer import MCAP0_MAGIC
 
 from twin import __version__
-from twin.compiled.address import address
 from twin.recording.chunks import COMPRESSION_LEVEL, chunk, encoded
 from twin.recording.errors import RecordingFailed
 from twin.recording.filling import Filling
@@ -135,7 +134,7 @@ class Writer:
         known = self._slice_times.get(ticks)
         if known is None:
             made = self._times(np.arange(ticks.start, ticks.stop, ticks.step))
-            known = self._slice_times[ticks] = made, address(made)
+            known = self._slice_times[ticks] = made, made.ctypes.data
         times, times_at = known
         counts, stride = self._summary.message_counts, len(opened.filling.template)
         to = self._pending.room(count * stride)

@@ -13,7 +13,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twin.compiled.function import njit
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.errors import Unreachable
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
 from twin.robot.triples import place, triples
@@ -75,14 +76,14 @@ def platform_position(geometry, theta_1, theta_2, theta_3):
     return x - h * n_x, y - h * n_y, z - h * n_z
 
 
-@njit(cache=True)
-def _positions(geometry, theta_l):
-    p_B = np.empty_like(theta_l)
-    for row in range(theta_l.shape[0]):
+@entry("nothing", "doubles", "doubles", "int", "doubles")
+def _positions(lengths, angles, poses, positions):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    theta_l, p_B = carray(angles, (poses, 3)), carray(positions, (poses, 3))
+    for row in range(poses):
         p_B[row, 0], p_B[row, 1], p_B[row, 2] = platform_position(
             geometry, theta_l[row, 0], theta_l[row, 1], theta_l[row, 2]
         )
-    return p_B
 
 
 def position(geometry: Geometry, theta_l: ArrayLike) -> NDArray[np.float64]:
@@ -100,7 +101,8 @@ def position(geometry: Geometry, theta_l: ArrayLike) -> NDArray[np.float64]:
         InputRefused: theta_l is not finite or not of shape (..., 3).
     """
     theta_l = triples(theta_l, "theta_l")
-    p_B = _positions(geometry, theta_l.reshape(-1, 3))
+    p_B = np.empty((theta_l.size // 3, 3))
+    _positions(np.array(geometry, dtype=float), np.ascontiguousarray(theta_l), len(p_B), p_B)
     bad = np.isnan(p_B[:, 0])
     if bad.any():
         row = int(np.argmax(bad))

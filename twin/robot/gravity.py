@@ -4,11 +4,15 @@ All rods are uniform, so the weight of a distal rod pair hangs half at A_i and h
 does is in `plant.dynamics`. Positive theta_l lowers the arm, so its weight is a positive torque.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from twin.compiled.function import njit
+from twin.compiled.native import entry
+from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian_row
 
 G_ACCELERATION = 9.81
@@ -35,7 +39,7 @@ class Masses(NamedTuple):
 @njit(cache=True)
 def arm_gravity_torque(geometry, masses, theta):
     """Torque in N m with which one arm's weight turns its joint: (m_a/2 + m_b/2) g l_a cos(theta)."""
-    return arm_weight(masses) * geometry.l_a * np.cos(theta)
+    return arm_weight(masses) * geometry.l_a * math.cos(theta)
 
 
 @njit(cache=True)
@@ -81,3 +85,20 @@ def environment_force(geometry, masses, theta_l, p_B, tau_l):
         F_y += j_y * tau
         F_z += j_z * tau
     return F_x, F_y, F_z
+
+
+@entry("nothing", "doubles", "doubles", "doubles", "doubles", "doubles", "doubles")
+def _press(lengths, weights, theta_l, p_B, tau_l, F_ee_B):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    masses = Masses(weights[0], weights[1], weights[2], weights[3])
+    F_ee_B[0], F_ee_B[1], F_ee_B[2] = environment_force(geometry, masses, theta_l, p_B, tau_l)
+
+
+def force_on_environment(
+    geometry: Geometry, masses: Masses, theta_l: ArrayLike, p_B: ArrayLike, tau_l: ArrayLike
+) -> NDArray:
+    """`environment_force` (3,) in N, as compiled code has it to the last bit."""
+    force = np.empty(3)
+    arrays = (np.array(values, dtype=np.float64) for values in (geometry, masses, theta_l, p_B, tau_l))
+    _press(*arrays, force)
+    return force

@@ -10,7 +10,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twin.compiled.function import njit
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.robot.forward_kinematics import position
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry, distal_link
 from twin.robot.jacobian import jacobian, jacobian_rows
@@ -64,12 +65,13 @@ def resultant_force(geometry, theta_l, p_B, tau_l):
     return F_x, F_y, F_z
 
 
-@njit(cache=True)
-def _forces(geometry, theta_l, p_B, tau_l):
-    F_ee_B = np.empty_like(p_B)
-    for row in range(p_B.shape[0]):
+@entry("nothing", "doubles", "doubles", "doubles", "doubles", "int", "doubles")
+def _forces(lengths, angles, positions, torques, poses, forces):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    theta_l, p_B, tau_l = carray(angles, (poses, 3)), carray(positions, (poses, 3)), carray(torques, (poses, 3))
+    F_ee_B = carray(forces, (poses, 3))
+    for row in range(poses):
         F_ee_B[row, 0], F_ee_B[row, 1], F_ee_B[row, 2] = resultant_force(geometry, theta_l[row], p_B[row], tau_l[row])
-    return F_ee_B
 
 
 def end_effector_force(geometry: Geometry, theta_l: ArrayLike, tau_l: ArrayLike) -> NDArray[np.float64]:
@@ -94,7 +96,9 @@ def end_effector_force(geometry: Geometry, theta_l: ArrayLike, tau_l: ArrayLike)
     p_B = position(geometry, theta_l)
     theta_n, p_n, tau_n = (np.ascontiguousarray(array).reshape(-1, 3) for array in (theta_l, p_B, tau_l))
     refuse_serial_singularity(geometry, jacobian_rows(geometry, theta_n, p_n), p_B)
-    return _forces(geometry, theta_n, p_n, tau_n).reshape(p_B.shape)
+    F_ee_B = np.empty_like(p_n)
+    _forces(np.array(geometry, dtype=float), theta_n, p_n, tau_n, len(p_n), F_ee_B)
+    return F_ee_B.reshape(p_B.shape)
 
 
 def joint_torques(geometry: Geometry, p_B: ArrayLike, F_ee_B: ArrayLike) -> NDArray[np.float64]:

@@ -3,7 +3,8 @@
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from twin.compiled.function import njit
+from twin.compiled.function import carray, njit
+from twin.compiled.native import entry
 from twin.errors import Unreachable
 from twin.robot.forward_kinematics import circumcentre
 from twin.robot.geometry import LEG_COS, LEG_SIN, Geometry
@@ -41,13 +42,13 @@ def _reaches(geometry, x, y, z):
     return (x - c_x) * n_x + (y - c_y) * n_y + (z - c_z) * n_z <= 0.0
 
 
-@njit(cache=True)
-def _reachable(geometry, p_B):
-    reachable = np.empty(p_B.shape[0], dtype=np.bool_)
-    for row in range(p_B.shape[0]):
+@entry("nothing", "doubles", "doubles", "int", "bytes")
+def _reachable(lengths, positions, poses, reachable):
+    geometry = Geometry(lengths[0], lengths[1], lengths[2], lengths[3])
+    p_B = carray(positions, (poses, 3))
+    for row in range(poses):
         x, y, z = p_B[row]
         reachable[row] = _reaches(geometry, x, y, z)
-    return reachable
 
 
 def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
@@ -66,7 +67,9 @@ def is_reachable(geometry: Geometry, p_B: ArrayLike) -> NDArray[np.bool_]:
         InputRefused: p_B is not finite or not of shape (..., 3).
     """
     p_B = triples(p_B, "p_B")
-    return _reachable(geometry, p_B.reshape(-1, 3)).reshape(p_B.shape[:-1])
+    reachable = np.empty(p_B.shape[:-1], dtype=np.bool_)
+    _reachable(np.array(geometry, dtype=float), np.ascontiguousarray(p_B), reachable.size, reachable)
+    return reachable
 
 
 def height_range(geometry: Geometry, x: float, y: float) -> tuple[float, float]:

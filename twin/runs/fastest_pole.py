@@ -4,8 +4,7 @@ import numpy as np
 
 from twin.errors import Unreachable
 from twin.experiment.experiment import Experiment
-from twin.plant.component import STILL
-from twin.plant.dynamics import UNTOUCHED, derivative_near, settle_friction
+from twin.plant.equations import Equations
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import STATES, PlantParameters
 from twin.runs.assembly.true_parameters import plant_parameters
@@ -53,15 +52,12 @@ def fastest_pole(experiment: Experiment) -> float:
 
 def _fastest(parameters: PlantParameters, x: np.ndarray, theta_m: np.ndarray) -> float:
     jacobian = np.empty((STATES, STATES))
-    ahead, behind = np.empty(STATES), np.empty(STATES)
+    plant = Equations(parameters)
     # dry friction is stiffest while it holds
-    held = UNTOUCHED.copy()
-    settle_friction(parameters, x, theta_m, held)
+    plant.hold(x, theta_m)
     for i, small in enumerate(SMALL):
         step = small * np.eye(STATES)[i]
-        derivative_near(parameters, x + step, theta_m, STILL, STILL, held, ahead)
-        derivative_near(parameters, x - step, theta_m, STILL, STILL, held, behind)
-        jacobian[:, i] = (ahead - behind) / (2.0 * small)
+        jacobian[:, i] = (plant.derivative(x + step, theta_m) - plant.derivative(x - step, theta_m)) / (2.0 * small)
     if not np.isfinite(jacobian).all():
         return np.inf
     return float(np.abs(np.linalg.eigvals(jacobian)).max())

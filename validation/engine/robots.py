@@ -92,7 +92,7 @@ class TwinsRobot:
     @staticmethod
     def _accelerated(c: PlantParameters, p_B: Numbers, v_B: Numbers, theta_m: Numbers) -> Numbers:
         state = tuple(p_B), tuple(v_B), (0.0, 0.0), tuple(theta_m)
-        return np.array(acceleration(c, *state, STILL, STILL, apex_frame(c), NO_ANCHOR)[0])
+        return np.array(acceleration.compiled(c, *state, STILL, STILL, apex_frame(c), NO_ANCHOR)[0])
 
 
 class EnginesRobot:

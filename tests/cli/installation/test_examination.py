@@ -10,9 +10,9 @@ from twin.cli.installation import caches, surroundings
 from twin.cli.installation.caches import compiled_finding, unpacked_finding
 from twin.cli.installation.examination import examination_text, examined, verdict
 from twin.cli.installation.finding import Finding
-from twin.cli.installation.native import compiled_pieces
 from twin.cli.installation.packages import installed_table, package_findings
 from twin.cli.installation.surroundings import disk_finding, drives_finding, home_finding, smoke_finding
+from twin.compiled import store
 from twin.drive.unpacked import unpacked
 
 PROJECT = {"requires-python": ">=3.11", "dependencies": ["numpy>=2.0"]}
@@ -107,22 +107,21 @@ def test_drives_that_do_not_fit_are_named_and_only_the_default_one_is_needed(tmp
 
 
 def test_compiled_code_is_cold_where_nothing_is(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    monkeypatch.setattr(caches, "folder", lambda: tmp_path)
+    assert compiled_finding().text.startswith("nothing yet: the first run compiles")
+    store.keep("plant.o", bytes(3_000_000))
+    assert compiled_finding().text == f"3 MB kept in {tmp_path}, which only you can write to"
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    assert compiled_pieces() == 0
-    assert "the first run compiles" in compiled_finding().text
-    (tmp_path / "plant").mkdir()
-    (tmp_path / "plant" / "dynamics.nbc").write_bytes(bytes(3_000_000))
-    assert compiled_pieces() == 1
     assert compiled_finding().text == f"3 MB kept in {tmp_path}, as NUMBA_CACHE_DIR says"
 
 
 def test_compiled_code_that_was_damaged_or_is_not_kept_is_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setenv("NUMBA_CACHE_DIR", str(tmp_path))
-    monkeypatch.setattr(caches, "is_own", lambda folder: True)
-    (tmp_path / "dynamics.nbc").write_bytes(b"no seal")
+    monkeypatch.setattr(store, "folder", lambda: tmp_path)
+    (tmp_path / "dynamics.o").write_bytes(b"no seal")
     told = compiled_finding()
     assert told.state == "ok"
-    assert told.text.endswith("which only you can write to; 1 changed since (dynamics.nbc), compiled again when needed")
+    assert told.text.endswith("which only you can write to; 1 changed since (dynamics.o), compiled again when needed")
     monkeypatch.setattr(caches, "refusal", lambda: "it is somebody else's")
     assert compiled_finding() == Finding("compiled", "lacks", "every command compiles anew: it is somebody else's")
 

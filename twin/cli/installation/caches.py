@@ -4,11 +4,8 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
-from twin.cache_folder import files_below
 from twin.cli.installation.finding import Finding
-from twin.cli.installation.native import compiled_folder, compiled_pieces
-from twin.compiled.cache import is_own, refusal
-from twin.compiled.seal import damaged_files
+from twin.compiled.store import VARIABLE, damaged_files, folder, object_files, refusal
 from twin.drive.unpacked import shelf
 from twin.errors import InputRefused
 
@@ -16,19 +13,15 @@ SAFE = "which only you can write to"
 
 
 def compiled_finding() -> Finding:
-    """Whether what numba compiles can be kept, is there already, and is as it was written."""
-    folder = compiled_folder()
+    """Whether what is compiled can be kept, is there already, and is as it was written."""
     if refusal():
         return Finding("compiled", "lacks", f"every command compiles anew: {refusal()}")
-    if not os.access(folder, os.W_OK):
-        return Finding("compiled", "lacks", f"{folder} cannot be written: every run compiles anew; set NUMBA_CACHE_DIR")
-    own = is_own(folder)
-    place = f"{folder}, {SAFE if own else 'as NUMBA_CACHE_DIR says'}"
-    if not compiled_pieces():
+    place = f"{folder()}, {f'as {VARIABLE} says' if os.environ.get(VARIABLE) else SAFE}"
+    files = object_files()
+    if not files:
         return Finding("compiled", "ok", f"nothing yet: the first run compiles, some seconds; kept in {place}")
-    size = sum(file.stat().st_size for file in files_below(folder) if file.is_file())
-    damaged = damaged_files(folder) if own else []
-    return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {place}{_told(damaged, 'compiled again')}")
+    size = sum(file.stat().st_size for file in files)
+    return Finding("compiled", "ok", f"{size / 1e6:.0f} MB kept in {place}{_told(damaged_files(), 'compiled again')}")
 
 
 def unpacked_finding() -> Finding:

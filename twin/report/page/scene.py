@@ -59,7 +59,7 @@ def surface(contact: Mapping[str, Any]) -> list[list[list[float]]]:
         contact: the experiment's [contact]. Shapes and axes are those of `twin.plant.surface`.
     """
     tilts = SimpleNamespace(**{name: math.radians(contact.get(f"{name}_deg", 0.0)) for name in ("tilt", "tilt_x")})
-    e_1, e_2, n = (np.array(axis) for axis in apex_frame.py_func(tilts))
+    e_1, e_2, n = (np.array(axis) for axis in apex_frame(tilts))
     shape, radius = contact.get("shape", "plane"), contact.get("radius_mm", math.inf)
     # round bodies are drawn to where they fall away by 45 degrees at most
     reach = np.linspace(-1.0, 1.0, LINES + 1) * min(PATCH, 0.5 * radius)

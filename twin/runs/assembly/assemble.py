@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import Any
 
-from twin.compiled.store import help_with
+from twin.compiled.native import help_with
 from twin.cosim.component import Component
 from twin.cosim.system import System
 from twin.cosim.wiring import End, Feeds, wires

@@ -45,7 +45,7 @@ MOTOR, LINK, AXLE, ROD = 0.018, 0.009, 0.006, 0.004
 """Diameters (m)."""
 
 # turns that lay a cylinder, whose axis is z, along another axis
-ALONG_X, ALONG_Y = turn.py_func(Y, 0.5 * math.pi), turn.py_func(X, 0.5 * math.pi)
+ALONG_X, ALONG_Y = turn(Y, 0.5 * math.pi), turn(X, 0.5 * math.pi)
 
 
 def scene_update(geometry: Geometry, contact: Contact) -> SceneUpdate:
@@ -100,7 +100,7 @@ def _surface(contact: Contact) -> SceneEntity:
 
 def _axles(radius: float, diameter: float, color: Color) -> list[CylinderPrimitive]:
     """A cylinder along each leg's joint axis, as wide as a parallelogram, `radius` away from the frame's origin."""
-    lying = [product.py_func(turn.py_func(Z, phi), ALONG_Y) for phi in PHI]
+    lying = [product(turn(Z, phi), ALONG_Y) for phi in PHI]
     return [_cylinder(diameter, 2.0 * HALF_WIDTH, color, pose(radius * OUTWARD[leg], lying[leg])) for leg in range(3)]
 
 

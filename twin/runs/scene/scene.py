@@ -70,7 +70,7 @@ class Scene:
 
 def surface_pose(contact: Contact) -> NDArray[np.float64]:
     """Position and quaternion of the surface at rest in B, (7,): its apex, R_y(tilt) R_x(tilt_x) as in the plant."""
-    q = product.py_func(turn.py_func(Y, contact.tilt), turn.py_func(X, contact.tilt_x))
+    q = product(turn(Y, contact.tilt), turn(X, contact.tilt_x))
     return np.concatenate([[0.0, 0.0, contact.height], q])
 
 

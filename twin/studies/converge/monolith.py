@@ -16,16 +16,16 @@ from scipy.integrate import DOP853
 
 from twin.controller.estimator import Estimator
 from twin.experiment.experiment import Experiment
-from twin.plant.component import OUTPUTS, STILL, outputs, settle
+from twin.plant.component import OUTPUTS
 from twin.plant.encoder import Encoder
+from twin.plant.equations import MOTION, Equations
 from twin.plant.equilibrium import resting
-from twin.plant.surface import apex_frame
 from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.computer import controller
 from twin.runs.assembly.drives import ALONE, DrivePlan
 from twin.runs.assembly.true_parameters import plant_parameters, shafts, surface_motions
 from twin.studies.converge.by_hand import Sampled
-from twin.studies.converge.coupled import MOTION, coupled_derivative
+from twin.studies.converge.coupled import Coupled
 
 # 1e-10 m, m/s and rad are 1e-6 N; the bristle's rate jumps whenever friction sticks or slips, and 1e-8 m of it are
 # 4e-5 N
@@ -34,7 +34,7 @@ RTOL, ATOL = 1e-9, np.array([1e-10] * 12 + [1e-8] * 2)
 
 @dataclass(frozen=True)
 class Servos:
-    """The constants of `coupled_derivative`, and the limits within which it is the drives' equation; (3,) each.
+    """The constants of `Coupled`, and the limits within which it is the drives' equation; (3,) each.
 
     Attributes:
         T_m: s.
@@ -99,7 +99,7 @@ def monolithic_rows(
     Args:
         experiment: its [cosim] plays no role.
         drives: behind the joints.
-        rtol, atol: tolerances of the solver, (14,) as the state of `coupled_derivative`.
+        rtol, atol: tolerances of the solver, (14,) as the state of `Coupled`.
 
     Returns:
         Outputs of the plant by "plant.port", and "theta_m", "omega_m" and "omega_ref" (n, 3): one row per tick of the
@@ -111,29 +111,30 @@ def monolithic_rows(
     encoder = Sampled(Encoder(*shafts(p)))
     estimator = Sampled(Estimator(belief(experiment), experiment.controller.gravity_compensation))
     law = Sampled(controller(experiment))
+    plant, coupled = Equations(parameters), Coupled(parameters, drives.T_m, drives.droop)
     T_s = experiment.controller_ticks * experiment.cosim.tick
     y = np.empty(experiment.duration_ticks // experiment.controller_ticks + 1, dtype=MOTION)
     shaft = np.empty((len(y), 9))
     for k, row in enumerate(y):
         shaft[k, :6] = x[:6]
-        outputs(parameters, x[6:], x[:3], STILL, STILL, row)
+        y[k] = plant.outputs(x[6:], x[:3])[0]
         estimate = estimator.named(encoder.named({"theta_m": x[:3], "theta_l": row["theta_l"]}))
         omega_ref = shaft[k, 6:] = law.named(estimate, k * T_s, T_s)["omega_ref"]
 
         def rate(_t: float, x: NDArray[np.float64], omega_ref: NDArray[np.float64] = omega_ref) -> NDArray[np.float64]:
-            return coupled_derivative(parameters, drives.T_m, drives.droop, omega_ref, x)
+            return coupled.derivative(omega_ref, x)
 
         solver = DOP853(rate, 0.0, x, T_s, first_step=T_s, rtol=rtol, atol=atol)
         while solver.status == "running":
             solver.step()
         x = solver.y
-        settle(parameters, apex_frame(parameters), x[6:], STILL, STILL)
+        x[6:] = plant.settled(x[6:])
     rows = {f"plant.{port.name}": np.reshape(y[port.name], (len(y), -1)) for port in OUTPUTS}
     return rows | {"theta_m": shaft[:, :3], "omega_m": shaft[:, 3:6], "omega_ref": shaft[:, 6:]}
 
 
 def within_limits(rows: dict[str, NDArray[np.float64]], drives: Servos) -> bool:
-    """Whether the servos stayed what `coupled_derivative` says, at every tick of the controller.
+    """Whether the servos stayed what `Coupled` says, at every tick of the controller.
 
     That is where acceleration and torque are largest: between two commands a servo only relaxes.
     """

@@ -98,7 +98,8 @@ def pose(belief: Belief, theta_l: NDArray[np.float64]) -> Pose:
     p_B = position(geometry, theta_l)
     J = jacobian_rows(geometry, theta_l, p_B)
     inverse = np.asarray(np.linalg.inv(J), dtype=np.float64)
-    return Pose(p_B, J, arm_gravity_torque(belief, belief, theta_l), inverse[:, 2])
+    arms = np.vectorize(lambda theta: arm_gravity_torque(belief, belief, theta))(theta_l)
+    return Pose(p_B, J, arms, inverse[:, 2])
 
 
 def wind_up(x: NDArray[np.float64], seen: Windows, N: float) -> NDArray[np.float64]:

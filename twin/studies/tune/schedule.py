@@ -210,10 +210,11 @@ def _corners(base: Tuned, places: Sequence[OperatingPoint], K: float, undamped: 
 
 def _between(base: Tuned, places: Sequence[OperatingPoint], points: Sequence[Point]) -> list[Prediction]:
     table = table_of([SchedulePoint(point.stiffness, point.gains.force_kp, point.gains.force_ki) for point in points])
+    table = table.view(np.recarray)
     found = []
     for below, above in pairwise(points):
         K = float(np.sqrt(below.stiffness * above.stiffness))
-        gains = LawGains(base.after.gains.kp, *gains_at(table, 0, K)[:2])
+        gains = LawGains(base.after.gains.kp, *map(float, gains_at(table, 0, K)[:2]))
         found += [predicted(corner, gains) for corner in _corners(base, places, K)]
     return found
 

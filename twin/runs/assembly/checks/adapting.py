@@ -132,7 +132,7 @@ def _unstable(computer: Computer, plant: TrueRobot, start: Triple) -> Iterator[s
     """The first set of gains that shakes on the stiffness that it is for: of a point, or between two."""
     loop = believed_loop(computer, plant, start)
     points = [SchedulePoint.made(point) for point in computer.force.schedule]
-    table = table_of(points)
+    table = table_of(points).view(np.recarray)
     tried = [(f"point {n}", point) for n, point in enumerate(points, start=1)]
     for n, (below, above) in enumerate(pairwise(points), start=1):
         middle = float(np.sqrt(below.stiffness * above.stiffness))

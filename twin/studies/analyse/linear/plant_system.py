@@ -9,10 +9,10 @@ import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.cosim.port import Port, port_record
-from twin.plant.component import INPUTS, OUTPUTS, STILL, outputs
-from twin.plant.dynamics import derivative
-from twin.plant.parameters import STATES, PlantParameters
+from twin.cosim.port import Port
+from twin.plant.component import INPUTS, OUTPUTS
+from twin.plant.equations import Equations
+from twin.plant.parameters import PlantParameters
 
 STATE_LABELS = ["p_B_x", "p_B_y", "p_B_z", "v_B_x", "v_B_y", "v_B_z", "z_b_1", "z_b_2"]
 
@@ -75,12 +75,9 @@ def linear_plant(parameters: PlantParameters, x: NDArray, theta_m: NDArray) -> c
 
 
 def _derivative(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
-    dx = np.empty(STATES)
-    derivative(PlantParameters(**params), x, u, STILL, STILL, dx)
-    return dx
+    return Equations(PlantParameters(**params)).derivative(x, u)
 
 
 def _outputs(t: float, x: NDArray, u: NDArray, params: dict[str, Any]) -> NDArray[np.float64]:
-    y = np.empty(1, dtype=port_record(OUTPUTS))
-    outputs(PlantParameters(**params), x, u, STILL, STILL, y[0])
-    return y.view(np.float64)
+    y: NDArray[np.float64] = Equations(PlantParameters(**params)).outputs(x, u).view(np.float64)
+    return y

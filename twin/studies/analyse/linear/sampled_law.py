@@ -9,10 +9,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from twin.compiled.native import entry
 from twin.controller.belief import BELIEF, Belief
 from twin.controller.damping import DAMPER, Damping, damp, damper
 from twin.controller.estimator import ESTIMATE, estimate
 from twin.controller.pid import PID, Gains, accept, low_pass_share, proposal
+from twin.cosim.record import memory_of, record
 from twin.studies.analyse.linear.drive_model import Matrix
 
 STEP = 1e-6
@@ -22,6 +24,26 @@ LOOPS = ("position_x", "position_y", "position_z", "force")
 """Where the loops can be opened: the three outputs of the position law (m/s), and dp_z of the force law (m)."""
 REFERENCES = ("p_ref_B_x", "p_ref_B_y", "p_ref_B_z", "F_z_ref")
 ESTIMATED = ("p_B_x_estimated", "p_B_y_estimated", "p_B_z_estimated", "F_z")
+
+
+_ESTIMATION = record(belief=BELIEF, gravity_compensation="i8", counts=("f8", (6,)), y=ESTIMATE)
+
+
+@entry("nothing", _ESTIMATION)
+def _estimate(m):
+    estimate(m.belief, m.gravity_compensation, m.counts[:3], m.counts[3:], m.y)
+
+
+@entry("double", PID, "double", "double")
+def _control(pid, error, h):
+    output, integral = proposal(pid, error, h)
+    accept(pid, integral)
+    return output
+
+
+@entry("nothing", DAMPER, "double", "doubles", "double", "doubles")
+def _give_way(felt, torque_per_spring, tau_l, h, lead):
+    damp(felt, torque_per_spring, tau_l, h, lead)
 
 
 class Settings(NamedTuple):
@@ -71,12 +93,13 @@ def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standin
     Raises:
         numpy.linalg.LinAlgError: the pose is singular.
     """
-    model = np.array([tuple(belief)], dtype=BELIEF)[0]
+    at = memory_of(_ESTIMATION, belief=tuple(belief), gravity_compensation=gravity_compensation)
     per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)
 
     def estimated(angles: Matrix) -> np.void:
-        y, counts = np.empty(1, dtype=ESTIMATE)[0], angles * per_turn
-        estimate(model, gravity_compensation, counts[:3], counts[3:], y)
+        at["counts"] = angles * per_turn
+        _estimate(at)
+        y: np.void = at["y"][0].copy()
         return y
 
     ahead, behind = ([estimated(read + way * e) for e in np.eye(6)] for way in (STEP, -STEP))
@@ -133,10 +156,9 @@ def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Mat
 
 def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:
     """(output, state) of one loop that nothing limits; its state is integral, derivative, last error."""
-    pid = np.array([(*gains, *state, 1)], dtype=PID)[0]
-    output, integral = proposal(pid, error, h)
-    accept(pid, integral)
-    return output, np.array([pid["integral"], pid["derivative"], pid["error"]])
+    pid = np.array([(*gains, *state, 1)], dtype=PID)
+    output = _control(pid, error, h)
+    return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
 
 
 def _damped(settings: Settings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
@@ -144,6 +166,6 @@ def _damped(settings: Settings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Ma
     lead = np.zeros(3)
     if settings.damping is None:
         return lead, slow
-    felt = np.array([damper(settings.damping, slow, started=True)], dtype=DAMPER)[0]
-    damp(felt, settings.N * settings.eta, tau_l, settings.period, lead)
-    return lead, felt["slow"].copy()
+    felt = np.array([damper(settings.damping, slow, started=True)], dtype=DAMPER)
+    _give_way(felt, settings.N * settings.eta, tau_l, settings.period, lead)
+    return lead, felt["slow"][0].copy()

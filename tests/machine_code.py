@@ -1,0 +1,46 @@
+"""Tests call compiled functions as machine code; where the twin's own Python calls one, it calls its source."""
+
+import functools
+import hashlib
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from twin.cache_folder import evict
+from twin.compiled.function import Function
+from twin.places import PACKAGE, sources
+
+KEPT = 3
+"""Sources whose machine code is kept."""
+
+
+def call_compiled() -> None:
+    """From now on, in this process."""
+    Function.__call__ = _called  # type: ignore[method-assign, assignment]
+
+
+def _called(function: Function, *arguments: Any) -> Any:
+    by_test = sys._getframe(1).f_globals.get("__name__", "").startswith("tests.")
+    return (_compiled(function) if by_test else function.__wrapped__)(*arguments)
+
+
+@functools.cache
+def _compiled(function: Function) -> Callable:
+    import numba
+
+    numba.config.CACHE_DIR = str(_folder())
+    made: Callable = numba.njit(**function.options)(function.__wrapped__)
+    return made
+
+
+@functools.cache
+def _folder() -> Path:
+    """Of what numba keeps: it looks at a function's own file only, so each source has a folder of its own."""
+    digest = hashlib.sha256()
+    for name, source in sources(str(PACKAGE)).items():
+        digest.update(name.encode() + b"\0" + source + b"\0")
+    folder = PACKAGE / "__pycache__" / "tests" / digest.hexdigest()[:16]
+    folder.mkdir(parents=True, exist_ok=True)
+    evict(folder.parent, KEPT)
+    return folder

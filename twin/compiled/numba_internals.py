@@ -1,0 +1,107 @@
+"""All that is used of numba's insides: private names, and modules of `numba.core`, which a new version may change.
+
+`pyproject.toml` allows no version for which the tests of this file were not run. Numba is imported when one of them is
+used.
+"""
+
+import gc
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import cache
+from typing import Any
+
+SELDOM = (50_000, 20, 20)
+"""When garbage is looked for (`gc.set_threshold`). Numba makes objects by the million, hardly any of them in circles;
+to look as often as usual takes a tenth of all."""
+
+
+class Typed:
+    """What numba meets in the source of a function, and asks for its type."""
+
+    @property
+    def made(self) -> Any:
+        """What numba works with in its place."""
+        raise NotImplementedError
+
+    @property
+    def _numba_type_(self) -> Any:
+        return _target().typing_context.resolve_value_type(self.made)
+
+
+def refresh() -> None:
+    """Let numba see what was registered while it is in the middle of a compilation."""
+    _target().typing_context.refresh()
+    _target().target_context.refresh()
+
+
+def inner_module(signature: Any, function: Callable) -> tuple[str, str]:
+    """(name of the inner function, LLVM's assembly of the module) of `function`, compiled as a `cfunc`."""
+    from numba import cfunc
+
+    with _unexecuted():
+        # anew: what comes from numba's cache has no module
+        compiled = cfunc(signature, error_model="numpy")(function)
+    return compiled._wrapper_name.removeprefix("cfunc."), str(compiled._library._final_module)
+
+
+def declared(module: Any, kind: Any, name: str) -> Any:
+    """The function `name` of LLVM's type `kind`, declared in `module`."""
+    from numba.core import cgutils
+
+    return cgutils.get_or_insert_function(module, kind, name)
+
+
+def infer(function: Any, *signatures: tuple[Any, ...]) -> None:
+    """Make known what `function` returns for arguments: (returned, arguments ...) each."""
+    from numba.core.typing.templates import ConcreteTemplate, infer_global, signature
+
+    cases = [signature(*types) for types in signatures]
+    infer_global(function)(type("Told", (ConcreteTemplate,), {"key": function, "cases": cases}))
+
+
+def _target() -> Any:
+    from numba.core.registry import cpu_target
+
+    return cpu_target
+
+
+@contextmanager
+def _unexecuted() -> Iterator[None]:
+    """Meanwhile what is compiled has no address; what calls it later takes it in, and may have one.
+
+    To make machine code of every function takes a tenth of the time, and nobody would call it: the machine code that is
+    called is made of the module of the outermost function, which has all others in it.
+    """
+    codegen = _target().target_context.codegen()
+    before, often = type(codegen), gc.get_threshold()
+    codegen.__class__ = _codegen()
+    gc.set_threshold(*SELDOM)
+    try:
+        yield
+    finally:
+        codegen.__class__ = before
+        gc.set_threshold(*often)
+
+
+@cache
+def _codegen() -> type:
+    """Numba's, which leaves what it compiles at an optimised and linked module."""
+    from numba.core.codegen import JITCodeLibrary, JITCPUCodegen
+
+    class Library(JITCodeLibrary):  # type: ignore[misc]
+        def get_pointer_to_function(self, name: str) -> int:
+            self._ensure_finalized()
+            return 0
+
+        def _finalize_final_module(self) -> None:
+            self._finalize_dynamic_globals()
+            self._verify_declare_only_symbols()
+            self._finalized = True
+
+    class Codegen(JITCPUCodegen):  # type: ignore[misc]
+        _library_class = Library
+
+        def set_env(self, env_name: str, env: Any) -> None:
+            """Nothing: it lies in machine code, for functions that Python calls."""
+
+    return Codegen
