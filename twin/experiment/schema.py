@@ -1,4 +1,4 @@
-"""The tables of an experiment file. Keys carry units, attributes are SI (see `quantity.py`)."""
+"""The tables of an experiment file that no part declares. Keys carry units, attributes are SI (see `twin.settings`)."""
 
 import math
 from typing import Annotated, Any, Literal

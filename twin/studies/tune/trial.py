@@ -10,7 +10,8 @@ from twin.errors import ComponentFailed
 from twin.experiment.experiment import Experiment
 from twin.experiment.reference import WayPoints
 from twin.runs.assembly.assemble import assemble
-from twin.runs.assembly.tunable import FORCE_REFERENCE, PLACES
+from twin.runs.assembly.declared import PLACES
+from twin.runs.assembly.tunable import FORCE_REFERENCE
 from twin.runs.loop import simulate
 from twin.runs.outcome import RunOutcome, Tally
 from twin.runs.trace import Trace
