@@ -94,7 +94,12 @@ class Function(Name):
         update_wrapper(self, function)
 
     def __call__(self, *arguments: Any) -> Any:
-        return self.__wrapped__(*arguments)
+        try:
+            with np.errstate(all="ignore"):
+                return self.__wrapped__(*arguments)
+        except (ArithmeticError, ValueError):
+            # compiled code has infinity and NaN where Python's mathematics raises; such arguments are rare
+            return self.compiled(*arguments)
 
     @cached_property
     def compiled(self) -> Callable:

@@ -52,12 +52,27 @@ def surface_frame(parameters, x, y, z):
     return frame_at(parameters, apex_frame(parameters), x + head[0], y + head[1], z + head[2])
 
 
-@njit(cache=True, error_model="numpy", forceinline=True)
-def frame_at(parameters, apex, x, y, z):
-    """As `surface_frame`, at (x, y, z) itself; `apex` is the frame at the apex."""
-    a_1, a_2, a_3 = apex
+@njit(cache=True)
+def surface_depth(parameters, x, y, z):
+    """Depth (m, positive inside) of the head when O_P is at (x, y, z) of B."""
+    head, apex = parameters.head, apex_frame(parameters)
+    x, y, z = x + head[0], y + head[1], z + head[2]
     if parameters.shape == Shape.PLANE:
-        return -a_3[0] * x - a_3[1] * y + a_3[2] * (parameters.z_s - z), a_1, a_2, a_3
+        return plane_depth(parameters, apex[2], x, y, z)
+    return depth_and_offset(parameters, apex, x, y, z)[0]
+
+
+@njit(cache=True, forceinline=True)
+def plane_depth(parameters, normal, x, y, z):
+    """Depth (m) below a plane at (x, y, z)."""
+    return -normal[0] * x - normal[1] * y + normal[2] * (parameters.z_s - z)
+
+
+@njit(cache=True, forceinline=True)
+def depth_and_offset(parameters, apex, x, y, z):
+    """Depth (m) in a curved surface at (x, y, z), the offset from its centre or axis along the apex's axes and the
+    offset's length (m)."""
+    a_1, a_2, a_3 = apex
     R = parameters.radius
     height = z - parameters.z_s
     w_1, w_2, w_3 = dot(a_1, x, y, height), dot(a_2, x, y, height), dot(a_3, x, y, height)
@@ -68,7 +83,17 @@ def frame_at(parameters, apex, x, y, z):
     distance = math.sqrt(w_1 * w_1 + w_2 * w_2 + (w_3 + R) * (w_3 + R))
     # R - distance without the cancellation that a large R would bring
     depth = -(w_1 * w_1 + w_2 * w_2 + w_3 * w_3 + 2.0 * R * w_3) / (distance + R)
-    n_1, n_2, n_3 = w_1 / distance, w_2 / distance, (w_3 + R) / distance
+    return depth, w_1, w_2, w_3 + R, distance
+
+
+@njit(cache=True, error_model="numpy", forceinline=True)
+def frame_at(parameters, apex, x, y, z):
+    """As `surface_frame`, at (x, y, z) itself; `apex` is the frame at the apex."""
+    a_1, a_2, a_3 = apex
+    if parameters.shape == Shape.PLANE:
+        return plane_depth(parameters, a_3, x, y, z), a_1, a_2, a_3
+    depth, w_1, w_2, w_3, distance = depth_and_offset(parameters, apex, x, y, z)
+    n_1, n_2, n_3 = w_1 / distance, w_2 / distance, w_3 / distance
     turn = 1.0 / (1.0 + n_3)
     e_1 = _in_B(a_1, a_2, a_3, 1.0 - turn * n_1 * n_1, -turn * n_1 * n_2, -n_1)
     e_2 = _in_B(a_1, a_2, a_3, -turn * n_1 * n_2, 1.0 - turn * n_2 * n_2, -n_2)

@@ -13,7 +13,7 @@ from twin.experiment.task import Push, Tap
 from twin.plant.contact import contact_force
 from twin.plant.equilibrium import resting
 from twin.plant.parameters import PlantParameters
-from twin.plant.surface import surface_frame
+from twin.plant.surface import surface_depth
 from twin.robot.geometry import Geometry
 from twin.robot.inverse_kinematics import joint_angles
 from twin.runs.assembly.true_parameters import plant_parameters
@@ -111,7 +111,7 @@ def surface_height(parameters: PlantParameters, x: float, y: float) -> float:
     """Height (m) of the surface at (x, y)."""
 
     def depth(z: float) -> float:
-        return float(surface_frame(parameters, x, y, z)[0])
+        return float(surface_depth(parameters, x, y, z))
 
     return float(brentq(depth, parameters.z_s - DEEPEST, parameters.z_s + DEEPEST, xtol=1e-12))
 

@@ -13,7 +13,7 @@ from twin.experiment.task import Approach, Push, Roll, Tap, Task
 from twin.monitor.limits import Monitor
 from twin.plant.contact_law import elastic_force
 from twin.plant.parameters import PlantParameters, TrueRobot
-from twin.plant.surface import Shape, surface_frame
+from twin.plant.surface import Shape, surface_depth, surface_frame
 from twin.robot.geometry import Geometry
 from twin.robot.jacobian import jacobian
 from twin.runs.assembly.checks.clearance import obstructed
@@ -119,7 +119,7 @@ def _surface_height(plant: PlantParameters, x: float, y: float) -> float:
     """z of the surface (m) over (x, y); infinitely far below where a curved one ends."""
 
     def depth(z: float) -> float:
-        return float(surface_frame(plant, x, y, z)[0])
+        return float(surface_depth(plant, x, y, z))
 
     # here, because loading it takes a third of the time in which a process gets ready to run, and few bodies are curved
     from scipy.optimize import brentq
