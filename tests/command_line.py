@@ -22,7 +22,7 @@ GUARDED = (
     "twin.cli.run.guarded",
     "twin.cli.ask.guarded",
     "twin.cli.cosim.guarded",
-    "twin.studies.check.processes.guarded",
+    "twin.studies.check.job.guarded",
     "twin.studies.qualify.lifecycle.guarded",
 )
 """Where the commands find the function that runs a job in a process of its own."""

@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 _PUBLIC = {
     "Experiment": "twin.experiment.experiment:Experiment",
     "Run": "twin.runs.run:Run",
-    "check": "twin.studies.check.check:check",
+    "check": "twin.studies.check.job:check",
     "load": "twin.runs.assembly.load:load_experiment",
     "read": "twin.recording.reader:read",
     "run": "twin.runs.run:execute",

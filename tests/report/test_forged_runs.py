@@ -15,8 +15,7 @@ from twin.recording.export.export import export_recording
 from twin.report.page.page import write_report
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import SUMMARY, execute
-from twin.studies.compare.comparison import compared
-from twin.studies.compare.inputs import both
+from twin.studies.compare.comparison import both, compared
 from twin.studies.identify import study as identification
 from twin.studies.replay import study as replaying
 from twin.writing import json_text

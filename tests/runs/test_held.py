@@ -13,7 +13,7 @@ from twin.recording.reader import read
 from twin.runs.assembly.load import load_experiment
 from twin.runs.held import SIGNALS, Held, HeldForce
 from twin.runs.run import execute
-from twin.studies.paper.fig5_runs import task_runs
+from twin.studies.paper.fig5_measures import task_runs
 
 PRESS = {"kind": "press", "point_mm": (0.0, 0.0), "force_N": 8.0, "build_up_s": 1.0, "hold_s": 5.0}
 TAP = {

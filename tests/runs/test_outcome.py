@@ -5,7 +5,7 @@ import pytest
 
 from twin.recording.recording import Recording
 from twin.runs.outcome import Tally
-from twin.studies.metrics.tracking import rms
+from twin.studies.metrics.response import rms
 
 COLUMNS = {
     "plant.F_ee_B": slice(0, 3), "plant.p_B": slice(3, 6), "controller.p_ref_B": slice(6, 9),

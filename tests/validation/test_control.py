@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from twin.studies.analyse.linear import disk
-from twin.studies.metrics import distance, step
+from twin.studies.analyse.linear import margins as disk
+from twin.studies.metrics import requirement as distance
+from twin.studies.metrics import response as step
 from twin.studies.sweep.statistics import claims, sensitivity
 from validation.yardstick import Yardstick
 from validation.yardsticks import python_control, scipy_stats, temporal_logic
@@ -26,8 +27,8 @@ def test_what_is_printed_of_disk_margins_holds_and_what_is_off_by_a_fiftieth_doe
 
 def test_a_loop_of_which_python_control_has_the_same_sensitivity_is_given_to_it():
     control = pytest.importorskip("control")
+    from twin.studies.analyse.linear.loops import COMMANDS
     from twin.studies.analyse.linear.margins import sensitivity
-    from twin.studies.analyse.linear.sampled_robot import COMMANDS
 
     at = python_control.pressing()
     breaks = (*at.gains, *COMMANDS)

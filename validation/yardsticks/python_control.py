@@ -30,7 +30,7 @@ SYSTEMS = {
 
 def last_digits() -> Mapping[str, float]:
     """How far from what is printed of the lag, in units of the last digit."""
-    from twin.studies.analyse.linear.disk import DiskMargin, smallest_disk
+    from twin.studies.analyse.linear.margins import DiskMargin, smallest_disk
 
     omega = np.logspace(-1.0, 2.0, 1001)
     L = 25.0 / np.polyval((1.0, 10.0, 10.0, 10.0), 1j * omega)
@@ -45,7 +45,7 @@ def last_digits() -> Mapping[str, float]:
 
 def satellite() -> Mapping[str, float]:
     """How far from what is printed of the spinning satellite, of the value."""
-    from twin.studies.analyse.linear.disk import smallest_disk
+    from twin.studies.analyse.linear.margins import smallest_disk
 
     omega = np.logspace(-1.0, 3.0, 1001)
     found = {}
@@ -60,7 +60,7 @@ def satellite() -> Mapping[str, float]:
 def pressing() -> Any:
     """Fig. 4's loops where it presses."""
     from twin.runs.assembly.load import load_experiment
-    from twin.studies.analyse.linear_point import Linearised
+    from twin.studies.analyse.drive_response import Linearised
     from twin.studies.analyse.operating_point import operating_points
     from validation.masters.robot import ROOT
 
@@ -73,8 +73,7 @@ def opened(breaks: Sequence[str]) -> Any:
     """The loop gain of Fig. 4's loops, cut at all `breaks` at once, for python-control."""
     import control
 
-    from twin.studies.analyse.linear.loops import closed_loops
-    from twin.studies.analyse.linear.sampled_law import LOOPS
+    from twin.studies.analyse.linear.loops import LOOPS, closed_loops
 
     at = pressing()
     cut = {name: gain for name, gain in at.gains.items() if name not in breaks}
@@ -91,9 +90,8 @@ def beside_disk_margins() -> Mapping[str, float]:
     """Of Fig. 4's loops where it presses, at each frequency, of the value."""
     import control
 
-    from twin.studies.analyse.linear.disk import smallest_disk
-    from twin.studies.analyse.linear.margins import sensitivity
-    from twin.studies.analyse.linear.sampled_robot import COMMANDS
+    from twin.studies.analyse.linear.loops import COMMANDS
+    from twin.studies.analyse.linear.margins import sensitivity, smallest_disk
 
     at = pressing()
     omega = np.geomspace(0.1, 0.9 * np.pi / at.loops.dt, AT)
@@ -111,7 +109,7 @@ def beside_step_info(names: Sequence[str], unit: float) -> Mapping[str, float]:
     """Metrics of step responses, in `unit`."""
     import control
 
-    from twin.studies.metrics.step import step_info
+    from twin.studies.metrics.response import step_info
 
     found: dict[str, float] = {}
     for label, (numerator, denominator) in SYSTEMS.items():

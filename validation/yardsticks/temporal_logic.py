@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.experiment.requirement import requirement
-from twin.studies.metrics import distance
+from twin.studies.metrics import requirement as distance
 from validation.yardstick import Yardstick
 
 FORMULAS = 300

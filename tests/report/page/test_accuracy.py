@@ -12,8 +12,7 @@ from twin.report.page.page import report_page, write_report
 from twin.report.page.run import ReportRun
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
-from twin.studies.accuracy.budget import Budget, Contribution, accuracy_budget
-from twin.studies.accuracy.effects import NOT_MODELLED
+from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution, accuracy_budget
 
 BUDGET = Budget(
     name="fig4",

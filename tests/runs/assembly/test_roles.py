@@ -31,7 +31,7 @@ from twin.studies.analyse.stability import stability
 from twin.studies.converge.convergence import convergence
 from twin.studies.faults.matrix import healthy_trial
 from twin.studies.replay.model import model_for
-from twin.studies.tune.goals import Goals
+from twin.studies.tune.prediction import Goals
 from twin.studies.tune.tuned import tuned
 
 SHORT = "duration_s=0.2"

@@ -1,13 +1,34 @@
 """Fig. 4's robot in the hand, judged once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
-from twin.studies.analyse.linear.hand import DRIFT
-from twin.studies.analyse.passivity import Passivity, passivity
-from twin.studies.analyse.passivity_text import passivity_text
-from twin.studies.analyse.z_width import largest_passive
+from twin.controller.pid import Gains
+from twin.experiment.variation import with_model, with_plant
+from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.true_parameters import plant_parameters
+from twin.runs.loop import simulate
+from twin.runs.trace import Trace
+from twin.studies.analyse.drive_response import Linearised
+from twin.studies.analyse.linear.hand import (
+    DRIFT,
+    NOTHING,
+    FreePlant,
+    Hand,
+    hand_of,
+    hertz,
+    power_share,
+    robot_with,
+)
+from twin.studies.analyse.linear.loops import LOOPS, linear_law
+from twin.studies.analyse.linear.plant_system import linear_plant
+from twin.studies.analyse.nudge import NUDGED, held, undisturbed
+from twin.studies.analyse.operating_point import OperatingPoint, resting_point
+from twin.studies.analyse.passivity import RENDERED, WIDTH_FREQUENCIES, Passivity, largest_passive, passivity
+from twin.studies.analyse.text import passivity_text
 from twin.studies.steps import silent
 
 
@@ -61,3 +82,90 @@ def test_the_largest_passive_stiffness_is_bisected_from_the_map():
     found = largest_passive(lambda stiffness: 300.0 - stiffness, row)
     assert found == pytest.approx(300.0, rel=1e-3)
     assert largest_passive(lambda stiffness: 1.0, np.full(28, np.nan)) == 0.0
+
+
+DAMPING, MASS = 100.0, 0.5
+"""Virtual damping (N s/m); of what is in the hand (kg)."""
+INSIDE, OUTSIDE = 0.95, 1.05
+NUDGE, LONG = 3e-4, 20.0
+"""m, s."""
+AIR = undisturbed(shipped(), height=-0.15)
+"""Fig. 4 with its scale far below."""
+PRESSED_B = (0.0, 0.02, -0.105)
+"""m. Where Fig. 4 presses."""
+KP = AIR.controller.position.kp
+
+
+def at_rest(mass: float) -> OperatingPoint:
+    parameters = plant_parameters(AIR.plant, AIR.contact)
+    return resting_point("air", parameters._replace(m_p=parameters.m_p + mass), PRESSED_B, True)
+
+
+@pytest.fixture(scope="module")
+def shared() -> Linearised:
+    return Linearised(AIR, [at_rest(0.0)])
+
+
+def rendering(shared: Linearised, stiffness: float, mass: float) -> Hand:
+    """What a hand feels that holds the platform, with `mass` (kg) on it of which the controller knows."""
+    point = at_rest(mass)
+    of_it = shared.of(loaded(mass))
+    robot = robot_with(
+        FreePlant(linear_plant(point.parameters, point.x, point.theta_m)), NOTHING, of_it.drives, of_it.stepping
+    )
+    kp = stiffness / DAMPING
+    law = linear_law(
+        of_it.settings(True)._replace(position=Gains(kp), force=Gains(1.0 / stiffness)), of_it.estimation(point)
+    )
+    return hand_of(robot, law, dict(zip(LOOPS, (KP / kp, KP / kp, 1.0, 1.0), strict=True)))
+
+
+def loaded(mass: float):
+    heavy = with_plant(AIR, m_p=AIR.plant.m_p + mass)
+    return with_model(heavy, m_p=AIR.controller.model.m_p + mass)
+
+
+def edge(shared: Linearised) -> float:
+    """Largest virtual stiffness (N/m) that is rendered passively along z with `DAMPING`."""
+
+    def least(stiffness: float) -> float:
+        hand = rendering(shared, stiffness, 0.0)
+        omega = 2.0 * np.pi * hertz(hand.period, WIDTH_FREQUENCIES)
+        return float(power_share(hand.admittance(omega)[:, 2:, 2:]).min()) if hand.growth < DRIFT else np.nan
+
+    return largest_passive(least, np.array([least(stiffness) for stiffness in RENDERED]))
+
+
+def simulated(stiffness: float) -> float:
+    """Growth (1/s) along z of what a nudge leaves in the co-simulation with `MASS` in the hand."""
+    experiment, tick = loaded(MASS), AIR.cosim.tick
+    c = experiment.controller
+    gains = {
+        "position": c.position.model_copy(update={"kp": stiffness / DAMPING}),
+        "force": c.force.model_copy(update={"kp": 1.0 / stiffness, "ki": 0.0}),
+    }
+    experiment = held(replace(experiment, controller=c.model_copy(update=gains)), at_rest(MASS), NUDGE)
+    path = Trace(only=["plant.p_B"])
+    with assemble(replace(experiment, duration_ticks=round(LONG / tick))) as assembly:
+        assembly.system.component("controller").memory["position"]["kp"][0, :2] = KP  # type: ignore[attr-defined]
+        simulate(assembly, round(LONG / tick), [path])
+    z, width = path["plant.p_B"][:, 2], round(1.0 / tick)
+    begin = round((NUDGED + 0.3 * (LONG - NUDGED)) / tick)
+    return float(np.log(np.std(z[-width:]) / np.std(z[begin : begin + width])) / ((len(z) - width - begin) * tick))
+
+
+def test_just_inside_the_edge_a_mass_comes_to_rest_and_just_outside_it_swings(shared: Linearised):
+    stiffness = edge(shared)
+    assert 0.3 * 2137.0 < stiffness < 2137.0
+    inside, outside = (simulated(share * stiffness) for share in (INSIDE, OUTSIDE))
+    assert inside < 0.0 < outside
+    predicted = [rendering(shared, share * stiffness, MASS).growth for share in (INSIDE, OUTSIDE)]
+    # encoders, drives and coupling are the same; the nudge is not infinitely small
+    np.testing.assert_allclose([inside, outside], predicted, atol=0.02)
+
+
+def test_what_is_passive_is_stable_with_every_mass_and_what_is_not_with_some_not(shared: Linearised):
+    stiffness = edge(shared)
+    masses = (0.1, 0.3, 0.5, 0.7, 1.0)
+    assert all(rendering(shared, 0.9 * stiffness, mass).growth < DRIFT for mass in masses)
+    assert any(rendering(shared, OUTSIDE * stiffness, mass).growth > DRIFT for mass in masses)

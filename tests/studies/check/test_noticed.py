@@ -5,10 +5,8 @@ import pytest
 from tests.conftest import ROOT
 from tests.laws.runs import EXPERIMENTS
 from twin.runs.assembly.load import load_experiment
-from twin.studies.check.baseline import read_baseline
-from twin.studies.check.measurement import measured
-from twin.studies.check.signals import run_for_measures
-from twin.studies.check.verdict import CheckRow, verdict
+from twin.studies.check.baseline import CheckRow, read_baseline, verdict
+from twin.studies.check.measurement import measured, run_for_measures
 
 
 def broken(name: str, drive: str, override: str) -> dict[str, CheckRow]:

@@ -12,7 +12,7 @@ from tests.runs.made_up import made_up
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import checked_measures
 from twin.runs.assembly.beliefs import geometry_of
-from twin.studies.check.signals import Signals
+from twin.studies.check.measurement import Signals
 
 t: NDArray[np.float64] = np.arange(10_001, dtype=np.float64) * 1e-3
 EXPERIMENT = shipped("step_z_air")

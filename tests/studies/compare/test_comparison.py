@@ -1,3 +1,5 @@
+"""What differs in the experiments of two runs is what was made to differ."""
+
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -5,13 +7,33 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from tests.command_line import twin
 from twin.recording.logs.log import Log, LogSeries
-from twin.studies.compare.alignment import alignment
-from twin.studies.compare.comparison import Comparison, compared
-from twin.studies.compare.row import coverage
-from twin.studies.compare.tolerance import ComparisonRefused, rules
+from twin.recording.recording import Recording
+from twin.studies.compare.comparison import Comparison, compared, coverage, differences_text, experiments_differ
+from twin.studies.compare.tolerance import ComparisonRefused, alignment, rules
 
 from .logs import log_of
+
+
+def test_two_runs_say_what_differs_in_their_experiments(force_position: Recording, position: Recording, tmp_path: Path):
+    done = twin("compare", force_position.path, position.path, "--signal", "plant.p_B", cwd=tmp_path)
+    lines = done.stdout.splitlines()
+    place = lines.index("What differs in the experiments, A and B:")
+    assert lines[place + 1 : place + 2] == ["  controller.mode  force_position and position"]
+    assert max(map(len, lines[place:-2])) <= 80
+
+
+def test_the_same_experiment_differs_in_nothing(force_position: Recording):
+    differ = experiments_differ(force_position.path, force_position.path)
+    assert differ == {} and differences_text(differ) == ["", "Nothing differs in the experiments."]
+
+
+def test_a_log_of_somebody_else_says_of_no_experiment(force_position: Recording, tmp_path: Path):
+    (tmp_path / "log.csv").write_text("t\n0\n")
+    assert experiments_differ(force_position.path, tmp_path / "log.csv") is None
+    assert differences_text(None) == []
+
 
 T = np.arange(0.0, 10.0, 0.001)
 SPEED = 2.0 * np.pi

@@ -1,8 +1,7 @@
 """What a search cannot say is said."""
 
 from tests.studies.falsify.test_search import space
-from twin.studies.falsify.holes import Ended, Holes
-from twin.studies.falsify.space import Wrong
+from twin.studies.falsify.space import Ended, Holes, Wrong
 
 FIRST, SECOND, THIRD = (Wrong("drive_dead", f"drive_{i}", onset=500) for i in (1, 2, 3))
 

@@ -12,8 +12,8 @@ from tests.laws.runs import EXPERIMENTS
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
+from twin.studies.falsify.judge import judged
 from twin.studies.falsify.space import Space, Wrong
-from twin.studies.falsify.trial import judged
 
 PRESSING = EXPERIMENTS / "pressing.toml"
 TICK = 0.001

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from functools import cache
 
 from tests.laws.runs import shipped
-from twin.studies.faults.case import cases, known_kinds
-from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
-from twin.studies.faults.row import FaultOutcome, FaultRow
+from twin.studies.faults.matrix import FaultOutcome, FaultRow, cases, healthy_trial, known_kinds, matrix_rows, onsets_of
 
 
 def matrix(name: str, *kinds: str, overrides: Sequence[str] = ()) -> list[FaultRow]:

@@ -1,6 +1,7 @@
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from tests.laws.runs import shipped
@@ -8,9 +9,86 @@ from tests.studies.faults.pressing import matrix, pressing
 from twin.errors import InputRefused, SafetyTrip
 from twin.experiment.fault_catalogue import CATALOGUE
 from twin.experiment.fault_kind import NEVER
-from twin.studies.faults.case import cases
-from twin.studies.faults.matrix import healthy_trial, matrix_rows
+from twin.studies.faults.matrix import (
+    GLITCH_SHARE,
+    FaultTrial,
+    cases,
+    default_onsets,
+    healthy_trial,
+    known_kinds,
+    matrix_rows,
+    touching,
+)
 from twin.studies.faults.text import fault_matrix_table, fault_matrix_text
+
+
+def test_there_is_a_case_for_every_kind_magnitude_and_onset():
+    made = cases(shipped("pressing"), known_kinds(()), (0.5, 5.5), None)
+    assert {case.fault.kind for case in made} == set(CATALOGUE)
+    assert len(made) == 2 * sum(len(known.magnitudes or (None,)) for known in CATALOGUE.values())
+    assert all(case.fault.end == NEVER for case in made)
+
+
+def test_a_case_is_in_si_and_ticks_and_lasts_as_long_as_asked():
+    (*_, case) = cases(shipped("pressing"), ("surface_jump",), (2.0,), 0.5)
+    assert case.magnitude == 10.0
+    assert (case.fault.magnitude, case.fault.onset, case.fault.end) == (10e-3, 2000, 2500)
+    assert case.fault.target == CATALOGUE["surface_jump"].targets[0]
+
+
+def test_glitches_hit_the_share_that_the_documentation_states():
+    assert {case.fault.share for case in cases(shipped("pressing"), ("encoder_glitch",), (1.0,), None)} == {
+        GLITCH_SHARE
+    }
+
+
+def test_kinds_come_in_the_catalogues_order():
+    assert known_kinds(("drive_dead", "encoder_bias")) == ("encoder_bias", "drive_dead")
+
+
+def test_a_misspelt_kind_is_told_with_the_right_one():
+    with pytest.raises(InputRefused, match=r"--kind drive_runway: .*did you mean 'drive_runaway'"):
+        known_kinds(("drive_runway",))
+
+
+@pytest.mark.parametrize(
+    ("onset", "duration", "told"),
+    [
+        (13.0, None, r"--onset 13: outside the experiment; expected 0 <= S < 13"),
+        (-1.0, None, "--onset -1: outside"),
+        (1.0, 0.0, "--duration 0: a fault lasts longer"),
+        (1.0005, None, "not a whole number of ticks"),
+    ],
+)
+def test_a_time_that_cannot_be_is_one_sentence(onset, duration, told):
+    with pytest.raises(InputRefused, match=told):
+        cases(shipped("pressing"), ("surface_jump",), (onset,), duration)
+
+
+def healthy(force, z) -> FaultTrial:
+    return FaultTrial(np.array(force, dtype=float), np.array(z, dtype=float), None, None, "", "")
+
+
+def test_onsets_are_the_middles_of_the_descent_and_of_the_longest_contact():
+    # rests for 4 ticks, falls from tick 3 on, touches from tick 9 to 11 and from 14 to 20
+    z = [5, 5, 5, 5, 4, 3, 2, 1, 0, -1, -1, -1, 0, 0, -1, -1, -1, -1, -1, -1, -1, 0]
+    force = [0] * 9 + [1] * 3 + [0] * 2 + [1] * 7 + [0]
+    free, contact = default_onsets(healthy(force, z))
+    assert free == (3 + 9) // 2
+    assert contact == (14 + 21) // 2
+
+
+def test_a_robot_that_touches_from_the_start_has_both_onsets_too():
+    assert default_onsets(healthy([2, 2, 2, 0], [0, 0, 0, 1])) == (0, 1)
+
+
+def test_a_lighter_touch_than_half_a_newton_is_none():
+    assert not touching(healthy([0.4, 0.49], [0, 0])).any()
+
+
+def test_a_run_without_contact_asks_for_an_onset():
+    with pytest.raises(InputRefused, match=r"touches nothing.*--onset S"):
+        default_onsets(healthy([0, 0], [1, 0]))
 
 
 def test_the_matrix_of_pressing_is_as_it_was_said_before():

@@ -15,7 +15,7 @@ from twin.robot.inverse_kinematics import joint_angles
 from twin.robot.jacobian import jacobian
 from twin.robot.statics import joint_torques
 from twin.studies.identify.identification import Identification, identified
-from twin.studies.identify.parameters import (
+from twin.studies.identify.windows import (
     BACKLASH,
     COMPLIANCE,
     DAMPING,
@@ -24,10 +24,10 @@ from twin.studies.identify.parameters import (
     JOINT_ZERO,
     KAPPA,
     OFFSET,
+    Windows,
     parameters,
     starts,
 )
-from twin.studies.identify.windows import Windows
 from twin.studies.replay.model import loaded_model, recorded_model
 
 STEP = 0.005 * 9.81

@@ -14,8 +14,8 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
-from twin.studies.identify.model_file import model_fragment
 from twin.studies.identify.study import identify
+from twin.studies.identify.text import model_fragment
 
 ROBOT = EXPERIMENTS / "calibration.toml"
 NINE_PRESSES = "duration_s=55"

@@ -6,7 +6,7 @@ import pytest
 from tests.studies.identify.calibrations import belief
 from twin.recording.logs.log import LogRefused, LogSeries
 from twin.studies.identify.windows import windows
-from twin.studies.replay.robot_log import RobotLog
+from twin.studies.replay.replay import RobotLog
 
 
 def log(joint: np.ndarray, t: np.ndarray, force: bool = True) -> RobotLog:

@@ -19,14 +19,11 @@ from twin.runs.assembly.beliefs import belief
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.runs.trace import run_in_memory
-from twin.studies.metrics.needs import FIG4
-from twin.studies.metrics.response import first_time, settling_time
-from twin.studies.metrics.tracking import rms
+from twin.studies.metrics.requirement import FIG4
+from twin.studies.metrics.response import first_time, rms, settling_time
 from twin.studies.paper.claim import judged
-from twin.studies.paper.fig4 import CLAIMS
-from twin.studies.paper.fig4_picture import draw_fig4
-from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, fig4_runs
-from twin.studies.paper.score import Score, fig4_score, tally
+from twin.studies.paper.fig4 import CLAIMS, Score, fig4_score, tally
+from twin.studies.paper.fig4_runs import FINAL, SWEEP, Fig4Run, Fig4Runs, draw_fig4, fig4_runs
 from twin.studies.paper.study import score_fig4
 from twin.studies.paper.text import fig4_text
 

@@ -7,10 +7,9 @@ import pytest
 
 from tests.studies.paper.fig4_series import T, runs
 from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import CLAIMS, QUALITY
+from twin.studies.paper.fig4 import CLAIMS, QUALITY, fig4_score
 from twin.studies.paper.fig4_measures import disproportion, fluctuation
 from twin.studies.paper.fig4_runs import SWEEP, Fig4Runs
-from twin.studies.paper.score import fig4_score
 
 BY_KEY = {claim.key: claim for claim in (*CLAIMS, *QUALITY)}
 WHILE_SWEEPING = {

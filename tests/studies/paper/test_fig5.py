@@ -15,11 +15,9 @@ from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
 from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig5 import CLAIMS
-from twin.studies.paper.fig5_measures import speed_of_touch
-from twin.studies.paper.fig5_runs import body_of, drive_of, task_runs, trip_sentence
-from twin.studies.paper.fig5_score import fig5_score
-from twin.studies.paper.score import bound_used, tally
+from twin.studies.paper.fig4 import bound_used, tally
+from twin.studies.paper.fig5 import CLAIMS, fig5_score
+from twin.studies.paper.fig5_measures import body_of, drive_of, speed_of_touch, task_runs, trip_sentence
 
 GOOD: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}
 HALF = np.arange(2000) < 500

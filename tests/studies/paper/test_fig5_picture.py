@@ -7,9 +7,8 @@ from PIL import Image
 
 from tests.studies.paper.fig5_recordings import pressed, pushed, rolled, tapped
 from twin.recording.recording import Recording
+from twin.studies.paper.fig5 import MOVING, REFERENCE, TRACE, TRUTH, Fig5Score, fig5_score, shown_tasks
 from twin.studies.paper.fig5_picture import ESTIMATE, SHIFTED, draw_fig5
-from twin.studies.paper.fig5_score import Fig5Score, fig5_score, shown_tasks
-from twin.studies.paper.fig5_space import MOVING, REFERENCE, TRACE, TRUTH
 from twin.studies.paper.text import fig5_text
 
 MAKERS: dict[str, Callable[..., Recording]] = {"press": pressed, "tap": tapped, "roll": rolled, "push": pushed}

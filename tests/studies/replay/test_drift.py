@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scipy.signal import lfilter
 
-from twin.studies.replay.drift import Drift, _sum, correlation_time, drift
+from twin.studies.replay.drift import Drift, _sum, correlation_time, drift, residual, statistics
 
 PERIOD = 0.01
 T = np.arange(0.0, 60.0, PERIOD)
@@ -85,3 +85,46 @@ def test_chance_alarms_at_the_edge_of_the_tolerance_come_about_once_in_930_block
 
 def test_a_log_without_a_block_after_its_baseline_gives_nothing():
     assert drift(T[:600], np.zeros(600), 5.5, 0.1, 0.1) is None
+
+
+RESIDUAL_T = np.arange(0.0, 20.0, 0.002)
+NO_GAPS = np.empty((0, 2))
+
+
+def bump(t: np.ndarray) -> np.ndarray:
+    return 5.0 / (1.0 + np.exp(-10.0 * (t - 8.0)))
+
+
+def test_each_measurement_has_the_newest_value_beside_it():
+    found = residual(np.array([0.0, 1.0, 2.0]), np.array([1.0, 2.0, 3.0]), NO_GAPS, np.array([0.5, 2.0]), np.zeros(2))
+    np.testing.assert_array_equal(found.value, [1.0, 3.0])
+
+
+def test_measurements_before_the_first_value_after_the_last_and_in_gaps_are_left_out():
+    gaps = np.array([[2.0, 5.0]])
+    t = np.array([0.0, 1.0, 2.0, 5.0, 6.0])
+    found = residual(t, t, gaps, np.array([-0.1, 1.0, 2.5, 4.0, 6.0, 8.0]), np.zeros(6))
+    np.testing.assert_array_equal(found.t, [1.0, 6.0])
+
+
+def test_statistics_are_those_of_the_differences():
+    r = np.where(RESIDUAL_T < 10.0, 0.1, 0.3)
+    s = statistics(residual(RESIDUAL_T, bump(RESIDUAL_T) + r, NO_GAPS, RESIDUAL_T, bump(RESIDUAL_T)))
+    # round-off of 10000 sums of size 5
+    assert (s.bias, s.std, s.rms) == pytest.approx((0.2, 0.1, np.sqrt(0.05)), abs=1e-12)
+    assert s.largest == pytest.approx(0.3)
+    assert s.at >= 10.0
+
+
+@pytest.mark.parametrize("late", [-0.04, 0.0, 0.05])
+def test_lag_is_how_much_later_the_value_comes(late: float):
+    measured_at = np.arange(0.0, 20.0, 0.01)
+    noise = np.random.default_rng(0).normal(0.0, 0.02, len(RESIDUAL_T))
+    s = statistics(residual(RESIDUAL_T, bump(RESIDUAL_T - late) + noise, NO_GAPS, measured_at, bump(measured_at)))
+    # a sample of the measurement
+    assert s.lag == pytest.approx(late, abs=0.0101)
+
+
+def test_a_force_that_stands_still_has_neither_correlation_nor_lag():
+    s = statistics(residual(RESIDUAL_T, bump(RESIDUAL_T), NO_GAPS, RESIDUAL_T, np.zeros(len(RESIDUAL_T))))
+    assert np.isnan(s.correlation) and np.isnan(s.lag)

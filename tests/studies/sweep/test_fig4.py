@@ -12,8 +12,8 @@ from twin.errors import InputRefused
 from twin.recording.recording import Recording
 from twin.runs.assembly.load import load_experiment
 from twin.studies.paper.claim import as_facts
+from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_runs import fig4_runs
-from twin.studies.paper.score import fig4_score
 from twin.studies.sweep.fig4 import PERIOD, packed, unpacked
 from twin.studies.sweep.plan import planned
 from twin.studies.sweep.worker import trial

@@ -6,8 +6,7 @@ from tests.studies.sweep.definitions import STIFFNESS
 from twin.recording.reader import read
 from twin.runs.assembly.load import load_experiment
 from twin.runs.run import execute
-from twin.studies.check.measurement import measured
-from twin.studies.check.signals import run_for_measures
+from twin.studies.check.measurement import measured, run_for_measures
 from twin.studies.sweep.measures import BY_KIND, METRICS, metric_names, metrics_of
 from twin.studies.sweep.worker import record, trial
 

@@ -3,7 +3,7 @@
 from functools import cache
 
 from tests.laws.runs import shipped
-from twin.studies.tune.corner import Corner, corners
+from twin.studies.tune.prediction import Corner, corners
 
 STIFFNESS = (300.0, 5000.0)
 

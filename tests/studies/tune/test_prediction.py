@@ -1,3 +1,5 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -5,11 +7,52 @@ from hypothesis import strategies as st
 
 from tests.conftest import examples
 from tests.studies.tune.corners import fig4_corners
+from twin.errors import InputRefused
+from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.loops import closed_loops, closed_poles
 from twin.studies.analyse.linear.margins import margins
-from twin.studies.analyse.linear_point import Linearised
-from twin.studies.tune.gains import LawGains, with_gains
-from twin.studies.tune.prediction import closed, confirmed, predicted, sensitivities, step_response
+from twin.studies.tune.prediction import (
+    Goals,
+    LawGains,
+    closed,
+    confirmed,
+    predicted,
+    sensitivities,
+    step_response,
+    stiffness_range,
+    with_gains,
+)
+
+
+@pytest.mark.parametrize(
+    ("goals", "sentence"),
+    [
+        ({"sensitivity": 1.0}, "--margin 1: no loop keeps"),
+        ({"sensitivity": math.nan}, "--margin nan"),
+        ({"overshoot": -0.1}, "--overshoot-percent -10: expected 0 to 100"),
+        ({"bandwidth": 0.0}, "--bandwidth-Hz 0: expected more than 0"),
+    ],
+)
+def test_goals_that_nothing_meets_are_refused(goals, sentence):
+    with pytest.raises(InputRefused, match=sentence):
+        Goals(**goals)
+
+
+def test_a_bandwidth_beyond_half_the_controllers_rate_is_refused():
+    Goals(bandwidth=2.0 * math.pi * 249.0).refuse_period(2e-3)
+    with pytest.raises(InputRefused, match="beyond half the controller's rate of 500 Hz"):
+        Goals(bandwidth=2.0 * math.pi * 251.0).refuse_period(2e-3)
+
+
+@pytest.mark.parametrize("text", ["300", "soft:hard", "5000:300", "0:100", "-1:1", "1:inf", "1:nan", "1:2:3", "1:"])
+def test_a_stiffness_that_is_no_range_is_refused(text):
+    with pytest.raises(InputRefused, match="expected two numbers above 0"):
+        stiffness_range(text)
+
+
+def test_a_range_of_one_stiffness_is_a_range():
+    assert stiffness_range("300:300") == (300.0, 300.0)
+
 
 ONE_OF = st.integers(0, 8)
 GAINS = st.builds(LawGains, st.floats(0.5, 12.0), st.floats(1e-5, 5e-3), st.floats(1e-4, 2e-2))

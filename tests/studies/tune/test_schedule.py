@@ -12,11 +12,10 @@ from twin.errors import InputRefused
 from twin.runs.assembly.load import load_experiment
 from twin.studies.analyse.stability import stability
 from twin.studies.lines import WIDTH
-from twin.studies.tune import search
-from twin.studies.tune.fragment import fragment
-from twin.studies.tune.goals import Goals
-from twin.studies.tune.schedule import WORSE, Scheduled, ladder, scheduled, with_schedule
-from twin.studies.tune.schedule_text import schedule_lines, schedule_text
+from twin.studies.tune import tuned as search
+from twin.studies.tune.prediction import Goals
+from twin.studies.tune.schedule import WORSE, Scheduled, ladder, schedule_lines, schedule_text, scheduled, with_schedule
+from twin.studies.tune.text import fragment
 from twin.studies.tune.tuned import tuned
 
 PRESSING = EXPERIMENTS / "pressing.toml"

@@ -6,10 +6,8 @@ import numpy as np
 import pytest
 
 from tests.studies.tune.corners import fig4_corners
-from twin.studies.tune.gains import LawGains
-from twin.studies.tune.goals import Goals
-from twin.studies.tune.prediction import Prediction, StepAnswer, predicted
-from twin.studies.tune.trial import StepTrial, contradiction
+from twin.studies.tune.prediction import Goals, LawGains, Prediction, StepAnswer, predicted
+from twin.studies.tune.tuned import StepTrial, contradiction
 
 GOALS = Goals(overshoot=0.05)
 

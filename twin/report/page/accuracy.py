@@ -1,8 +1,7 @@
 """Where the error of a run's force comes from, in newtons, cause by cause."""
 
 from twin.report.page.markup import Markup, element, joined, table
-from twin.studies.accuracy.budget import Budget, Contribution
-from twin.studies.accuracy.effects import NOT_MODELLED
+from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
 from twin.studies.accuracy.text import details, headline
 
 NUMBERS = ("bias, N", "std, N", "rms, N")

@@ -6,10 +6,9 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from twin.studies.metrics.needs import FIG5, MEASURES, OF_A_CONSTANT_FORCE
-from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
-from twin.studies.metrics.tracking import rms
-from twin.studies.paper.fig5_runs import trip_time
+from twin.studies.metrics.requirement import FIG5, MEASURES, OF_A_CONSTANT_FORCE
+from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
+from twin.studies.paper.fig5_measures import trip_time
 
 if TYPE_CHECKING:
     from twin.report.page.run import ReportRun

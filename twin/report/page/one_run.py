@@ -6,8 +6,7 @@ from matplotlib.axes import Axes
 
 from twin.studies.figure import picture
 from twin.studies.metrics.response import Curve
-from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH
-from twin.studies.paper.fig4_runs import Fig4Run
+from twin.studies.paper.fig4_runs import FP_BASED, FP_REFERENCE, PRE_DEFINE, TRUTH, Fig4Run
 
 
 def draw_one_run(run: Fig4Run, path: Path) -> None:

@@ -11,7 +11,7 @@ from twin.report.page.markup import Markup, element
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict
 from twin.studies.paper.fig4_runs import Fig4Run
-from twin.studies.paper.fig5_score import Fig5Score, shown_tasks
+from twin.studies.paper.fig5 import Fig5Score, shown_tasks
 
 CURVES = (
     "controller.F_z", "controller.F_z_ref", "controller.p_ref_B", "controller.p_cmd_B", "estimator.p_B",
@@ -29,7 +29,7 @@ def picture(runs: Sequence[ReportRun], verdict: PageVerdict) -> AbstractContextM
     if verdict.fig4 is not None:
         text = "Fig. 4 of the paper from these runs: A height, B pressing force, C, D force along x, y. "
         text += "Forces are the controller's estimates, dotted the truth."
-        return _figure(runs, "twin.studies.paper.fig4_picture:draw_fig4", verdict.fig4, text)
+        return _figure(runs, "twin.studies.paper.fig4_runs:draw_fig4", verdict.fig4, text)
     if verdict.fig5 is not None and (tasks := shown_tasks(verdict.fig5)):
         text = "Fig. 5 of the paper from these runs: the way of the platform, its position, the pressing force."
         # what was judged by cannot be pickled, and is not drawn

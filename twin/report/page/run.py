@@ -15,7 +15,7 @@ from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.report.page.measures import Measure, measures
 from twin.studies.metrics.response import Curve
-from twin.studies.paper.fig5_runs import settings
+from twin.studies.paper.fig5_measures import settings
 
 SUMMARY = "summary.json"
 

@@ -11,7 +11,7 @@ from twin.report.page.provenance import drives, provenance, timing
 from twin.report.page.run import ReportRun
 from twin.report.page.verdict import PageVerdict, RunGroup
 from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.score import standing, tally
+from twin.studies.paper.fig4 import standing, tally
 
 if TYPE_CHECKING:
     from twin.studies.accuracy.budget import Budget

@@ -8,13 +8,12 @@ from twin.errors import InputRefused
 from twin.recording.recording import Recording
 from twin.report.page.measures import outcome, scored, unscored
 from twin.report.page.run import ReportRun
-from twin.studies.metrics.better import standing
+from twin.studies.metrics.requirement import standing
 from twin.studies.paper.claim import ClaimFinding, judged
-from twin.studies.paper.fig4 import QUALITY
+from twin.studies.paper.fig4 import QUALITY, failed, fig4_score, tally
+from twin.studies.paper.fig4 import standing as claims_standing
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs, checked_run, fig4_runs
-from twin.studies.paper.fig5_score import Fig5Score, fig5_score
-from twin.studies.paper.score import failed, fig4_score, tally
-from twin.studies.paper.score import standing as claims_standing
+from twin.studies.paper.fig5 import Fig5Score, fig5_score
 
 FIG4 = "fig4"
 """How the names of experiments begin that follow the paper's Fig. 4."""

@@ -8,11 +8,18 @@ is the twin's own error and not the robot's.
 
 Biases add up with their signs, scatter adds up as squares. Both sums are set beside the error of the experiment as it
 is: what is missing there comes of imperfections that act on each other.
+
+Small effects of a real robot that an experiment leaves out as a rule: what they may be, and what is not modelled.
+Values are plausible ones of a hand-sized robot with plain bearings, belts and magnetic encoders; docs/small_effects.md
+says where each is from and what it moves.
+
+How well a robot's parameters are known: one standard uncertainty each, assumed, with the reason.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal
+from math import radians
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,12 +27,137 @@ from numpy.typing import NDArray
 from twin.errors import InputRefused
 from twin.experiment.experiment import Experiment
 from twin.experiment.variation import exactly_measured, with_cosim, with_model, with_plant
+from twin.plant.parameters import TrueRobot
 from twin.robot.model import Model
 from twin.runs.assembly.roles import refuse_other_parts
 from twin.runs.trace import run_in_memory
-from twin.studies.accuracy.effects import EFFECTS, Effect, without_effects
-from twin.studies.accuracy.uncertainty import UNCERTAINTIES
 from twin.studies.steps import Say, Steps, silent
+
+
+@dataclass(frozen=True)
+class Effect:
+    """Of the true robot.
+
+    Attributes:
+        name, amount: for people.
+        values: attributes of `robot.Plant`, SI: plausible ones; `ONE_TICK`: of the experiment.
+        reason: why these.
+    """
+
+    name: str
+    amount: str
+    values: Mapping[str, Any]
+    reason: str
+
+    @property
+    def label(self) -> str:
+        """What is assumed, in words."""
+        return f"{self.name}, {self.amount}"
+
+    def in_force(self, experiment: Experiment) -> bool:
+        """Whether the experiment has it."""
+        return any(getattr(experiment.plant, name) != TrueRobot.model_fields[name].default for name in self.values)
+
+    def of(self, experiment: Experiment, like: Experiment) -> Experiment:
+        """`experiment` with the effect as `like` has it, or, if it has not, a plausible one."""
+        given = {name: getattr(like.plant, name) for name in self.values}
+        if not self.in_force(like):
+            given = {name: experiment.cosim.tick if value is ONE_TICK else value for name, value in self.values.items()}
+        return with_plant(experiment, **given)
+
+
+def without_effects(experiment: Experiment) -> Experiment:
+    """A robot that has none of them."""
+    names = {name for effect in EFFECTS for name in effect.values}
+    return with_plant(experiment, **{name: TrueRobot.model_fields[name].default for name in names})
+
+
+ONE_TICK = "one tick"
+MAGNET = "a magnet 0.2 mm off its axis; makers state 0.5 deg for a centred one, 1 deg within 0.5 mm"
+
+EFFECTS = (
+    Effect("joint friction", "2 mN m", {"joint_friction": 2e-3}, "four plain ball joints of 3 mm under 1.5 N, mu 0.1"),
+    Effect("spring hysteresis", "2 %", {"spring_hysteresis": 0.02}, "of a steel spring that is clamped; assumed"),
+    Effect(
+        "belt", "0.004 rad/(N m)", {"belt_compliance": 4e-3}, "two spans of 60 mm, EA = 30 kN, on a pulley of 16 mm"
+    ),
+    Effect("motor encoders eccentric", "0.3 deg", {"motor_eccentricity": (radians(0.3),) * 3}, MAGNET),
+    Effect("joint encoders eccentric", "0.3 deg", {"joint_eccentricity": (radians(0.3),) * 3}, MAGNET),
+    Effect("late encoders", "a tick", {"encoder_latency": ONE_TICK}, "1 ms as a rule: a message of a bus at 1 kHz"),
+    Effect(
+        "tilted base", "2 deg", {"mounting_tilt": radians(2.0), "mounting_tilt_x": radians(2.0)},
+        "about both axes; set up without a level",
+    ),
+    Effect("head beside O_P", "3 mm", {"head": (3e-3, 0.0, 0.0)}, "screwed on askew"),
+    Effect(
+        "hard stops", "15 deg", {"spring_stop": radians(15.0), "joint_lower": radians(-60.0),
+                                 "joint_upper": radians(90.0)},
+        "of springs, and of joints at -60 and 90 deg; only a fault meets them",
+    ),
+)  # fmt: skip
+
+NOT_MODELLED = (
+    ("bending links, yielding rods", 0.013, "3 N at the end of 60 mm of 9 mm aluminium: 0.01 mm"),
+    ("play of ball joints", 0.0, "none: held closed by springs or magnets, as deltas are"),
+    ("tilt of the platform", 0.002, "1.1 N, 30 mm below O_P, on rods that yield: 3e-5 rad, 1 um"),
+    ("rods that spin", 0.001, "3e-8 kg m2 about their own axis"),
+    ("springs that warm up", 0.01, "steel softens by 0.03 % per K: 10 K of 3 N"),
+)
+"""(what, at most N, why): estimates of docs/small_effects.md."""
+
+
+@dataclass(frozen=True)
+class Uncertainty:
+    """Of one believed parameter.
+
+    Attributes:
+        label: for people.
+        names: attributes of `robot.Model` that are off by the same amount at once.
+        joint: which of three values, counted from 0; None: a single number.
+        share, amount: relative (1) and absolute (SI) part; one of them is 0.
+        reason: why that much.
+    """
+
+    label: str
+    names: tuple[str, ...]
+    joint: int | None = None
+    share: float = 0.0
+    amount: float = 0.0
+    reason: str = ""
+
+    def of(self, experiment: Experiment) -> Experiment:
+        """`experiment` whose controller believes otherwise by this; what is true stays."""
+        model = experiment.controller.model
+        off: dict[str, object] = {}
+        for name in self.names:
+            value = getattr(model, name)
+            if self.joint is None:
+                off[name] = value * (1.0 + self.share) + self.amount
+            else:
+                off[name] = tuple(v + self.amount * (i == self.joint) for i, v in enumerate(value))
+        return with_model(experiment, **off)
+
+
+SPRING = "two fits of the same springs differ by this much; the paper's own fit has one pose"
+WEIGHED = "of parts that are weighed, but whose rods are shared out between their ends by calculation"
+MACHINED = "of machined parts with ball joints"
+STOPPED = "of a zero that is set against a mechanical stop"
+
+UNCERTAINTIES = (
+    Uncertainty("k_s +2 %", ("k_s",), share=0.02, reason=SPRING),
+    # less, because no belt gives back more than it is given
+    Uncertainty("eta -2 %", ("eta",), share=-0.02, reason="belts of this kind lose 0 to 4 %"),
+    Uncertainty("masses +5 %", ("m_a", "m_b", "m_p"), share=0.05, reason=WEIGHED),
+    *(Uncertainty(f"{name} +0.1 mm", (name,), amount=1e-4, reason=MACHINED) for name in ("a", "b", "l_a", "l_b")),
+    *(
+        Uncertainty(f"zero of {encoder} encoder {joint + 1} +0.05 deg", (name,), joint, amount=radians(0.05),
+                    reason=STOPPED)
+        for encoder, name in (("motor", "motor_zero"), ("joint", "joint_zero"))
+        for joint in range(3)
+    ),
+)  # fmt: skip
+"""What the paper does not print is assumed: Sec. III.A identifies k_s and eta only, and gives no uncertainty."""
+
 
 PRESSING = 0.5
 """Pressing force (N) above which an instant counts."""

@@ -1,7 +1,6 @@
 """An accuracy budget as text of at most 80 columns: the error first, then what it consists of."""
 
-from twin.studies.accuracy.budget import Budget, Contribution
-from twin.studies.accuracy.effects import NOT_MODELLED
+from twin.studies.accuracy.budget import NOT_MODELLED, Budget, Contribution
 from twin.studies.lines import wrapped
 
 NAME = 36

@@ -56,9 +56,7 @@ def analyse(
 
 
 def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Answer:
-    from twin.studies.analyse.disk_picture import draw_disks
-    from twin.studies.analyse.map import draw_stability_maps
-    from twin.studies.analyse.picture import draw_analysis
+    from twin.studies.analyse.picture import draw_analysis, draw_disks, draw_stability_maps
     from twin.studies.analyse.stability import stability
     from twin.studies.analyse.text import analysis_text
     from twin.writing import write_json
@@ -81,8 +79,8 @@ def _stability(experiment: "Experiment", tried: bool, folder: Path, say: Say) ->
 
 def _passivity(experiment: "Experiment", tried: bool, folder: Path, say: Say) -> Answer:
     from twin.studies.analyse.passivity import passivity
-    from twin.studies.analyse.passivity_picture import draw_passivity
-    from twin.studies.analyse.passivity_text import passivity_text
+    from twin.studies.analyse.picture import draw_passivity
+    from twin.studies.analyse.text import passivity_text
     from twin.writing import write_json
 
     done = passivity(experiment, tried, say)

@@ -1,12 +1,16 @@
-"""A baseline: what an experiment came to with one drive, as a small TOML file that people read and edit."""
+"""A baseline: what an experiment came to with one drive, as a small TOML file that people read and edit.
+
+What is now against what was: each number with its bound, each curve with its tube.
+"""
 
 import hashlib
 import json
 import os
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import asdict, dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 import tomlkit
@@ -18,8 +22,10 @@ from twin.experiment.experiment import Experiment
 from twin.experiment.mistakes import sentences
 from twin.files import read_toml
 from twin.places import HOME, is_clone
-from twin.studies.check.measurement import POINTS, Measured, Sampled
-from twin.writing import inline_table, made_folder, write_text
+from twin.studies.check.measurement import POINTS, Measured, Metric, Sampled
+from twin.studies.compare.tolerance import reach
+from twin.studies.metrics.response import within
+from twin.writing import finite, inline_table, made_folder, write_text
 
 OWN = "own"
 """Called like a drive: the one that the experiment's file names, with the parameters that it sets."""
@@ -270,3 +276,164 @@ def _told(drive: dict[str, Any]) -> dict[str, Any]:
     """What a table [drive], or one of its parts, says: without places of FMUs, and later keys that say nothing."""
     told = {k: v for k, v in drive.items() if k != "fmu" and not (k in _LATER and v is None)}
     return told | ({"parts": {name: _told(part) for name, part in drive["parts"].items()}} if "parts" in drive else {})
+
+
+Word = Literal["ok", "worse", "better", "moved", "new", "gone", "outside"]
+"""`moved`: beyond its bound, where neither way is better. `new`, `gone`: only now, only then. `outside`: of a tube."""
+
+
+@dataclass(frozen=True)
+class CheckRow:
+    """One number or one tube.
+
+    Attributes:
+        name: "measure.metric", or "measure.tube".
+        unit: SI.
+        before, now: None where there is none.
+        bound: how far apart they may be; None likewise.
+        at: for a tube, the time (s) at which it is farthest outside, or nearest to that; before, now are values there.
+        word: what it comes to.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    now: float | None
+    bound: float | None
+    at: float | None
+    word: Word
+
+
+@dataclass(frozen=True)
+class Outside:
+    """A curve that has left its tube, at the instants t (s) of the tube, (n,); in `unit`, NaN where it has no value.
+
+    Attributes:
+        name: of its row.
+        signal: what it is.
+        before: the baseline.
+        lower, upper: the tube around it.
+    """
+
+    name: str
+    signal: str
+    unit: str
+    t: list[float]
+    before: list[float]
+    lower: list[float]
+    upper: list[float]
+    now: list[float]
+
+
+@dataclass(frozen=True)
+class CheckVerdict:
+    """An experiment with one drive against its baseline.
+
+    Attributes:
+        rows: numbers, then tubes.
+        notes: what has changed besides, a sentence each.
+        outside: of what tubes have lost.
+    """
+
+    experiment: str
+    drive: str
+    rows: tuple[CheckRow, ...]
+    notes: tuple[str, ...]
+    outside: tuple[Outside, ...] = ()
+
+    @property
+    def deviations(self) -> tuple[CheckRow, ...]:
+        return tuple(row for row in self.rows if row.word != "ok")
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON; None for what is not a number."""
+        return finite(asdict(self))
+
+
+def verdict(experiment: Experiment, drive: str, baseline: Baseline | None, now: Measured) -> CheckVerdict:
+    """Hold `now` against `baseline`; if there is none, everything is new.
+
+    A changed experiment or FMU is compared all the same, which is what a baseline is for, and told in a note. A number
+    that is in another unit than it was is another number: the old one is gone.
+    """
+    if baseline is None:
+        rows = [
+            CheckRow(name, metric.unit, None, metric.value, None, None, "new") for name, metric in now.metrics.items()
+        ]
+        # a curve has no one value; where it ends stands for it
+        rows += [
+            CheckRow(f"{name}.tube", curve.unit, None, float(curve.values[-1]), None, None, "new")
+            for name, curve in now.curves.items()
+        ]
+        return CheckVerdict(experiment.name, drive, tuple(rows), ())
+    rows, outside = list(_metric_rows(baseline, now)), []
+    for name, tube in baseline.tubes.items():
+        curve = now.curves.get(name)
+        if curve is None or (curve.signal, curve.unit) != (tube.signal, tube.unit):
+            rows.append(CheckRow(f"{name}.tube", tube.unit, None, None, tube.tolerance, None, "gone"))
+        else:
+            row, beside = _tube_row(f"{name}.tube", tube.curve, curve)
+            rows.append(row)
+            outside += [beside] if row.word == "outside" else []
+    notes = tuple(_notes(experiment, baseline, now))
+    return CheckVerdict(experiment.name, drive, tuple(rows), notes, tuple(outside))
+
+
+def _metric_rows(baseline: Baseline, now: Measured) -> Iterator[CheckRow]:
+    for name, kept in baseline.metrics.items():
+        metric = now.metrics.get(name)
+        if metric is None or metric.unit != kept.unit:
+            yield CheckRow(name, kept.unit, kept.value, None, None, None, "gone")
+            continue
+        word: Word = "ok"
+        # written so that what is not a number is not ok
+        if not abs(metric.value - kept.value) <= kept.bound:
+            word = _direction(metric, kept.value)
+        yield CheckRow(name, kept.unit, kept.value, metric.value, kept.bound, None, word)
+    for name, metric in now.metrics.items():
+        if name not in baseline.metrics or baseline.metrics[name].unit != metric.unit:
+            yield CheckRow(name, metric.unit, None, metric.value, None, None, "new")
+
+
+def _direction(metric: Metric, before: float) -> Word:
+    if metric.sense == "none":
+        return "moved"
+    now = metric.value if metric.sense == "less" else abs(metric.value)
+    return "better" if now < (before if metric.sense == "less" else abs(before)) else "worse"
+
+
+def _tube_row(name: str, tube: Sampled, curve: Sampled) -> tuple[CheckRow, Outside]:
+    """At the instants that the baseline has, where a thinned curve is as good as the whole."""
+    # the times of a baseline are rounded, so its ends may lie beside the first and last tick
+    inside = within(tube.t, curve.t[0], curve.t[-1])
+    y = np.where(inside, np.interp(tube.t, curve.t, curve.values), np.nan)
+    around = reach(tube.t, tube.values, tube.t, tube.dt)
+    off = np.abs(around.excess(y))
+    worst = int(np.argmax(off))
+    row = CheckRow(
+        name,
+        tube.unit,
+        float(tube.values[worst]),
+        float(y[worst]),
+        tube.tolerance,
+        float(tube.t[worst]),
+        "ok" if off[worst] <= tube.tolerance else "outside",
+    )
+    lines = [line.tolist() for line in (tube.t, tube.values, *around.widened(tube.tolerance), y)]
+    return row, Outside(name, tube.signal, tube.unit, *lines)
+
+
+def _notes(experiment: Experiment, baseline: Baseline, now: Measured) -> Iterator[str]:
+    if baseline.fingerprint != fingerprint(experiment):
+        yield "the experiment's file has changed since the baseline"
+    for name, digest in now.fmus.items():
+        was = baseline.fmus.get(name)
+        if was is None:
+            yield f"{name} is another FMU than the baseline's {', '.join(baseline.fmus)}"
+        elif was != digest:
+            yield f"{name} has changed: was sha256 {was[:12]}, now {digest[:12]}"
+    for name, kept in baseline.metrics.items():
+        if name in now.metrics and now.metrics[name].unit != kept.unit:
+            yield f"{name} was in {kept.unit} and is in {now.metrics[name].unit}: another quantity, not compared"
+    if baseline.twin != __version__:
+        yield f"the baseline was measured by twin {baseline.twin}, this is {__version__}"

@@ -1,7 +1,11 @@
-"""Many checks, one after the other, as a job of a process that may die of a drive."""
+"""An experiment checked against its baselines, and many checks shared out among guarded processes."""
 
-from collections.abc import Sequence
+import shlex
+import threading
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass
+from datetime import date
 from pathlib import Path
 from typing import Any
 
@@ -9,21 +13,110 @@ from pydantic import TypeAdapter
 
 from twin.errors import InputRefused, TwinError
 from twin.experiment.drive_files import shelved
+from twin.experiment.experiment import Experiment
 from twin.experiment.named import experiment_file
-from twin.places import located
+from twin.places import HOME, located
+from twin.runs.assembly.load import load_experiment
+from twin.runs.guard.guard import guarded
+from twin.runs.guard.reporter import DirectReporter
 from twin.studies.check.baseline import (
     FOLDER,
     OWN,
+    Baseline,
+    CheckRow,
+    CheckVerdict,
     Entry,
+    baseline_file,
     baseline_of,
     baseline_text,
     baselines_here,
     baselines_of,
     known_baseline,
     stored_drives,
+    verdict,
 )
-from twin.studies.check.check import measured_with, stored_baseline
-from twin.studies.check.verdict import CheckVerdict, verdict
+from twin.studies.check.measurement import Measured, measured, run_for_measures
+from twin.studies.steps import Say
+
+
+@dataclass(frozen=True)
+class Deviation:
+    """A number or curve that is not what it was; `str` says it in one sentence."""
+
+    experiment: str
+    drive: str
+    row: CheckRow
+
+    def __str__(self) -> str:
+        row, at = self.row, "" if self.row.at is None else f" at {self.row.at:g} s"
+        told = f"{self.experiment}, {self.drive}: {row.name} is {row.word}"
+        if row.now is None or row.before is None:
+            return told
+        return f"{told}: {row.now:.6g} {row.unit}{at}, was {row.before:.6g} within {row.bound:g}"
+
+
+def check(experiment: str | Path, drive: str | None = None, baselines: str | Path | None = None) -> list[Deviation]:
+    """Run an experiment and hold it against what is stored; nothing is written.
+
+    Args:
+        experiment: its file or name, see `experiment_file`.
+        drive: a drive of fmus/ or an FMU; "own": the experiment's; None: every drive that has a baseline.
+        baselines: folder that `twin check --update` has written to; None: see `baselines_of`.
+
+    Returns:
+        What deviates; empty if all is as it was.
+
+    Raises:
+        InputRefused: no baseline, or it cannot be compared, or a measure that this run gives no meaning.
+        ComponentFailed, SafetyTrip: the run did not come to its end.
+    """
+    file = experiment_file(experiment)
+    folder = baselines_of(file, update=False) if baselines is None else Path(baselines)
+    drives = [drive] if drive is not None else stored_drives(folder, file.stem)
+    if not drives:
+        raise InputRefused(_no_baseline(folder, file, OWN))
+    found = []
+    for name in drives:
+        baseline = stored_baseline(folder, file, name)
+        loaded, now = measured_with(file, name)
+        found += [Deviation(loaded.name, name, row) for row in verdict(loaded, name, baseline, now).deviations]
+    return found
+
+
+def measured_with(file: Path, drive: str) -> tuple[Experiment, Measured]:
+    """The experiment in `file` with `drive` as every joint's, and what it comes to; exceptions as `check`."""
+    experiment = _loaded(file, drive)
+    return experiment, measured(experiment, run_for_measures(experiment))
+
+
+def stored_baseline(folder: Path, file: Path, drive: str) -> Baseline:
+    """The baseline of the experiment in `file` with `drive`.
+
+    Raises:
+        InputRefused: there is none, and it says how one is made; or it is damaged, or of something else.
+    """
+    known = known_baseline(folder, file.stem, drive)
+    if known is None:
+        # whoever misspells experiment or drive is told of that
+        _loaded(file, drive)
+        raise InputRefused(_no_baseline(folder, file, drive))
+    return known
+
+
+def _loaded(file: Path, drive: str) -> Experiment:
+    return load_experiment(file, drive=None if drive == OWN else drive)
+
+
+def _no_baseline(folder: Path, file: Path, drive: str) -> str:
+    # what comes with twin is not written to
+    folder = FOLDER if folder == HOME / FOLDER else folder
+    elsewhere = [] if folder == FOLDER else ["--baselines", str(folder)]
+    accept = shlex.join(["twin", "check", str(file), "--drive", drive, *elsewhere, "--update"])
+    return (
+        f"{baseline_file(folder, file.stem, drive)}: no baseline of {file.stem}; accept what it comes to now: "
+        f'{accept} --reason "first"'
+    )
+
 
 ALL = "all"
 """Called like a drive: every drive of fmus/."""
@@ -134,3 +227,69 @@ def _outcome(pair: Pair, date: str, reason: str) -> CheckOutcome:
     after = baseline_of(experiment, pair.drive, now, (*history, Entry(date=date, reason=reason)), known)
     same = known is not None and baseline_text(known) == baseline_text(after.model_copy(update={"history": history}))
     return CheckOutcome(pair, verdict(experiment, pair.drive, known, now), "" if same else baseline_text(after))
+
+
+JOB = "twin.studies.check.job:checked"
+
+
+def outcomes(pairs: Sequence[Pair], reason: str, processes: int, say: Say) -> list[CheckOutcome]:
+    """The outcome of every pair, in their order.
+
+    Args:
+        pairs: what to check.
+        reason: of an update; "": nobody asked for one.
+        processes: how many at a time; 0: this one, where a drive that crashes takes it along.
+        say: told how many are done.
+
+    Raises:
+        KeyboardInterrupt: after every process has ended.
+    """
+    arguments: dict[str, Any] = {"date": date.today().isoformat(), "reason": reason}
+    found: dict[Pair, CheckOutcome] = {}
+
+    say(f"0 of {len(pairs)} checks", 0.0)
+
+    def hear(note: dict[str, Any]) -> None:
+        outcome = CheckOutcome.of(note)
+        found[outcome.pair] = outcome
+        say(f"{len(found)} of {len(pairs)} checks", len(found) / len(pairs))
+
+    if processes == 0:
+        checked(DirectReporter(hear), pairs, **arguments)
+    else:
+        stop = threading.Event()
+        with ThreadPoolExecutor(processes) as pool:
+            # every n-th, because drives differ in speed far more than experiments do
+            shares = [pairs[start::processes] for start in range(min(processes, len(pairs)))]
+            running = [pool.submit(_share, share, arguments, hear, stop) for share in shares]
+            try:
+                for share in running:
+                    share.result()
+            except BaseException:
+                stop.set()
+                raise
+    return [found[pair] for pair in pairs]
+
+
+def _share(
+    pairs: Sequence[Pair], arguments: dict[str, Any], hear: Callable[[dict[str, Any]], None], stop: threading.Event
+) -> None:
+    """Check `pairs` in a process of their own, and in another one what is left when a drive has ended the first."""
+    left = list(pairs)
+
+    def take(note: dict[str, Any]) -> None:
+        del left[0]
+        hear(note)
+
+    def show(done: int, total: int) -> None:
+        # Ctrl-C reaches the main thread alone
+        if stop.is_set():
+            raise KeyboardInterrupt
+
+    while left and not stop.is_set():
+        try:
+            guarded(JOB, {"work": left, **arguments}, listen=take, show=show)
+        except TwinError as failure:
+            if not left:
+                raise
+            take(asdict(CheckOutcome(left[0], None, failure=str(failure), exit_code=failure.exit_code)))

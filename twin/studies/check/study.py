@@ -64,10 +64,8 @@ def check(
         NotWritten: the disk refuses.
     """
     from twin.studies.check.baseline import baseline_file, write_baseline
-    from twin.studies.check.job import pairs
-    from twin.studies.check.picture import check_pictures
-    from twin.studies.check.processes import outcomes
-    from twin.studies.check.text import check_text
+    from twin.studies.check.job import outcomes, pairs
+    from twin.studies.check.text import check_pictures, check_text
 
     if update != bool(reason.strip()):
         raise InputRefused('twin check: --update and --reason "why the numbers may move" go together; give both')

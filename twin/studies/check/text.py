@@ -1,11 +1,17 @@
-"""What `twin check` found, as text of at most 80 columns: the answer, what deviates, what else has changed."""
+"""What `twin check` found, as text of at most 80 columns and as pictures."""
 
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 
-from twin.studies.check.verdict import CheckRow, CheckVerdict
-from twin.studies.compare.text import shown
+import numpy as np
+from matplotlib.axes import Axes
+
+from twin.studies.check.baseline import CheckRow, CheckVerdict, Outside
+from twin.studies.compare.text import A_COLOUR, B_COLOUR, OUT_COLOUR, shown
+from twin.studies.figure import picture
 from twin.studies.lines import counted, wrapped
+from twin.writing import made_folder
 
 LONGEST = 33
 """Of names beside their numbers; longer ones have a line of their own."""
@@ -96,3 +102,43 @@ def _wrapped(head: str, text: str) -> list[str]:
     first, *others = text.splitlines()
     parts = [(f"  {head:9}", first), *((" " * 11, part) for part in others)]
     return [line for indent, part in parts for line in wrapped(part, indent, whole=True)]
+
+
+def check_pictures(verdicts: Sequence[CheckVerdict], folder: Path) -> list[Path]:
+    """Draw the first MOST of `verdicts` with curves outside, a PNG each in `folder`; the files.
+
+    Raises:
+        InputRefused, NotWritten: the disk refuses.
+    """
+    drawn = []
+    made_folder(folder)
+    for verdict in [verdict for verdict in verdicts if verdict.outside][:MOST]:
+        path = folder / f"{verdict.experiment}_{Path(verdict.drive).stem}.png"
+        _draw_verdict(verdict, path)
+        drawn.append(path)
+    return drawn
+
+
+def _draw_verdict(verdict: CheckVerdict, path: Path) -> None:
+    with picture(path, 8.0, 3.2 * len(verdict.outside) + 0.5) as figure:
+        panels = figure.subplots(len(verdict.outside), squeeze=False)[:, 0]
+        for axes, curve in zip(panels, verdict.outside, strict=True):
+            _draw(axes, curve)
+        panels[-1].set_xlabel("time (s)")
+        figure.suptitle(f"{verdict.experiment}, {verdict.drive}", fontsize=11)
+        figure.legend(*panels[0].get_legend_handles_labels(), loc="outside lower center", ncols=4, fontsize=9)
+
+
+def _draw(axes: Axes, curve: Outside) -> None:
+    unit, factor = shown(curve.unit)
+    t = np.array(curve.t)
+    before, lower, upper, now = (
+        factor * np.array(line) for line in (curve.before, curve.lower, curve.upper, curve.now)
+    )
+    out = (now < lower) | (now > upper)
+    axes.fill_between(t, lower, upper, color=A_COLOUR, alpha=0.25, lw=0, label="tolerance tube")
+    axes.plot(t, before, color=A_COLOUR, lw=1.6, label="baseline")
+    axes.plot(t, now, color=B_COLOUR, lw=1.0, marker=".", label="now")
+    axes.plot(t[out], now[out], "o", mfc="none", color=OUT_COLOUR, ms=7, label="outside")
+    axes.set_title(f"{curve.name}: {curve.signal}", loc="left", fontsize=10)
+    axes.set_ylabel(unit or "1")

@@ -80,13 +80,9 @@ def compare(
         raise InputRefused(
             f"twin compare: got {len(runs)} path{'s' * (len(runs) != 1)}, expected A and B, or --paper FIGURE"
         )
-    from twin.studies.compare.alignment import alignment
-    from twin.studies.compare.comparison import compared
-    from twin.studies.compare.experiments import differences_text, experiments_differ
-    from twin.studies.compare.inputs import both
-    from twin.studies.compare.picture import draw_comparison
-    from twin.studies.compare.text import comparison_text
-    from twin.studies.compare.tolerance import rules
+    from twin.studies.compare.comparison import both, compared, differences_text, experiments_differ
+    from twin.studies.compare.text import comparison_text, draw_comparison
+    from twin.studies.compare.tolerance import alignment, rules
 
     found = compared(*both(runs[0], runs[1], maps), rules(tolerances), signals, alignment(align, by, max_shift))
     covered = partial or found.least_covered[1] == 1.0

@@ -1,14 +1,24 @@
 """How far a signal may be off, in value and in time: the grammar of `--tol`.
 
-A rule is SIGNAL = "VALUE UNIT", "SHARE %" or either with "@ TIME"; only "@ TIME" leaves the value as it was. A share
-is of the reference's range. SIGNAL may hold * and ?; a vector's name means all of its components. Rules stand in a
-TOML file, in texts on the command line, or both; of those that fit a signal the last one that says something wins:
+A rule is SIGNAL = "VALUE UNIT", "SHARE %" or either with "@ TIME"; only "@ TIME" leaves the value as it was. A share is
+of the reference's range. SIGNAL may hold * and ?; a vector's name means all of its components. Rules stand in a TOML
+file, in texts on the command line, or both; of those that fit a signal the last one that says something wins:
 
     "*" = "2 % @ 4 ms"
     "controller.F_z" = "0.05 N"
     "plant.p_B" = "0.1 mm @ 10 ms"
 
     --tol 2%@4ms  --tol controller.F_z=0.05N  --tol 'plant.*=0.1mm@10ms'
+
+The tolerance tube around a reference: where a value is right that may come a little early, late, high or low. At time t
+the tube reaches from the smallest value that the reference takes in [t - dt, t + dt], less a tolerance, to the largest,
+plus the tolerance; without the tolerance it is the reference's reach. The reference is the polygon through its samples,
+so the ends of the window count with their interpolated values, and a copy of the reference shifted by no more than dt
+lies inside whatever its slope.
+
+What to add to the times of one log so that they mean those of another.
+
+Which signals of two logs are the same quantity, and the sentences where none are.
 """
 
 import math
@@ -17,9 +27,14 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Literal, NamedTuple, cast, get_args
 
-from twin.errors import InputRefused
+import numpy as np
+from numpy.typing import NDArray
+
+from twin.errors import InputRefused, nearest
 from twin.files import read_toml
+from twin.recording.logs.log import Log, LogSeries
 from twin.units import Dimension, Unit, known_unit, weight_hint
 
 SECONDS = Dimension(s=1)
@@ -167,3 +182,251 @@ def _add(found: list[Rule], mistakes: list[str], where: str, pattern: str, text:
         mistakes.append(f"{said}: unknown unit '{unit}'; expected one such as N, mm, deg, rad/s or %")
         return
     found.append(Rule(pattern, value_unit.in_si(value), value_unit.dimension, dt))
+
+
+Curve = NDArray[np.float64]
+
+
+class Tube(NamedTuple):
+    """Bounds at the times at which values are compared: lower and upper, (n,)."""
+
+    lower: Curve
+    upper: Curve
+
+    def widened(self, tolerance: float) -> "Tube":
+        """The tube with `tolerance` below and above."""
+        return Tube(self.lower - tolerance, self.upper + tolerance)
+
+    def excess(self, values: Curve) -> Curve:
+        """How far values (n,) lie outside: positive above, negative below, 0 inside; infinite where not a number."""
+        above, below = np.maximum(values - self.upper, 0.0), np.minimum(values - self.lower, 0.0)
+        return np.where(np.isfinite(above + below), above + below, np.inf)
+
+
+def reach(t: Curve, values: Curve, at: Curve, dt: float) -> Tube:
+    """What the reference (t, values) takes within dt of the times `at`.
+
+    Args:
+        t, values: samples of the reference, (n,); t strictly ascending, s.
+        at: times of comparison, (m,), ascending, s; within [t[0], t[-1]].
+        dt: half width in time, s.
+    """
+    if dt == 0.0:
+        middle = np.interp(at, t, values)
+        return Tube(middle, middle)
+    # beyond its ends the reference takes no values: the window is cut there
+    left, right = np.maximum(at - dt, t[0]), np.minimum(at + dt, t[-1])
+    ends = np.interp(np.stack([left, right]), t, values)
+    first, last = np.searchsorted(t, left, side="left"), np.searchsorted(t, right, side="right")
+    lower = np.minimum(ends.min(axis=0), _least(values, first, last))
+    upper = np.maximum(ends.max(axis=0), -_least(-values, first, last))
+    return Tube(lower, upper)
+
+
+def _least(values: Curve, first: NDArray[np.intp], last: NDArray[np.intp]) -> Curve:
+    """min(values[first[i]:last[i]]) for each i, infinity where that is empty.
+
+    By a sparse table: level k holds the minima of all windows of 2^k samples, and two of them cover any window
+    (Bender and Farach-Colton, The LCA problem revisited, 2000, section 3).
+    """
+    lengths = last - first
+    least = np.full(len(first), np.inf)
+    level, width = values, 1
+    while width <= lengths.max(initial=0):
+        chosen = (lengths >= width) & (lengths < 2 * width)
+        least[chosen] = np.minimum(level[first[chosen]], level[last[chosen] - width])
+        level = np.minimum(level[:-width], level[width:]) if len(level) > width else level
+        width *= 2
+    return least
+
+
+Kind = Literal["none", "start", "event", "fit"]
+LEAST_OVERLAP = 0.5
+"""Share of the shorter series that a fitted shift must leave to compare; less would fit the ends to each other."""
+STEPS = 500
+"""Shifts tried on either side of none, at most, before the best is refined."""
+
+
+class Alignment(NamedTuple):
+    """How times are aligned.
+
+    Attributes:
+        kind: `none`: both count from the same instant. `start`: the first samples are the same instant. `event`:
+            `signal` crosses the middle of the first log's range for the first time. `fit`: the rms difference of
+            `signal` is least.
+        signal: for event and fit.
+        max_shift: for fit, s.
+    """
+
+    kind: Kind = "none"
+    signal: str = ""
+    max_shift: float = 1.0
+
+
+class TimeShift(NamedTuple):
+    """Seconds to add to the times of the second log, and a sentence where that is doubtful."""
+
+    seconds: float = 0.0
+    note: str = ""
+
+
+def alignment(kind: str, signal: str = "", max_shift: float = 1.0) -> Alignment:
+    """What `--align kind --by signal --max-shift` mean.
+
+    Raises:
+        ComparisonRefused: an unknown kind, no signal where one is needed, no positive shift.
+    """
+    if kind not in get_args(Kind):
+        raise ComparisonRefused(f"--align {kind}: expected one of {', '.join(get_args(Kind))}")
+    if kind in ("event", "fit") and not signal:
+        raise ComparisonRefused(f"--align {kind}: by which signal? Add --by SIGNAL")
+    if not 0.0 < max_shift < np.inf:
+        raise ComparisonRefused(f"--max-shift {max_shift:g}: expected a time > 0 s")
+    return Alignment(cast(Kind, kind), signal, max_shift)
+
+
+def shift(a: Log, b: Log, how: Alignment) -> TimeShift:
+    """What to add to the times of `b` to align it with `a`.
+
+    Raises:
+        ComparisonRefused: the signal shows nothing to align by.
+        LogRefused: a log has no such signal.
+    """
+    if how.kind == "none":
+        return TimeShift()
+    if how.kind == "start":
+        first = [min(series.t[0] for series in log.series.values()) for log in (a, b)]
+        return TimeShift(float(first[0] - first[1]))
+    ours, theirs = a[how.signal], b[how.signal]
+    if np.ptp(ours.values) == 0.0 or np.ptp(theirs.values) == 0.0:
+        raise ComparisonRefused(f"--by {how.signal}: is constant, so nothing in it can be aligned")
+    if how.kind == "event":
+        return _event(a, b, how.signal)
+    return _fit(ours, theirs, how.max_shift)
+
+
+def _event(a: Log, b: Log, signal: str) -> TimeShift:
+    level = 0.5 * float(a[signal].values.min() + a[signal].values.max())
+    times = []
+    for log in (a, b):
+        t, above = log[signal].t, log[signal].values - level
+        crossings = np.flatnonzero((above[1:] >= 0.0) != (above[:-1] >= 0.0))
+        if not len(crossings):
+            raise ComparisonRefused(f"{log.path}: {signal} never crosses {level:.4g}, the middle of the first's range")
+        k = crossings[0]
+        times.append(float(t[k] + (t[k + 1] - t[k]) * above[k] / (above[k] - above[k + 1])))
+    return TimeShift(times[0] - times[1])
+
+
+def _fit(ours: LogSeries, theirs: LogSeries, limit: float) -> TimeShift:
+    """The best of a grid of shifts, then the best near it; the rms may have several minima, a grid sees all."""
+    # scipy takes a while to load, and only this needs it
+    from scipy.optimize import minimize_scalar
+
+    least = LEAST_OVERLAP * min(np.ptp(ours.t), np.ptp(theirs.t))
+
+    def rms(seconds: float) -> float:
+        start, end = max(ours.t[0], theirs.t[0] + seconds), min(ours.t[-1], theirs.t[-1] + seconds)
+        if end - start < least:
+            return np.inf
+        inside = (ours.t >= start) & (ours.t <= end)
+        error = np.interp(ours.t[inside], theirs.t + seconds, theirs.values) - ours.values[inside]
+        return float(np.sqrt(np.mean(error**2))) if len(error) else np.inf
+
+    step = max(limit / STEPS, min(limit, min(ours.sampling.period, theirs.sampling.period)))
+    count = int(np.ceil(limit / step))
+    grid = np.linspace(-limit, limit, 2 * count + 1)
+    costs = np.array([rms(seconds) for seconds in grid])
+    if not np.isfinite(costs).any():
+        raise ComparisonRefused(
+            f"--align fit: within {limit:g} s the logs overlap by less than half of the shorter; widen --max-shift, or "
+            "try --align start"
+        )
+    # of equally good shifts the smallest
+    best = min(range(len(grid)), key=lambda k: (costs[k], abs(grid[k])))
+    low, high = grid[max(best - 1, 0)], grid[min(best + 1, len(grid) - 1)]
+    refined = minimize_scalar(rms, bounds=(low, high), method="bounded", options={"xatol": 1e-3 * step})
+    found = float(refined.x) if refined.fun < costs[best] else float(grid[best])
+    note = f"the best shift is at the end of --max-shift {limit:g}; widen it" if best in (0, len(grid) - 1) else ""
+    return TimeShift(found, note)
+
+
+def paired(a: Log, b: Log, signals: Sequence[str], given: Sequence[Rule]) -> dict[str, Unit]:
+    """Names of the signals to compare, with their units.
+
+    Args:
+        a, b: the logs.
+        signals: patterns; empty: all that both have.
+        given: rules of tolerance, each of which must be about some signal of the logs.
+
+    Raises:
+        ComparisonRefused: no signal in common, units of different dimensions, a pattern that fits no signal.
+    """
+    common = [name for name in a.series if name in b.series]
+    if not common:
+        raise ComparisonRefused(_nothing_in_common(a, b))
+    mistakes = [
+        f"--signal {pattern}: no such signal is in both logs; {_nearest(pattern, common)}"
+        for pattern in signals
+        if not any(matches(pattern, name) for name in common)
+    ]
+    there = [*a.series, *b.series]
+    mistakes += [
+        f"tolerance of {rule.pattern}: no such signal; {_nearest(rule.pattern, common)}"
+        for rule in given
+        if not any(rule.fits(name) for name in there)
+    ]
+    names = [name for name in common if not signals or any(matches(pattern, name) for pattern in signals)]
+    units = {name: _unit(a[name]) for name in names}
+    for name in names:
+        if _unit(b[name]).dimension != units[name].dimension:
+            bare = [log.path for log in (a, b) if log[name].unit == "1"]
+            hint = f"{bare[0]} states no unit; --map {name}=COLUMN[UNIT]" if bare else "correct it with --map"
+            hint += weight_hint(_unit(b[name]).dimension, units[name].dimension)
+            mistakes.append(f"{name} is in {a[name].unit} in {a.path} but in {b[name].unit} in {b.path}; {hint}")
+    if mistakes:
+        raise ComparisonRefused("\n".join(mistakes))
+    return units
+
+
+def spans(a: Log) -> dict[str, float]:
+    """Range of each signal; of a vector that of its widest component, as one that is only noise has no scale."""
+    widest: dict[str, float] = {}
+    for name, series in a.series.items():
+        finite = series.values[np.isfinite(series.values)]
+        vector = name.partition("[")[0]
+        widest[vector] = max(widest.get(vector, 0.0), float(np.ptp(finite)) if len(finite) else 0.0)
+    return widest
+
+
+def no_overlap(a: Log, b: Log, name: str, seconds: float) -> str:
+    """The sentence for logs whose times, `seconds` added to those of `b`, have nothing in common."""
+    ours, theirs = a[name].t, b[name].t + seconds
+    ends = f"{a.path} has {ours[0]:.6g} .. {ours[-1]:.6g} s, {b.path} has {theirs[0]:.6g} .. {theirs[-1]:.6g} s"
+    return f"no instants in common: {ends}; align them with --align start, or event or fit with --by SIGNAL"
+
+
+def _nearest(pattern: str, names: Sequence[str]) -> str:
+    known = dict.fromkeys(name.partition("[")[0] for name in names)
+    return nearest(pattern.partition("[")[0], known, "there are {}", 3)
+
+
+def _nothing_in_common(a: Log, b: Log) -> str:
+    """The sentence that leads from `F_z` of one log to `controller.F_z` of the other."""
+    for log, other in ((b, a), (a, b)):
+        for name in log.series:
+            meant = [n for n in other.series if re.split(r"[./]", n)[-1] == name]
+            if meant:
+                choice = f"say which with --map {meant[0]}=COLUMN[UNIT]"
+                return f"{log.path}: '{name}' could be {' or '.join(meant)}; {choice}"
+    there = f"{a.path} has {_some(a)}; {b.path} has {_some(b)}"
+    return f"no signal in common: {there}; name them with --map NAME=COLUMN[UNIT]"
+
+
+def _some(log: Log) -> str:
+    names = list(dict.fromkeys(name.partition("[")[0] for name in log.series))
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
+
+
+def _unit(series: LogSeries) -> Unit:
+    return known_unit(series.unit) or Unit(Dimension())

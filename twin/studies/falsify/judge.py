@@ -1,22 +1,129 @@
-"""Runs with a fault, judged by how near they come to violating a requirement."""
+"""Runs with a fault, judged by how near they come to violating a requirement.
+
+One run of the search, in a warm worker: how far it is from violating what is required of it.
+
+Warm workers that are given one batch of runs after the other: each batch depends on what the one before came to.
+"""
 
 import math
 import re
-from collections.abc import Sequence
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
+from queue import SimpleQueue
+from typing import Any
 
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
 from twin.experiment.measure import Required
+from twin.experiment.requirement import requirement, signals_of
 from twin.runs.assembly.assemble import assemble
+from twin.runs.assembly.beliefs import geometry_of
+from twin.runs.assembly.load import load_experiment
+from twin.runs.guard.limits import Limits
+from twin.runs.loop import simulate
 from twin.runs.streams import fields_of
-from twin.studies.falsify.crew import Crew
-from twin.studies.falsify.holes import Ended
-from twin.studies.falsify.space import Space, Wrong
+from twin.runs.trace import Trace
+from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
+from twin.studies.falsify.space import Ended, Space, Wrong
 from twin.studies.falsify.text import Requirement
-from twin.studies.metrics.checked_requirement import checked_requirement
+from twin.studies.faults.matrix import default_onsets, fault_trial_of
+from twin.studies.metrics.requirement import checked_requirement
 from twin.studies.steps import Say
+from twin.studies.sweep.measures import RunFinding
+from twin.studies.sweep.plan import Task
+from twin.studies.sweep.pool import Job, WorkerProcess
 from twin.writing import write_text
+
+FORCE, PLACE = "plant.F_ee_B", "plant.p_B"
+
+
+def judged(path: Path, drive: str | None, settings: Sequence[str], claims: str = "") -> RunFinding:
+    """Run the experiment file `settings[0]`: "NAME.distance" of each of its requirements.
+
+    A component that fails ends the run, and what is required is judged until then.
+
+    Args:
+        path, drive: of the experiment that the file extends; it says so itself.
+        claims: nothing.
+
+    Returns:
+        Of a run without a fault besides `onsets`, ticks in contact and in free motion at which one may begin.
+    """
+    began = time.perf_counter()
+    try:
+        experiment = load_experiment(settings[0], (), drive)
+        required = [measure for measure in experiment.measures if isinstance(measure, Required)]
+        names = {name for measure in required for name, _ in signals_of(requirement(measure.formula))}
+        run = Trace(only=names | {FORCE, PLACE})
+        with assemble(experiment) as assembly:
+            refuse_unknown(experiment, assembly.system)
+            done = simulate(assembly, experiment.duration_ticks, [run])
+        signals = Signals(run, geometry_of(experiment.controller.model))
+        found: dict[str, float | None] = {
+            name: m.value for measure in required for name, m in metrics_of_measure(measure, signals).items()
+        }
+        onsets: list[int] = []
+        if not experiment.faults:
+            try:
+                # in contact first: that is where a fault can press
+                onsets = list(reversed(default_onsets(fault_trial_of(run, done))))
+            except InputRefused:
+                onsets = [round(0.5 * experiment.duration_ticks)]
+    # a mistake of ours in one run costs that run, as in a sweep
+    except Exception as problem:
+        status = "refused" if isinstance(problem, InputRefused) else "failed"
+        return RunFinding(status, str(problem), {}, time.perf_counter() - began, 0.0)
+    status, reason = ("failed", str(done.failure)) if done.failure else ("tripped" if done.trip else "done", done.trip)
+    return RunFinding(status, reason, found, time.perf_counter() - began, done.stepping, {"onsets": onsets})
+
+
+TRIAL = "twin.studies.falsify.judge:judged"
+
+
+class Crew:
+    """See `crew`."""
+
+    def __init__(self, idle: "SimpleQueue[WorkerProcess]", threads: ThreadPoolExecutor, stopping: threading.Event):
+        self._idle, self._threads, self._stopping = idle, threads, stopping
+        self._count = 0
+
+    def findings(self, files: Sequence[Path]) -> list[dict[str, Any]]:
+        """What the experiments in `files` come to, in their order, whoever ran them: facts of `RunFinding`."""
+        return list(self._threads.map(self._finding, files))
+
+    def _finding(self, file: Path) -> dict[str, Any]:
+        worker = self._idle.get()
+        try:
+            facts = worker.facts(Task(0, "", None, {}, (str(file.absolute()),)), self._stopping)
+            return facts or {}
+        finally:
+            self._idle.put(worker)
+
+
+@contextmanager
+def crew(folder: Path, processes: int, limits: Limits = Limits()) -> Iterator[Crew]:  # noqa: B008, it is frozen
+    """`processes` warm workers, which end when the block does.
+
+    Args:
+        folder: where the files are that they run.
+        limits: of each worker.
+    """
+    job = Job(folder, folder, "none", limits, "", trial=TRIAL)
+    idle: SimpleQueue[WorkerProcess] = SimpleQueue()
+    stopping = threading.Event()
+    with ExitStack() as ends:
+        for _ in range(processes):
+            worker = WorkerProcess(job)
+            ends.callback(worker.close)
+            idle.put(worker)
+        threads = ends.enter_context(ThreadPoolExecutor(processes))
+        # before the pool waits for its threads: what runs then is given up
+        ends.callback(stopping.set)
+        yield Crew(idle, threads, stopping)
 
 
 class Judge:

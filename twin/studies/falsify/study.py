@@ -64,15 +64,13 @@ def falsify(
     from twin.experiment.source import Source, override
     from twin.runs.assembly.load import load_experiment
     from twin.runs.guard.limits import cores
-    from twin.studies.falsify.crew import crew
-    from twin.studies.falsify.holes import Holes
-    from twin.studies.falsify.judge import Judge, requirements_of
+    from twin.studies.falsify.judge import Judge, crew, requirements_of
     from twin.studies.falsify.search import Search
-    from twin.studies.falsify.space import Space
+    from twin.studies.falsify.space import Holes, Space
     from twin.studies.falsify.text import Found, falsify_text, header
-    from twin.studies.faults.case import cases, known_kinds
+    from twin.studies.faults.matrix import cases, known_kinds
     from twin.studies.left_behind import SCRATCH, held_folder
-    from twin.studies.tune.fragment import findable
+    from twin.studies.tune.text import findable
     from twin.writing import made_folder, write_json, write_text
 
     if os.name != "posix":

@@ -6,8 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from twin.experiment.fault_catalogue import CATALOGUE
-from twin.studies.falsify.holes import Ended, Holes
-from twin.studies.falsify.space import Space, Wrong
+from twin.studies.falsify.space import Ended, Holes, Space, Wrong
 from twin.studies.faults.text import magnitude_text
 from twin.studies.lines import wrapped
 

@@ -1,18 +1,326 @@
-"""The matrix itself: the healthy run first, then one row after the other."""
+"""The matrix of faults: cases, one row for each, the healthy run first.
 
+When a fault begins: in free motion and in contact, as a healthy run of the experiment has them.
+
+One run in memory: what truly happened to the person, and what the monitor did about it.
+
+One row of the matrix: a fault, what it did with the monitor and without, and what that is worth.
+"""
+
+import dataclasses
 from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from twin.errors import ComponentFailed, InputRefused, SafetyTrip
 from twin.experiment.experiment import Experiment
-from twin.experiment.fault import NEVER
-from twin.monitor.reasons import trip_sentence
+from twin.experiment.fault import NEVER, Fault, checked_faults
+from twin.experiment.fault_catalogue import CATALOGUE, expected
+from twin.monitor.reasons import Trip, trip_sentence
+from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.roles import refuse_other_parts
-from twin.studies.faults.case import Case
-from twin.studies.faults.onset import default_onsets, touching
-from twin.studies.faults.row import End, FaultOutcome, FaultRow
-from twin.studies.faults.trial import FaultTrial, trial
+from twin.runs.loop import Simulated, simulate
+from twin.runs.trace import Trace
+
+GLITCH_SHARE = 0.02
+"""Of the samples, for kinds that hit a share of them besides having a magnitude: ten a second at 2 ms."""
+
+
+@dataclass(frozen=True)
+class Case:
+    """One fault at one time.
+
+    Attributes:
+        magnitude: in `unit`, as the catalogue has it; None where the kind has none.
+        fault: the same, SI and ticks.
+    """
+
+    magnitude: float | None
+    fault: Fault
+
+
+def known_kinds(kinds: Sequence[str]) -> tuple[str, ...]:
+    """`kinds`, in the catalogue's order; all of them if none is named.
+
+    Raises:
+        InputRefused: one is not in the catalogue.
+    """
+    for kind in kinds:
+        if kind not in CATALOGUE:
+            raise InputRefused(f"--kind {kind}: {expected(kind, tuple(CATALOGUE))}")
+    return tuple(kind for kind in CATALOGUE if not kinds or kind in kinds)
+
+
+def cases(
+    experiment: Experiment, kinds: Sequence[str], onsets: Sequence[float], duration: float | None
+) -> tuple[Case, ...]:
+    """kinds x magnitudes x onsets, each on the kind's first target.
+
+    Args:
+        onsets: (s).
+        duration: of each fault (s); None: to the end.
+
+    Raises:
+        InputRefused: an onset or the duration is not one of this experiment.
+    """
+    end = experiment.duration_ticks * experiment.cosim.tick
+    for onset in onsets:
+        if not 0.0 <= onset < end:
+            raise InputRefused(f"--onset {onset:g}: outside the experiment; expected 0 <= S < {end:g}")
+    if duration is not None and not duration > 0.0:
+        raise InputRefused(f"--duration {duration:g}: a fault lasts longer than 0 s; without it, to the end")
+    return tuple(
+        Case(magnitude, _fault(experiment, kind, magnitude, onset, duration))
+        for kind in kinds
+        for magnitude in CATALOGUE[kind].magnitudes or (None,)
+        for onset in onsets
+    )
+
+
+def _fault(experiment: Experiment, kind: str, magnitude: float | None, onset: float, duration: float | None) -> Fault:
+    known = CATALOGUE[kind]
+    table: dict[str, Any] = {"kind": kind, "onset_s": onset}
+    if duration is not None:
+        table["duration_s"] = duration
+    if known.magnitude_key:
+        table[known.magnitude_key] = magnitude
+    if known.has_share:
+        table["share"] = GLITCH_SHARE
+    mistakes: list[str] = []
+    faults = checked_faults((table,), experiment.cosim.tick, mistakes)
+    if mistakes:
+        raise InputRefused("\n".join(mistakes))
+    return faults[0]
+
+
+@dataclass(frozen=True)
+class FaultTrial:
+    """A run that is over.
+
+    Attributes:
+        force: true contact force |plant.F_ee_B| (N), (ticks,); fewer ticks than planned if a component failed.
+        z: true height plant.p_B[2] (m), (ticks,).
+        trip: of the monitor; None if it did not trip, or there is none.
+        power_off_tick: when the monitor took the power; None if it did not.
+        failure: the sentence that ended the run; "" if it went to its end.
+        culprit: the component that failed; "" if none did.
+    """
+
+    force: NDArray[np.float64]
+    z: NDArray[np.float64]
+    trip: Trip | None
+    power_off_tick: int | None
+    failure: str
+    culprit: str
+
+
+def trial(experiment: Experiment, fault: Fault | None, watched: bool) -> FaultTrial:
+    """Run `experiment` with `fault` as its only one (None: with none), with its monitor or without.
+
+    Raises:
+        InputRefused: a drive FMU or the fault does not fit.
+    """
+    faults = () if fault is None else (fault,)
+    monitor = experiment.monitor if watched else None
+    run = Trace(only=("plant.F_ee_B", "plant.p_B"))
+    with assemble(dataclasses.replace(experiment, faults=faults, monitor=monitor)) as assembly:
+        done = simulate(assembly, experiment.duration_ticks, [run])
+    return fault_trial_of(run, done)
+
+
+def fault_trial_of(run: Trace, done: Simulated) -> FaultTrial:
+    """What became of a run that has kept force and position."""
+    return FaultTrial(
+        force=np.linalg.norm(run["plant.F_ee_B"], axis=1),
+        z=run["plant.p_B"][:, 2],
+        trip=done.monitor.trip if done.monitor else None,
+        power_off_tick=done.monitor.power_off_tick if done.monitor else None,
+        failure=str(done.failure or ""),
+        culprit=done.simulation.culprit,
+    )
+
+
+TOUCH = 0.5
+"""True force (N) from which on the robot touches: half the force at which the monitor lets a contact begin."""
+
+
+def default_onsets(healthy: FaultTrial) -> tuple[int, int]:
+    """(a tick in free motion, a tick in contact) of a `healthy` run.
+
+    The first is the middle of the descent to the first contact, the second the middle of the longest contact: the hold
+    of a press, the deepest part of a tap, the sweep of Fig. 4.
+
+    Raises:
+        InputRefused: it touches nothing.
+    """
+    contacts = _spans(touching(healthy))
+    if len(contacts) == 0:
+        raise InputRefused("the healthy run touches nothing, so it has no contact to break; say when with --onset S")
+    first = int(contacts[0, 0])
+    rests = np.flatnonzero(np.diff(healthy.z[: first + 1]) >= 0.0)
+    descent = int(rests[-1]) + 1 if len(rests) else 0
+    longest = contacts[np.argmax(contacts[:, 1] - contacts[:, 0])]
+    return (descent + first) // 2, int(longest.sum()) // 2
+
+
+def touching(run: FaultTrial) -> NDArray[np.bool_]:
+    """In which ticks the robot touches, (ticks,)."""
+    return run.force >= TOUCH
+
+
+def _spans(true: NDArray[np.bool_]) -> NDArray[np.int64]:
+    """Unbroken stretches of True, (n, 2): first tick, and the one after the last."""
+    edges = np.diff(np.concatenate([[False], true, [False]]).astype(int))
+    return np.flatnonzero(edges).reshape(-1, 2)
+
+
+ALLOWANCE = 1.2
+"""How far above the force limit the true peak may be, as a factor: 20 % for the time that a reaction takes."""
+
+End = Literal["finished", "retracted", "held", "power off", "run ended"]
+"""How a run ends: without a trip; clear of the body, or still touching it, after the retraction; with the power taken
+because it did not retract; before its time because a component failed."""
+
+
+@dataclass(frozen=True)
+class FaultOutcome:
+    """What one run did, from the onset of the fault on.
+
+    Attributes:
+        peak: largest true contact force (N).
+        peak_delay: from the onset to that (s).
+        above: how long the force was above the force limit (s).
+        reason: why the monitor tripped, a name of `twin.monitor.reasons.Reason`; FAILURE if the run ended at the fault
+            itself; "" if neither.
+        delay: from the onset to the trip (s).
+        power_off_delay: from the onset to the loss of power (s).
+        end: see `End`.
+        failure: the sentence that ended the run.
+    """
+
+    peak: float
+    peak_delay: float
+    above: float
+    reason: str
+    delay: float | None
+    power_off_delay: float | None
+    end: End
+    failure: str
+
+
+@dataclass(frozen=True)
+class FaultRow:
+    """A fault of the matrix.
+
+    Attributes:
+        kind, target: of the fault.
+        magnitude: as the catalogue writes it, in its unit; None where there is none.
+        onset: (s).
+        in_contact: whether the healthy robot touches then.
+        limit: the monitor's force limit (N).
+        healthy_peak: largest true force of the healthy run from the onset on (N).
+        watched, unwatched: with the monitor and without.
+        stays: whether the fault lasts to the end of the run.
+    """
+
+    kind: str
+    target: str
+    magnitude: float | None
+    onset: float
+    in_contact: bool
+    limit: float
+    healthy_peak: float
+    watched: FaultOutcome
+    unwatched: FaultOutcome
+    stays: bool = True
+
+    @property
+    def bound(self) -> float:
+        """What the true force is to stay below (N)."""
+        return ALLOWANCE * self.limit
+
+    @property
+    def safe(self) -> bool:
+        return self.watched.peak <= self.bound
+
+    @property
+    def safe_unwatched(self) -> bool:
+        return self.unwatched.peak <= self.bound
+
+    @property
+    def detected(self) -> bool:
+        return bool(self.watched.reason)
+
+    @property
+    def in_time(self) -> bool:
+        """Whether the monitor saw it before the worst was over."""
+        delay = self.watched.delay
+        return delay is not None and delay <= self.watched.peak_delay
+
+    @property
+    def largest(self) -> bool:
+        """Whether the kind has no larger magnitude in the catalogue."""
+        magnitudes = CATALOGUE[self.kind].magnitudes
+        return magnitudes is None or self.magnitude == magnitudes[-1]
+
+    @property
+    def said_to_be_seen(self) -> bool:
+        """Whether the catalogue said before the run that the monitor sees it; of a fault that ends it says nothing."""
+        return self.stays and CATALOGUE[self.kind].is_said_to_be_seen(self.magnitude, self.in_contact)
+
+    @property
+    def said_to_go_beyond(self) -> bool:
+        """Whether the catalogue said before the run that the force may go beyond the bound."""
+        return CATALOGUE[self.kind].is_said_to_go_beyond(self.magnitude)
+
+    @property
+    def missed(self) -> bool:
+        """Whether the monitor did not see what it was said to see."""
+        return self.said_to_be_seen and not self.detected
+
+    @property
+    def loose(self) -> bool:
+        """Whether the force went beyond the bound and was not said to."""
+        return not self.safe and not self.said_to_go_beyond
+
+    @property
+    def fails(self) -> bool:
+        """Whether the run did worse than was said before it."""
+        return self.missed or self.loose
+
+    @property
+    def as_stated(self) -> bool:
+        """Whether the run did what was said, no worse and no better: what is never seen was not seen in time."""
+        return not self.fails and not (CATALOGUE[self.kind].detection == "no" and self.in_time)
+
+    def facts(self) -> dict[str, Any]:
+        """For JSON: keys with units, and the judgements."""
+        return {
+            "kind": self.kind,
+            "target": self.target,
+            CATALOGUE[self.kind].magnitude_key or "magnitude": self.magnitude,
+            "onset_s": self.onset,
+            "in_contact": self.in_contact,
+            "limit_N": self.limit,
+            "healthy_peak_N": self.healthy_peak,
+            "verdict": "safe" if self.safe else "unsafe",
+            "detection_stated": CATALOGUE[self.kind].detection,
+            "as_stated": self.as_stated,
+            "detectable": self.said_to_be_seen,
+            "said_to_go_beyond": self.said_to_go_beyond,
+            "failed": self.fails,
+            "with_monitor": _facts(self.watched),
+            "without_monitor": _facts(self.unwatched),
+        }
+
+
+def _facts(outcome: FaultOutcome) -> dict[str, Any]:
+    units = {"peak": "_N", "peak_delay": "_s", "above": "_s", "delay": "_s", "power_off_delay": "_s"}
+    return {key + units.get(key, ""): value for key, value in asdict(outcome).items()}
+
 
 FAILURE = "FAILURE"
 

@@ -52,10 +52,8 @@ def faults(
         NotWritten: the disk refuses.
     """
     from twin.runs.assembly.load import load_experiment
-    from twin.studies.faults.case import cases, known_kinds
-    from twin.studies.faults.matrix import healthy_trial, matrix_rows, onsets_of
-    from twin.studies.faults.picture import draw_fault_matrix
-    from twin.studies.faults.text import fault_matrix_text
+    from twin.studies.faults.matrix import cases, healthy_trial, known_kinds, matrix_rows, onsets_of
+    from twin.studies.faults.text import draw_fault_matrix, fault_matrix_text
     from twin.writing import growing, json_text, made_folder, write_json
 
     folder = made_folder(out or HOME / experiment.stem)

@@ -9,16 +9,24 @@ from scipy.sparse.csgraph import connected_components
 from twin.controller.belief import Belief
 from twin.errors import TwinError, Unreachable
 from twin.recording.logs.log import Log, LogRefused
-from twin.studies.identify.balance import CONTACT, in_air, on_scale
+from twin.studies.identify.balance import CONTACT, OnePose, in_air, on_scale, one_pose
 from twin.studies.identify.fit import TOLD, Fit, fit
-from twin.studies.identify.friction import friction
-from twin.studies.identify.motor_torque import spring_stiffness
-from twin.studies.identify.one_pose import OnePose, one_pose
-from twin.studies.identify.parameters import COMPLIANCE, HEIGHT, KAPPA, LOSS, RATE, SLOPE, parameters
-from twin.studies.identify.units import Estimate
-from twin.studies.identify.windows import COUNTS, Windows, windows
+from twin.studies.identify.friction import friction, spring_stiffness
+from twin.studies.identify.windows import (
+    COMPLIANCE,
+    COUNTS,
+    HEIGHT,
+    KAPPA,
+    LOSS,
+    RATE,
+    SLOPE,
+    Estimate,
+    Windows,
+    parameters,
+    windows,
+)
 from twin.studies.replay.model import RobotModel
-from twin.studies.replay.robot_log import robot_log
+from twin.studies.replay.replay import robot_log
 from twin.studies.steps import Say, Steps, silent
 
 PLAUSIBLE = 5.0

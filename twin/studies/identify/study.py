@@ -44,9 +44,12 @@ def identify(
     from twin.recording.logs.column_map import column_map
     from twin.recording.logs.reader import is_recording, read_log
     from twin.studies.identify.identification import identified
-    from twin.studies.identify.model_file import model_fragment
-    from twin.studies.identify.picture import draw_identification
-    from twin.studies.identify.text import identification_facts, identification_text
+    from twin.studies.identify.text import (
+        draw_identification,
+        identification_facts,
+        identification_text,
+        model_fragment,
+    )
     from twin.studies.identify.truth import truth
     from twin.studies.replay.model import model_for
     from twin.writing import write_json, write_text

@@ -1,11 +1,20 @@
-"""An identification as text of at most 80 columns: the answer, the table, what cannot be had, the paper's way."""
+"""An identification as text of at most 80 columns, as TOML to paste, and as a picture."""
 
 from collections.abc import Mapping, Sequence
 from functools import partial
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+import tomlkit
+from matplotlib.axes import Axes
+
+from twin.errors import visible
+from twin.studies.figure import INK, JOINTS, PAPER_BLUE, PAPER_ORANGE, RED, picture
 from twin.studies.identify.identification import Identification, Quantity
-from twin.studies.identify.units import decimals, shown, shown_unit
+from twin.studies.identify.windows import JOINTS_PER_METRE, Estimate, decimals, shown, shown_unit
 from twin.studies.lines import labelled, wrapped
+from twin.writing import inline_table
 
 ALL_THREE = {"zero of joint": "zeros of the joints", "zero of wind-up": "zeros of the wind-ups"}
 
@@ -157,3 +166,126 @@ def identification_facts(one: Identification, log: str, true: Mapping[str, float
         "one_pose": {step.name: step.k_s_eta for step in press.steps} if press else None,
         "notes": list(one.notes),
     }
+
+
+def model_fragment(one: Identification, log: str) -> str:
+    """[controller] and [controller.model] with what was found; what was not stays as it is. log: the file's name."""
+    belief, q = one.model.belief, one.quantities
+    k = one.estimate("k_s_eta")
+    d = decimals(k)
+    says = f"identified from {log}: k_s eta = {k.value:.{d}f} +- {k.half_width:.{d}f} (95 %)"
+    eta = q["eta"].found
+    k_s = one.estimate("k_s").value if eta is not None else k.value / belief.eta
+    says = says if eta else f"{says}, eta as believed"
+    model = {"k_s_Nm_per_rad": inline_table({"value": round(k_s, d), "source": says})}
+    if eta is not None:
+        model["eta"] = inline_table({"value": round(min(eta.value, 1.0), d), "source": f"identified from {log}"})
+    joints = [q[f"joint_zero_{i}"].found for i in (1, 2, 3)]
+    believed = np.array(belief.joint_zero)
+    zero = np.array([j.value if j else b for j, b in zip(joints, believed, strict=True)]) if all(joints) else believed
+    winds = [q[f"wind_up_zero_{i}"].found for i in (1, 2, 3)]
+    if all(winds):
+        motor = np.array([w.value for w in winds if w]) + belief.N * zero
+        model["motor_zero_deg"] = _zeros(motor, f"identified from {log}: within {_width(winds)} of N joint zeros")
+    if all(joints):
+        model["joint_zero_deg"] = _zeros(zero, f"identified from {log}: +- {_width(joints)}")
+    controller: dict[str, Any] = {"model": model}
+    backlash = q["backlash"].found
+    if backlash is not None and backlash.value >= 0.0:
+        digits = decimals(backlash)
+        source = f"identified from {log}: +- {shown(backlash.half_width, 'rad'):.{digits}f} deg"
+        value = round(shown(backlash.value, "rad"), digits)
+        controller = {"dead_zone_deg": inline_table({"value": value, "source": source})} | controller
+    head = f"# identified from {visible(log)}; lay it over an experiment, or paste it there\n"
+    return head + tomlkit.dumps({"controller": controller})
+
+
+def _zeros(angles: np.ndarray, source: str) -> Any:
+    return inline_table({"value": [round(float(angle), 4) for angle in np.degrees(angles)], "source": source})
+
+
+def _width(found: Sequence[Estimate | None]) -> str:
+    """The widest of the intervals, in degrees."""
+    return f"{max(shown(one.half_width, 'rad') for one in found if one):.2g} deg"
+
+
+LOADING, UNLOADING = PAPER_BLUE, PAPER_ORANGE
+STILL = 5e-4
+"""m/s: slower in z is neither loading nor unloading."""
+
+
+def draw_identification(one: Identification, name: str, path: Path) -> None:
+    """Write the picture to `path` (PNG)."""
+    k = one.estimate("k_s_eta")
+    with picture(path, 11, 8, f"{name}: k_s eta = {k.value:.4f} +- {k.half_width:.4f} N m/rad") as figure:
+        draws = (_draw_force, _draw_air, _draw_depth, _draw_paper)
+        for draw, panel in zip(draws, figure.subplots(2, 2).flat, strict=True):
+            draw(panel, one)
+
+
+def _of_kind(one: Identification, kind: int) -> tuple[np.ndarray, np.ndarray]:
+    """Residuals of the equations of one kind, and their windows."""
+    rows = one.fit.rows
+    return rows.residual[rows.kind == kind], rows.window[rows.kind == kind]
+
+
+def _draw_force(axes: Axes, one: Identification) -> None:
+    _, window = _of_kind(one, 1)
+    F, r = one.fit.seen.force[window], one.fit.force_residual
+    _draw_halves(axes, one, window, F, r)
+    for side in (-0.5, 0.5):
+        axes.axhline(side * max(one.model.resolution, 0.0), color="0.5", lw=0.8, ls="--")
+    axes.set_title("on the scale: force by the springs less the reading", fontsize="medium", loc="left")
+    axes.set(xlabel="scale (N); dashed: half a step of its display", ylabel="residual (N)")
+    if len(F):
+        axes.legend(fontsize="small", loc="best")
+
+
+def _draw_halves(axes: Axes, one: Identification, window: np.ndarray, x: np.ndarray, y: np.ndarray) -> None:
+    down = np.mean(one.fit.seen.speed[window], axis=1) / JOINTS_PER_METRE
+    for chosen, color, label in (
+        (down > STILL, LOADING, "loading"),
+        (down < -STILL, UNLOADING, "unloading"),
+        (np.abs(down) <= STILL, "0.6", "sweeping"),
+    ):
+        if np.any(chosen):
+            axes.plot(x[chosen], y[chosen], ".", ms=4, color=color, alpha=0.7, label=label)
+
+
+def _draw_air(axes: Axes, one: Identification) -> None:
+    r, window = _of_kind(one, 0)
+    t = one.fit.seen.t[window[::3]]
+    for i, color in enumerate(JOINTS):
+        axes.plot(t, np.degrees(r[i::3]), ".", ms=3, color=color, alpha=0.7, label=f"joint {i + 1}")
+    axes.set_title("in free air: wind-up less that of the robot's weight", fontsize="medium", loc="left")
+    axes.set(xlabel="time (s)", ylabel="residual (deg, motor side)")
+    if len(t):
+        axes.legend(fontsize="small", loc="best", ncols=3)
+
+
+def _draw_depth(axes: Axes, one: Identification) -> None:
+    r, window = _of_kind(one, 2)
+    _draw_halves(axes, one, window, one.fit.seen.force[window], 1e6 * r)
+    axes.set_title("the scale's own law: height less z_s - F/K/(1 - c p_z')", fontsize="medium", loc="left")
+    axes.set(xlabel="scale (N)", ylabel="residual (micrometres)")
+
+
+def _draw_paper(axes: Axes, one: Identification) -> None:
+    axes.set_title("Sec. III.A as printed: one press, a line through 0", fontsize="medium", loc="left")
+    press = one.one_pose
+    if press is None:
+        axes.text(0.5, 0.5, "no gradual press in one place", ha="center", va="center", transform=axes.transAxes)
+        return
+    believed = one.model.belief.k_s * one.model.belief.eta
+    axes.plot(press.calculated, press.force, "o", ms=4, color=INK, label="measured, against (27)")
+    reach = np.array([min(0.0, float(press.calculated.min())), float(press.calculated.max())])
+    slope = press.steps[0].k_s_eta / believed
+    axes.plot(reach, slope * reach, color=RED, label=f"as printed: k_s eta = {press.steps[0].k_s_eta:.3f}")
+    slope = one.fit.x[0] / believed
+    middle = press.calculated.mean(), press.force.mean()
+    axes.plot(
+        reach, middle[1] + slope * (reach - middle[0]), color=LOADING, ls="--",
+        label=f"slope of the identified {one.fit.x[0]:.3f}",
+    )  # fmt: skip
+    axes.set(xlabel="F_z by (20) to (27), believed k_s eta (N)", ylabel="scale (N)")
+    axes.legend(fontsize="small", loc="best")

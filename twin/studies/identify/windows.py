@@ -3,8 +3,14 @@
 An encoder is read in steps. While the robot stands, every sample has the same rounding error and a mean of thousands is
 no better than one; while it moves across several counts the errors run through their range and their mean vanishes. So
 a window is kept if every motor crosses some counts in it, and if it neither starts, stops nor turns.
+
+A number with its interval, and in which unit and with how many digits it is read.
+
+What is estimated: names, units, the size at which an error matters, and where the search starts.
 """
 
+from dataclasses import dataclass
+from math import degrees, floor, log10
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,7 +18,34 @@ from numpy.typing import NDArray
 
 from twin.controller.belief import Belief
 from twin.recording.logs.log import LogRefused, in_gap
-from twin.studies.replay.robot_log import RobotLog
+from twin.studies.replay.replay import RobotLog
+
+SHOWN = {"rad": (degrees(1.0), "deg"), "m": (1e3, "mm"), "s": (1e3, "ms"), "1": (1.0, "")}
+
+
+class Estimate(NamedTuple):
+    """value +- half_width, a 95 % interval, in the SI unit `unit`."""
+
+    value: float
+    half_width: float
+    unit: str
+
+
+def shown(value: float, unit: str) -> float:
+    """`value` (SI) in the unit that people read."""
+    return value * SHOWN.get(unit, (1.0, unit))[0]
+
+
+def shown_unit(unit: str) -> str:
+    """The unit that people read."""
+    return SHOWN.get(unit, (1.0, unit))[1]
+
+
+def decimals(estimate: Estimate) -> int:
+    """Digits after the point that an interval with two significant digits needs."""
+    width = shown(estimate.half_width, estimate.unit)
+    return 0 if not 0.0 < width < 1e6 else min(max(1 - floor(log10(width)), 0), 6)
+
 
 LENGTH = 0.1
 """s: shorter than the 0.2 s of a press's changes of sign, longer than a period of the free modes (75 rad/s)."""
@@ -135,3 +168,62 @@ def _slope(t: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.float64
     """Of the straight lines through y (n, ...) over t (n,)."""
     centred = t - t.mean()
     return centred @ y / (centred @ centred)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One unknown.
+
+    Attributes:
+        name: as in facts; vectors count from 1.
+        meaning: for people.
+        unit: SI.
+        start: the believed value.
+        size: how far belief and truth may plausibly be apart; only what the data pins down to a tenth of it is told.
+    """
+
+    name: str
+    meaning: str
+    unit: str
+    start: float
+    size: float
+
+
+KAPPA, LOSS, RATE, OFFSET, JOINT_ZERO, BACKLASH, FRICTION, HEIGHT, SLOPE, COMPLIANCE, DAMPING, DELAY = (
+    0, 1, 2, 3, 6, 9, 10, 11, 12, 14, 15, 16
+)  # fmt: skip
+"""Where each stands in a vector of parameters; offsets and joint zeros are three each, slopes two."""
+COUNT = 17
+
+
+def parameters(belief: Belief, height: float) -> tuple[Parameter, ...]:
+    """The unknowns in their order, starting from `belief` and a believed `height` of the scale (m)."""
+    k = belief.k_s * belief.eta
+    offsets = np.subtract(belief.motor_zero, np.multiply(belief.N, belief.joint_zero))
+    degree = float(np.radians(1.0))
+    return (
+        Parameter("k_s_eta", "k_s eta", "N m/rad", k, k),
+        Parameter("loss", "ln(eta) of a belt that loses by direction", "1", 0.0, 0.5),
+        Parameter("loss_rate", "speed at which its losses turn over", "rad/s", 0.01, 0.05),
+        *(Parameter(f"wind_up_zero_{i + 1}", f"zero of wind-up {i + 1}", "rad", float(offsets[i]), degree)
+          for i in range(3)),
+        *(Parameter(f"joint_zero_{i + 1}", f"zero of joint {i + 1}", "rad", belief.joint_zero[i], degree)
+          for i in range(3)),
+        Parameter("backlash", "backlash, half width", "rad", belief.backlash, 0.5 * degree),
+        Parameter("b_j", "viscous friction of a joint", "N m s/rad", 0.0, 0.02),
+        Parameter("height", "height of the scale", "m", height, 5e-3),
+        *(Parameter(f"slope_{axis}", f"slope of the scale along {axis}", "rad", 0.0, degree) for axis in "xy"),
+        Parameter("compliance", "compliance of the scale", "m/N", 1e-3, 1e-3),
+        Parameter("damping", "damping of the scale", "s/m", 0.0, 10.0),
+        Parameter("delay", "delay of the scale", "s", 0.0, 0.1),
+    )  # fmt: skip
+
+
+def starts(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
+    """Where the search starts (n,)."""
+    return np.array([one.start for one in unknowns])
+
+
+def sizes(unknowns: tuple[Parameter, ...]) -> NDArray[np.float64]:
+    """How far each may plausibly be off (n,)."""
+    return np.array([one.size for one in unknowns])

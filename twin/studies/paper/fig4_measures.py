@@ -8,9 +8,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from twin.studies.metrics import tracking
-from twin.studies.metrics.response import Curve, first_time, within
-from twin.studies.metrics.tracking import level_changes, mean_error, rms
+from twin.studies.metrics import response as tracking
+from twin.studies.metrics.response import Curve, first_time, level_changes, mean_error, rms, within
 from twin.studies.paper.fig4_runs import BEFORE, FINAL, PARTS, SWEEP, Fig4Run, Fig4Runs
 
 START, END, HEIGHT = 0.020, -0.020, -0.105

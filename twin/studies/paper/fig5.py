@@ -2,18 +2,31 @@
 
 The paper prints no numbers for its tasks: the words are its own, the bounds are ours and say why. They were written for
 the paper's scale and its drive, and are the same on every body and for every drive.
+
+All claims of Fig. 5 on the tasks of any number of runs.
+
+The way of one task in space, in a black box with arrows, as the paper's Fig. 5 shows it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+from mpl_toolkits.mplot3d.axes3d import Axes3D
 
 from twin.controller.phase import PhaseKind
-from twin.studies.metrics.response import overshoot
-from twin.studies.metrics.tracking import rms
+from twin.experiment.task import Press, Push, Roll, Tap, Task
+from twin.recording.errors import UnknownSeries
+from twin.recording.recording import Recording
+from twin.studies.figure import BLUE, GREY, INK, VERMILION
+from twin.studies.metrics.response import overshoot, rms
 from twin.studies.paper import fig5_measures as measure
-from twin.studies.paper.claim import Claim
-from twin.studies.paper.fig5_runs import Mask, TaskRun
+from twin.studies.paper.claim import Claim, ClaimFinding, as_facts, judged
+from twin.studies.paper.fig4 import failed
+from twin.studies.paper.fig5_measures import Mask, TaskRun, body_of, drive_of, settings, task_runs, trip_sentence
 
 
 def _excess(figure: str, quote: str, share: float, why: str) -> Claim:
@@ -170,3 +183,193 @@ PUSH = (
 
 CLAIMS: dict[str, tuple[Claim, ...]] = {"press": PRESS, "tap": TAP, "roll": ROLL, "push": PUSH}
 """By kind of task, in the order of Fig. 5 A-D."""
+
+
+@dataclass(frozen=True)
+class TaskScore:
+    """One task and what it says to the claims of its kind.
+
+    Attributes:
+        run: the task's curves.
+        drive, body: by name.
+        name: of the task among those of the run, `push 2`.
+        manner: what was asked for, in words.
+        findings: in the order of the claims.
+    """
+
+    run: TaskRun
+    drive: str
+    body: str
+    name: str
+    manner: str
+    findings: tuple[ClaimFinding, ...]
+
+    @property
+    def kind(self) -> str:
+        return self.run.task.kind
+
+    def facts(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "recording": str(self.run.recording.path),
+            "drive": self.drive,
+            "body": self.body,
+            "task": self.run.number,
+            "kind": self.kind,
+            "manner": self.manner,
+            "failed": failed(self.findings),
+            "claims": [as_facts(finding) for finding in self.findings],
+        }
+
+
+@dataclass(frozen=True)
+class Fig5Score:
+    """What runs say to Fig. 5.
+
+    Attributes:
+        tasks: in the order of the runs and of the tasks in them.
+        remarks: a sentence on each run that tripped or is damaged.
+    """
+
+    tasks: tuple[TaskScore, ...]
+    remarks: tuple[str, ...]
+
+    @property
+    def findings(self) -> list[ClaimFinding]:
+        return [finding for task in self.tasks for finding in task.findings]
+
+    @property
+    def failed(self) -> list[str]:
+        """Keys of the claims that fail anywhere, each once."""
+        return list(dict.fromkeys(failed(self.findings)))
+
+    def facts(self) -> dict[str, object]:
+        """For JSON."""
+        return {
+            "figure": "5",
+            "failed": self.failed,
+            "tasks": [task.facts() for task in self.tasks],
+            "remarks": list(self.remarks),
+        }
+
+
+def fig5_score(recordings: Sequence[Recording]) -> Fig5Score:
+    """Judge every task of `recordings`.
+
+    Raises:
+        InputRefused: one holds no task.
+    """
+    tasks = [score for recording in recordings for score in _task_scores(recording)]
+    remarks = [text for recording in recordings for text in (trip_sentence(recording), recording.note) if text]
+    return Fig5Score(tuple(tasks), tuple(remarks))
+
+
+def shown_tasks(score: Fig5Score) -> list[TaskScore]:
+    """Of each kind of task, in the order of Fig. 5, the last one that was begun in the first run that has one."""
+    shown = []
+    for kind in CLAIMS:
+        tasks = [task for task in score.tasks if task.kind == kind and len(task.run.t)]
+        if tasks:
+            shown.append([task for task in tasks if task.run.recording is tasks[0].run.recording][-1])
+    return shown
+
+
+def _task_scores(recording: Recording) -> list[TaskScore]:
+    runs = task_runs(recording)
+    drive, body = drive_of(recording), body_of(recording)
+    scores = []
+    for run in runs:
+        findings = tuple(judged(claim, run) for claim in CLAIMS[run.task.kind])
+        number = f" {run.number}" if len(runs) > 1 else ""
+        scores.append(TaskScore(run, drive, body, f"{run.task.kind}{number}", _manner(run.task), findings))
+    return scores
+
+
+def _manner(task: Task) -> str:
+    match task:
+        case Press():
+            return f"{task.force:g} N for {task.hold:g} s"
+        case Tap():
+            return f"{task.force:g} N at {1e3 * task.speed:g} mm/s, {task.times} times"
+        case Roll():
+            return f"{task.force:g} N, radius {1e3 * task.radius:g} mm at {task.rate:g} Hz, {task.turns:g} turns"
+        case Push():
+            return f"{task.force:g} N at {1e3 * task.speed:g} mm/s"
+
+
+TRUTH, REFERENCE, TRACE, MOVING = INK, GREY, VERMILION, BLUE
+"""Truth black, reference grey; the paper's red and blue in the shades of Okabe and Ito."""
+SURFACE = "#f2d9c4"
+REACH = 25.0
+"""Half the width of the box (mm): the shipped tasks stay within 20 mm of the axis."""
+TOP = -86.0
+MARGIN = 3.0
+HEIGHT = 0.75
+"""Height of the box over its width as drawn; z is drawn larger than x and y."""
+WORK = (PhaseKind.HOLD, PhaseKind.CIRCLE, PhaseKind.PUSH, PhaseKind.TAP, PhaseKind.RISE)
+
+
+def draw_in_space(axes: Axes3D, run: TaskRun, floor: float) -> None:
+    """Draw the task into `axes`.
+
+    Args:
+        run: has samples.
+        floor: lowest height that any of the pictures shows (m).
+    """
+    bottom = 1e3 * floor - MARGIN
+    # in the order written: matplotlib's own guess of what lies in front hides traces that are in the surface
+    axes.computed_zorder = False
+    _draw_box(axes, bottom)
+    _draw_surface(axes, 1e3 * _height(run))
+    p = 1e3 * run.p_B
+    working = np.isin(run.phase, WORK)
+    with suppress(UnknownSeries):
+        axes.plot(*(1e3 * run.commanded("p_ref_B")).T, color=REFERENCE, lw=1.2, ls="--", zorder=2)
+    axes.plot(*p.T, color=TRUTH, lw=1.0, zorder=3)
+    axes.plot(*np.where(working[:, None], p, np.nan).T, color=TRACE, lw=2.2, zorder=4)
+    for start, way in _moves(run):
+        axes.quiver(*start, *way, color=MOVING, lw=1.8, arrow_length_ratio=0.3, zorder=5, label="moving direction")
+    axes.set(xlim=(-REACH, REACH), ylim=(-REACH, REACH), zlim=(bottom, TOP))
+    axes.set_box_aspect((1, 1, HEIGHT), zoom=1.06)
+    axes.view_init(elev=24, azim=-52)
+    for axis, letter in zip((axes.xaxis, axes.yaxis, axes.zaxis), "xyz", strict=True):
+        axis.set_label_text(f"{letter} (mm)", fontsize=8)
+        axis.labelpad = -6
+        axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
+    axes.tick_params(labelsize=7, pad=-3)
+    axes.grid(False)
+
+
+def _height(run: TaskRun) -> float:
+    """Height of the untouched surface (m)."""
+    return float(settings(run.recording)["contact"]["height_mm"]) / 1e3
+
+
+def _draw_box(axes: Axes3D, bottom: float) -> None:
+    """The twelve edges."""
+    corners = np.array(list(product((-REACH, REACH), (-REACH, REACH), (bottom, TOP))))
+    for i, a in enumerate(corners):
+        for b in corners[i + 1 :]:
+            if np.count_nonzero(a != b) == 1:
+                axes.plot(*np.transpose([a, b]), color="black", lw=0.9, zorder=1, clip_on=False)
+
+
+def _draw_surface(axes: Axes3D, height: float) -> None:
+    corners = [(-REACH, -REACH, height), (REACH, -REACH, height), (REACH, REACH, height), (-REACH, REACH, height)]
+    axes.add_collection3d(Poly3DCollection([corners], facecolor=SURFACE, alpha=0.6, edgecolor="none", zorder=0))
+
+
+def _moves(run: TaskRun) -> list[tuple[tuple[float, ...], tuple[float, ...]]]:
+    """(start, way) of the arrows in mm: down beside the point; around the circle or along the line."""
+    x, y = (1e3 * c for c in run.task.point)
+    high, low = -88.0, 1e3 * _height(run) + 1.0
+    moves: list[tuple[tuple[float, ...], tuple[float, ...]]] = [((x - 3.0, y, high), (0.0, 0.0, low - high))]
+    level = 1e3 * _height(run)
+    match run.task:
+        case Push():
+            way = 1e3 * np.subtract(run.task.to, run.task.point)
+            moves.append(((x + 5.0, y + 0.25 * way[1], level), (0.5 * way[0], 0.5 * way[1], 0.0)))
+        case Roll():
+            r = 1e3 * run.task.radius
+            moves.append(((x + 1.8 * r, y - r, level), (0.0, 2.0 * r, 0.0)))
+    return moves

@@ -16,12 +16,10 @@ from twin.experiment.task import Push, Roll, Tap
 from twin.monitor.limits import Monitor
 from twin.recording.errors import UnknownSeries
 from twin.studies.figure import GREEN, ORANGE, picture
-from twin.studies.metrics.path import along_and_off
+from twin.studies.metrics.response import along_and_off
 from twin.studies.paper.claim import Claim
-from twin.studies.paper.fig5 import CLAIMS
-from twin.studies.paper.fig5_runs import TaskRun, settings
-from twin.studies.paper.fig5_score import Fig5Score, shown_tasks
-from twin.studies.paper.fig5_space import REFERENCE, TRACE, TRUTH, draw_in_space
+from twin.studies.paper.fig5 import CLAIMS, REFERENCE, TRACE, TRUTH, Fig5Score, draw_in_space, shown_tasks
+from twin.studies.paper.fig5_measures import TaskRun, settings
 
 ESTIMATE, SHIFTED = ORANGE, GREEN
 JUDGED = "#e9eef5"

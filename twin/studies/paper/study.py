@@ -8,11 +8,10 @@ from twin.recording.folder import recording_in
 from twin.recording.reader import read
 from twin.recording.recording import Recording
 from twin.studies.answer import Answer, judged
-from twin.studies.paper.fig4_picture import draw_fig4
-from twin.studies.paper.fig4_runs import fig4_runs
+from twin.studies.paper.fig4 import fig4_score
+from twin.studies.paper.fig4_runs import draw_fig4, fig4_runs
+from twin.studies.paper.fig5 import fig5_score
 from twin.studies.paper.fig5_picture import draw_fig5
-from twin.studies.paper.fig5_score import fig5_score
-from twin.studies.paper.score import fig4_score
 from twin.studies.paper.text import fig4_text, fig5_text
 
 FIG4_EXPERIMENTS = ("fig4_force_position", "fig4_position", "fig4_imperfect", "fig4_imperfect_position")

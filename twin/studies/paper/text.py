@@ -4,8 +4,8 @@ from collections.abc import Iterable, Sequence
 
 from twin.studies.lines import WIDTH, counted, wrapped
 from twin.studies.paper.claim import ClaimFinding
-from twin.studies.paper.fig5_score import Fig5Score, TaskScore
-from twin.studies.paper.score import Score, bound_used, standing, tally
+from twin.studies.paper.fig4 import Score, bound_used, standing, tally
+from twin.studies.paper.fig5 import Fig5Score, TaskScore
 
 MARKS = {
     "holds": "ok", "fails": "FAIL", "trivial": "n/a", "not reproduced": "miss", "reproduced after all": "ok !",

@@ -11,7 +11,7 @@ from twin.runs.assembly.assemble import assemble
 from twin.runs.assembly.load import load_experiment
 from twin.runs.loop import simulate
 from twin.runs.trace import Trace
-from twin.studies.metrics.better import Standing, overall, standing
+from twin.studies.metrics.requirement import Standing, overall, standing
 from twin.studies.qualify.definitions import Measure
 from twin.studies.qualify.true_run import COMPARED, TrueRun
 from twin.studies.steps import Say, Steps, silent

@@ -18,7 +18,7 @@ from twin.runs.assembly.roles import CONTRACTS, OtherPart, other_part
 from twin.runs.trace import Trace, run_in_memory
 from twin.studies.answer import Answer
 from twin.studies.lines import wrapped
-from twin.studies.metrics.needs import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
+from twin.studies.metrics.requirement import FIG4, FIG5, MEASURES, OF_A_CONSTANT_FORCE
 from twin.studies.qualify.bench import Inputs, Played, inputs_for, played, replayed_from_state
 from twin.studies.qualify.definitions import Check, judged
 

@@ -4,8 +4,7 @@ import numpy as np
 
 from twin.controller.phase import PhaseKind
 from twin.runs.trace import Trace
-from twin.studies.metrics.response import Curve, first_time, overshoot, settling_time
-from twin.studies.metrics.tracking import rms
+from twin.studies.metrics.response import Curve, first_time, overshoot, rms, settling_time
 from twin.studies.qualify.definitions import Definition, Measure
 
 BAND = 0.05

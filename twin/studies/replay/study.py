@@ -14,7 +14,7 @@ PICTURE, FACTS = "replay.png", "replay.json"
 
 
 def _check_baseline(asked: Asked) -> None:
-    from twin.studies.replay.normal import normal_time
+    from twin.studies.replay.replay import normal_time
 
     normal_time(asked["baseline"])
 
@@ -57,11 +57,9 @@ def replay(
     from twin.recording.logs.column_map import column_map
     from twin.recording.logs.reader import read_log
     from twin.studies.replay.model import model_for
-    from twin.studies.replay.normal import normal_time
-    from twin.studies.replay.picture import draw_replay
     from twin.studies.replay.record import record
-    from twin.studies.replay.replay import replayed
-    from twin.studies.replay.text import next_command, replay_facts, replay_text
+    from twin.studies.replay.replay import normal_time, replayed
+    from twin.studies.replay.text import draw_replay, next_command, replay_facts, replay_text
     from twin.writing import write_json
 
     steps = Steps(say, 3)

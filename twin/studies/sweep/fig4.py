@@ -11,8 +11,8 @@ from twin.experiment.experiment import Experiment
 from twin.studies.metrics.response import Curve
 from twin.studies.packing import text_of, values_of
 from twin.studies.paper.claim import as_facts
+from twin.studies.paper.fig4 import fig4_score
 from twin.studies.paper.fig4_runs import WHOLE, Fig4Runs
-from twin.studies.paper.score import fig4_score
 
 PERIOD = 0.04
 """Between two samples (s): 500 of the 20 s of Fig. 4, about one per pixel of a panel."""

@@ -19,8 +19,7 @@ from twin.runs.loop import Simulated, simulate
 from twin.runs.outcome import Tally
 from twin.runs.run import execute
 from twin.runs.trace import Trace
-from twin.studies.check.measurement import metrics_of_measure
-from twin.studies.check.signals import Signals, refuse_unknown
+from twin.studies.check.measurement import Signals, metrics_of_measure, refuse_unknown
 from twin.studies.paper.fig4_runs import Fig4Run, Fig4Runs
 from twin.studies.sweep.fig4 import COMPANION, findings
 from twin.studies.sweep.measures import RunFinding, metrics_of

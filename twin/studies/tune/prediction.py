@@ -5,17 +5,241 @@ The laws are those of `twin/controller/`, put in closed form because thousands o
     e_F = F_z_ref - F_z,  I(k) = I(k-1) + ki T e_F,  dp_z = -(kp_F e_F + I(k)),  u = kp (p_ref + dp_z e_z - p).
 
 A test holds the poles against those of `twin.studies.analyse`, which calls the compiled laws.
+
+What gains are to achieve, at every corner.
+
+The gains that are tuned: P of the position law, P and I of the force law.
+
+The corners at which gains have to hold: operating points, each on every stiffness and with every drive.
 """
 
+import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
+from twin.errors import InputRefused
+from twin.experiment.experiment import Experiment
+from twin.studies.analyse.drive_response import Linearised
 from twin.studies.analyse.linear.drive_model import Matrix
+from twin.studies.analyse.linear.loops import ESTIMATED, LOOPS, TRUE
+from twin.studies.analyse.linear.margins import LOWEST, Complex, response
+from twin.studies.analyse.nudge import undisturbed
+from twin.studies.analyse.operating_point import OperatingPoint, on_stiffness, operating_points
 from twin.studies.metrics.response import overshoot, settling_time
-from twin.studies.tune.corner import Corner
-from twin.studies.tune.gains import LawGains
+
+
+@dataclass(frozen=True)
+class Goals:
+    """Goals, SI; each holds at the worst corner.
+
+    Attributes:
+        sensitivity: largest M_s of any loop, > 1. It guarantees a gain margin of M_s / (M_s - 1) and a phase margin of
+            2 asin(1 / (2 M_s)) (Astrom and Hagglund 2006, Advanced PID Control, Sec. 4.6).
+        overshoot: largest overshoot of a step (share of it).
+        bandwidth: least bandwidth (rad/s) of the law `law`; None: none is asked.
+        law: "force", or "position" where no force loop acts.
+
+    Raises:
+        InputRefused: no gains can ever meet them.
+    """
+
+    sensitivity: float = 1.6
+    overshoot: float = 0.05
+    bandwidth: float | None = None
+    law: str = "force"
+
+    def __post_init__(self) -> None:
+        if not (math.isfinite(self.sensitivity) and self.sensitivity > 1.0):
+            raise InputRefused(
+                f"--margin {self.sensitivity:g}: no loop keeps its largest |1/(1+L)| that small; expected more than 1, "
+                "as a rule 1.3 to 2"
+            )
+        if not 0.0 <= self.overshoot <= 1.0:
+            raise InputRefused(f"--overshoot-percent {100 * self.overshoot:g}: expected 0 to 100")
+        if self.bandwidth is not None and not (math.isfinite(self.bandwidth) and self.bandwidth > 0.0):
+            raise InputRefused(f"--bandwidth-Hz {self.bandwidth_hertz:g}: expected more than 0")
+
+    @property
+    def bandwidth_hertz(self) -> float:
+        """For people; 0 if none is asked."""
+        return (self.bandwidth or 0.0) / (2.0 * math.pi)
+
+    def refuse_period(self, period: float) -> None:
+        """Refuse a bandwidth that a controller with `period` (s) cannot have.
+
+        Raises:
+            InputRefused: it is beyond half the rate of the controller.
+        """
+        if self.bandwidth is not None and self.bandwidth >= math.pi / period:
+            raise InputRefused(
+                f"--bandwidth-Hz {self.bandwidth_hertz:g}: beyond half the controller's rate of "
+                f"{1.0 / period:g} Hz; ask for less, or lower [controller] period_ms"
+            )
+
+
+def stiffness_range(text: str) -> tuple[float, float]:
+    """(lowest, highest) stiffness (N/m) of `text`, "300:5000".
+
+    Raises:
+        InputRefused: it is not an ascending range of positive numbers.
+    """
+    try:
+        low, high = (float(number) for number in text.split(":"))
+    except ValueError:
+        low, high = 0.0, 0.0
+    if not (math.isfinite(high) and 0.0 < low <= high):
+        raise InputRefused(
+            f"--stiffness-N-per-m {text}: expected two numbers above 0, the lower first, for example 300:5000"
+        )
+    return low, high
+
+
+class LawGains(NamedTuple):
+    """Gains, SI.
+
+    Attributes:
+        kp: platform speed per position error (1/s).
+        force_kp, force_ki: shift of the z reference per force error (m/N), per its integral (m/(N s)).
+    """
+
+    kp: float
+    force_kp: float
+    force_ki: float
+
+
+def rounded(gains: LawGains) -> LawGains:
+    """`gains` with three digits, as they are told and written."""
+    return LawGains(*(float(f"{gain:.2e}") for gain in gains))
+
+
+def gains_of(experiment: Experiment) -> LawGains:
+    """The gains that `experiment` has.
+
+    Raises:
+        InputRefused: its laws have gains that are not tuned.
+    """
+    position, force = experiment.controller.position, experiment.controller.force
+    others = {
+        "controller.position.ki_per_s2": position.ki,
+        "controller.position.kd": position.kd,
+        "controller.force.kd_mm_s_per_N": force.kd,
+    }
+    for key, value in others.items():
+        if value:
+            raise InputRefused(
+                f"{experiment.name}: {key} is not 0; only kp of the position law and kp and ki of the force law are "
+                f"tuned, so --set {key}=0"
+            )
+    return LawGains(position.kp, force.kp, force.ki)
+
+
+def with_gains(experiment: Experiment, gains: LawGains) -> Experiment:
+    """The same experiment with other gains; `values` still say what the file does."""
+    c = experiment.controller
+    position = c.position.model_copy(update={"kp": gains.kp})
+    force = c.force.model_copy(update={"kp": gains.force_kp, "ki": gains.force_ki})
+    return replace(experiment, controller=c.model_copy(update={"position": position, "force": force}))
+
+
+STIFFNESSES = 3
+"""Of a range: both ends and the geometric mean."""
+FREQUENCIES = 500
+"""From `LOWEST` to half the sampling rate: 2 % apart, closer than the platform's swings are wide."""
+UNITY = LawGains(1.0, 1.0, 0.0)
+"""With these the analysis is asked for a robot whose laws are then opened."""
+
+
+@dataclass(frozen=True)
+class Corner:
+    """The robot at one operating point with both laws taken off, linear and sampled with the controller's period.
+
+    x(k+1) = A x + B u with u the platform speed (3,) that the position law asks for; y = C x: the position as estimated
+    (3,), the low-passed estimated pressing force, the true position (3,), and the true pressing force, SI.
+
+    Attributes:
+        experiment: whose drives and settings these are.
+        drive: what its drive is called.
+        point: where.
+        A, B, C: (n, n), (n, 3), (8, n).
+        period: s.
+        omega: rad/s (m,).
+        P: response (m, 4, 3) of what is estimated.
+    """
+
+    experiment: Experiment
+    drive: str
+    point: OperatingPoint
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    period: float
+    omega: Matrix
+    P: Complex
+
+    @property
+    def name(self) -> str:
+        """`force on 300 N/m`, `position in air`."""
+        where = f"on {self.point.parameters.K:.4g} N/m" if self.point.in_contact else "in air"
+        return f"{self.laws[0]} {where}"
+
+    @property
+    def laws(self) -> tuple[str, ...]:
+        """Whose steps are looked at here: while the force law acts it moves z, and friction holds x and y."""
+        return ("force",) if self.point.force_on else ("position",)
+
+    @property
+    def axes(self) -> tuple[int, ...]:
+        """Of the position law, whose steps are looked at here."""
+        return (2,) if self.point.in_contact else (0, 1, 2)
+
+
+def corners(
+    experiments: Sequence[Experiment], stiffness: tuple[float, float] | None
+) -> tuple[list[Corner], list[str], list[Linearised]]:
+    """(corners, sentences about points without a linear model, the drives as identified), one experiment per drive.
+
+    Raises:
+        InputRefused: no operating point, no linear model of a drive, a surface too soft for the force.
+        ComponentFailed: a drive failed while it was measured.
+    """
+    points, problems = operating_points(experiments[0])
+    if stiffness is not None:
+        low, high = stiffness
+        each = np.geomspace(low, high, STIFFNESSES) if high > low else [low]
+        air = [point for point in points if not point.in_contact]
+        try:
+            points = air + [on_stiffness(point, float(K)) for point in points if point.in_contact for K in each]
+        except InputRefused as refusal:
+            raise InputRefused(f"--stiffness-N-per-m {low:g}:{high:g}: {refusal}; raise the lower end") from None
+    found, drives = [], []
+    for experiment in experiments:
+        shared = Linearised(with_gains(experiment, UNITY), points)
+        drives.append(shared)
+        found += [opened(experiment, shared, point) for point in points]
+    return found, problems, drives
+
+
+def opened(experiment: Experiment, shared: Linearised, point: OperatingPoint) -> Corner:
+    """The corner of `experiment` at `point`, with what all points of it share."""
+    loops = shared.at(point).loops
+    outputs = [loops.output_labels.index(name) for name in (*ESTIMATED, *TRUE)]
+    rows = loops.C[outputs]
+    # the pressing force is -F_ee_B_z
+    rows[-1] *= -1.0
+    system = loops[outputs[:4], : len(LOOPS[:3])]
+    omega = np.geomspace(LOWEST, 0.999 * np.pi / loops.dt, FREQUENCIES)
+    P = response(system, omega)
+    return Corner(experiment, shared.labels[0], point, loops.A, loops.B[:, :3], rows, loops.dt, omega, P)
+
+
+def at_stiffness(corner: Corner) -> Experiment:
+    """The corner's experiment with its contact, `undisturbed`."""
+    p = corner.point.parameters
+    return undisturbed(corner.experiment, stiffness=p.K, height=p.z_s)
+
 
 HORIZON = 8.0
 """Of a step response (s)."""

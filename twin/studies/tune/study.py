@@ -49,12 +49,9 @@ def tune(
     """
     from twin.experiment.named import experiment_file
     from twin.runs.assembly.load import load_experiment
-    from twin.studies.tune.fragment import fragment
-    from twin.studies.tune.goals import Goals, stiffness_range
-    from twin.studies.tune.picture import draw_tuning
-    from twin.studies.tune.schedule import RANGE, scheduled
-    from twin.studies.tune.schedule_text import schedule_lines, schedule_text
-    from twin.studies.tune.text import tuning_text
+    from twin.studies.tune.prediction import Goals, stiffness_range
+    from twin.studies.tune.schedule import RANGE, schedule_lines, schedule_text, scheduled
+    from twin.studies.tune.text import draw_tuning, fragment, tuning_text
     from twin.studies.tune.tuned import tuned
     from twin.writing import made_folder, write_json, write_text
 

@@ -1,15 +1,64 @@
-"""What tuning came to as text of at most 80 columns: whether the goals are met, the gains, then before and after."""
+"""What tuning came to: text of at most 80 columns, an experiment file, a picture."""
 
 import math
-from collections.abc import Iterator
+import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
+from typing import Any
 
+import numpy as np
+import tomlkit
+from matplotlib.axes import Axes
+
+from twin.studies.figure import BARE, BLUE, GREY, picture
 from twin.studies.lines import wrapped
-from twin.studies.tune.fragment import goals_sentence
-from twin.studies.tune.prediction import HORIZON, StepAnswer
-from twin.studies.tune.search import Miss
-from twin.studies.tune.trial import Whole
-from twin.studies.tune.tuned import Judged, Tuned, worst_places
+from twin.studies.tune.prediction import HORIZON, SETTLED, StepAnswer, sensitivities, step_response
+from twin.studies.tune.tuned import Judged, Miss, Tuned, Whole, worst_places
+from twin.writing import inline_table
+
+
+def goals_sentence(done: Tuned) -> str:
+    """`M_s at most 1.6, overshoot at most 5 %, on 300 to 5000 N/m, with velocity_servo`."""
+    goals = done.goals
+    parts = [f"M_s at most {goals.sensitivity:g}", f"overshoot at most {100.0 * goals.overshoot:g} %"]
+    if goals.bandwidth is not None:
+        parts.append(f"{goals.law} bandwidth at least {goals.bandwidth_hertz:g} Hz")
+    if done.stiffness is not None:
+        parts.append("on {:g} to {:g} N/m".format(*done.stiffness))
+    return ", ".join([*parts, "with " + " and ".join(Path(drive.labels[0]).stem for drive in done.drives)])
+
+
+def fragment(done: Tuned, experiment: Path, folder: Path, options: Sequence[str]) -> str:
+    """TOML: `extends` the file `experiment`, and all gains of the laws with where they come from.
+
+    Args:
+        folder: where it will stand.
+        options: of the command line, with which the experiment is as it was tuned.
+    """
+    source = f"twin tune: {goals_sentence(done)}" + ("" if done.met else "; GOALS NOT MET")
+
+    def found(value: float, before: float) -> Any:
+        # six digits are more than a search knows
+        return inline_table({"value": float(f"{value:.6g}"), "source": f"{source}; was {before:.6g}"})
+
+    before, after = done.before.gains, done.after.gains
+    laws = {"position": {"kp_per_s": found(after.kp, before.kp), "ki_per_s2": 0, "kd": 0}}
+    if done.goals.law == "force":
+        laws["force"] = {
+            "kp_mm_per_N": found(1e3 * after.force_kp, 1e3 * before.force_kp),
+            "ki_mm_per_N_s": found(1e3 * after.force_ki, 1e3 * before.force_ki),
+            "kd_mm_s_per_N": 0,
+        }
+    head = f"# twin tune {shlex.join([str(experiment), *options])}: {goals_sentence(done)}\n"
+    return head + tomlkit.dumps({"extends": str(findable(experiment, folder)), "controller": laws})
+
+
+def findable(experiment: Path, folder: Path) -> Path:
+    """`experiment` as it was typed if it is found so from `folder` or a folder around it, else absolute."""
+    here, file = folder.resolve(), experiment.resolve()
+    found = next((place / experiment for place in (here, *here.parents) if (place / experiment).exists()), None)
+    return experiment if found is not None and found.resolve() == file else file
+
 
 DOUBT = 0.03
 """Distance of a drive's model from what was measured that a reader has to know of."""
@@ -125,3 +174,76 @@ def _run(whole: Whole) -> str:
     assert z is not None, "twin's own controller has a reference"
     error = f"{1e3 * z:.2g} mm" if force is None else f"{force:.2g} N"
     return f"{error} and a safety trip" if whole.trip else error
+
+
+BEFORE, AFTER, PALE = GREY, BLUE, "#d9d9d9"
+COLUMNS = 4
+LOOKED_AT = (0.02, 200.0)
+"""Frequencies (Hz) of the sensitivities."""
+
+
+def draw_tuning(done: Tuned, path: Path) -> None:
+    """Write the picture to `path` (PNG): of each drive, law and stiffness the step and, below it, the sensitivity."""
+    shown = worst_places(done.after.predictions)
+    columns = min(COLUMNS, len(shown))
+    rows = -(-len(shown) // columns)
+    title = f"{done.experiments[0].name}, tuned: {'goals met' if done.met else 'GOALS NOT MET'}"
+    with picture(path, 3.4 * max(columns, 2), 4.6 * rows + 0.9, title, look=BARE) as figure:
+        grid = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=[1.3, 1.0] * rows)
+        for axes in grid.flat:
+            axes.set_axis_off()
+        for k, i in enumerate(shown):
+            row, column = 2 * (k // columns), k % columns
+            _draw_steps(grid[row, column], done, i)
+            _draw_sensitivity(grid[row + 1, column], done, i)
+            for axes, label in zip(grid[row : row + 2, 0], ("share of the step", "largest |1/(1+L)|"), strict=True):
+                axes.set_ylabel(label, fontsize=8)
+        # a panel without a trial, or of an unstable loop, has fewer lines
+        handles, labels = max((axes.get_legend_handles_labels() for axes in grid.flat), key=lambda found: len(found[1]))
+        figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=9)
+
+
+def _draw_steps(axes: Axes, done: Tuned, i: int) -> None:
+    corner, top = done.after.predictions[i].corner, 1.0 + done.goals.overshoot
+    _draw(axes, done.before, i, BEFORE, "before")
+    _draw(axes, done.after, i, AFTER, "after")
+    axes.axhspan(1.0 - SETTLED, 1.0 + SETTLED, color=PALE, lw=0, zorder=0)
+    axes.axhline(top, color=PALE, lw=0.8)
+    axes.set(xlim=(0.0, _span(done.after, i)), ylim=(-0.1, max(1.3, top + 0.1)))
+    axes.set_title(f"{corner.name}\n{Path(corner.drive).stem}", loc="left", fontsize=9)
+    _dressed(axes, "time since the step (s)")
+
+
+def _draw_sensitivity(axes: Axes, done: Tuned, i: int) -> None:
+    """Of all loops at the corner the largest, predicted, and what it may be at most."""
+    for judged, color in ((done.before, BEFORE), (done.after, AFTER)):
+        prediction = judged.predictions[i]
+        if prediction.stable:
+            S = np.abs(sensitivities(prediction.corner, judged.gains)).max(axis=1)
+            axes.semilogx(prediction.corner.omega / (2.0 * np.pi), S, color=color, lw=1.3, ls="--")
+    axes.axhline(done.goals.sensitivity, color=PALE, lw=0.8)
+    axes.text(LOOKED_AT[0], done.goals.sensitivity, " asked", fontsize=7, color=BEFORE, va="bottom")
+    axes.set(xlim=LOOKED_AT, ylim=(0.0, max(2.0, 1.2 * done.goals.sensitivity)))
+    _dressed(axes, "frequency (Hz)")
+
+
+def _dressed(axes: Axes, label: str) -> None:
+    axes.set_axis_on()
+    axes.set_xlabel(label, fontsize=8)
+    axes.tick_params(labelsize=8)
+
+
+def _draw(axes: Axes, judged: Judged, i: int, color: str, name: str) -> None:
+    prediction, trial = judged.predictions[i], judged.trials.get(i)
+    if trial is not None:
+        axes.plot(trial.t, trial.share, color=color, lw=0.9, alpha=0.6, label=f"{name}, simulated")
+    if prediction.stable:
+        axis = 3 if prediction.corner.point.force_on else 2
+        t, y, final = step_response(prediction.corner, judged.gains, axis)
+        axes.plot(t, y / final, color=color, lw=1.3, ls="--", label=f"{name}, predicted")
+
+
+def _span(judged: Judged, i: int) -> float:
+    """Time (s) that shows the step and some of the rest after it."""
+    settling = max((found.settling for found in judged.predictions[i].answers.values()), default=HORIZON)
+    return float(np.clip(4.0 * settling, 0.5, HORIZON)) if math.isfinite(settling) else HORIZON

@@ -6,9 +6,7 @@ import pytest
 from twin.errors import InputRefused
 from twin.runs.assembly.checks.adapting import believed_loop, radius
 from twin.runs.assembly.load import load_experiment
-from twin.studies.tune.corner import corners
-from twin.studies.tune.gains import LawGains
-from twin.studies.tune.prediction import predicted
+from twin.studies.tune.prediction import LawGains, corners, predicted
 
 TISSUE = "controller.tissue.dither_N=0.1"
 

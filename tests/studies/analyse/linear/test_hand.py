@@ -19,9 +19,19 @@ from twin.studies.analyse.linear.hand import (
     power_share,
     robot_with,
 )
+from twin.studies.analyse.linear.loops import (
+    COMMANDS,
+    LOADS,
+    LOOPS,
+    MEASURED,
+    TRUE,
+    Estimation,
+    LinearLaw,
+    Settings,
+    Stepping,
+    linear_law,
+)
 from twin.studies.analyse.linear.plant_system import linear_plant
-from twin.studies.analyse.linear.sampled_law import LOOPS, Estimation, LinearLaw, Settings, linear_law
-from twin.studies.analyse.linear.sampled_robot import COMMANDS, LOADS, MEASURED, TRUE, Stepping
 from twin.studies.analyse.operating_point import resting_point
 from twin.studies.analyse.passivity import worst_environment
 

@@ -20,9 +20,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
-from twin.studies.analyse.linear.loops import closed_loops, connected, open_loops
-from twin.studies.analyse.linear.sampled_law import LinearLaw
-from twin.studies.analyse.linear.sampled_robot import Stepping, period_map, tick_map
+from twin.studies.analyse.linear.loops import (
+    LinearLaw,
+    Stepping,
+    closed_loops,
+    connected,
+    open_loops,
+    period_map,
+    tick_map,
+)
 
 Complex = NDArray[np.complex128]
 

@@ -1,15 +1,288 @@
-"""Robot and controller as one sampled system, whose loops can be opened one at a time."""
+"""Robot and controller as one sampled system, whose loops can be opened one at a time.
 
-from collections.abc import Mapping
-from typing import TypeAlias
+The robot's computer as a linear difference equation: estimator, force-position law, damping. Nothing of the law is
+written here a second time: the equations are those of `twin/controller/`, called as they are. Within its limits the law
+is linear, so its matrices are its values at the unit vectors, without any error. The estimator is not, and is
+differentiated at the operating point.
+
+Drives, springs, mechanism and contact from one call of the controller to the next, as the master steps them. The map of
+one tick is put together from the parts' own maps in the master's order (`twin/cosim/master.py`): the drives see
+omega_ref(k) and tau_load(k), then the plant sees theta_m(k+1), or theta_m(k) with the Jacobi scheme. So poles and gains
+are those of the co-simulation, its coupling error included, not of the differential equations behind it.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple, TypeAlias
 
 import control
 import numpy as np
 from numpy.typing import NDArray
 
-from twin.studies.analyse.linear.drive_model import Matrix
-from twin.studies.analyse.linear.sampled_law import ESTIMATED, LOOPS, REFERENCES, LinearLaw
-from twin.studies.analyse.linear.sampled_robot import COMMANDS, MEASURED
+from twin.compiled.native import entry
+from twin.controller.belief import BELIEF, Belief
+from twin.controller.damping import DAMPER, Damping, damp, damper
+from twin.controller.estimator import ESTIMATE, estimate
+from twin.controller.pid import PID, Gains, accept, low_pass_share, proposal
+from twin.cosim.record import memory_of, record
+from twin.studies.analyse.linear.drive_model import DriveModel, Matrix
+
+STEP = 1e-6
+"""Of the central differences (rad): their error is below 1e-9, and no spring is that near its backlash."""
+
+LOOPS = ("position_x", "position_y", "position_z", "force")
+"""Where the loops can be opened: the three outputs of the position law (m/s), and dp_z of the force law (m)."""
+REFERENCES = ("p_ref_B_x", "p_ref_B_y", "p_ref_B_z", "F_z_ref")
+ESTIMATED = ("p_B_x_estimated", "p_B_y_estimated", "p_B_z_estimated", "F_z")
+
+
+_ESTIMATION = record(belief=BELIEF, gravity_compensation="i8", counts=("f8", (6,)), y=ESTIMATE)
+
+
+@entry("nothing", _ESTIMATION)
+def _estimate(m):
+    estimate(m.belief, m.gravity_compensation, m.counts[:3], m.counts[3:], m.y)
+
+
+@entry("double", PID, "double", "double")
+def _control(pid, error, h):
+    output, integral = proposal(pid, error, h)
+    accept(pid, integral)
+    return output
+
+
+@entry("nothing", DAMPER, "double", "doubles", "double", "doubles")
+def _give_way(felt, torque_per_spring, tau_l, h, lead):
+    damp(felt, torque_per_spring, tau_l, h, lead)
+
+
+class Settings(NamedTuple):
+    """The controller's settings, SI.
+
+    Attributes:
+        N: belt ratio.
+        eta: belt efficiency, as believed.
+        position, force: gains.
+        corner: low-pass on the force (Hz).
+        damping: None where the controller has none.
+        period: s.
+    """
+
+    N: float
+    eta: float
+    position: Gains
+    force: Gains
+    corner: float
+    damping: Damping | None
+    period: float
+
+
+class Estimation(NamedTuple):
+    """The estimator at an operating point; derivatives by the six angles theta_m, theta_l.
+
+    Attributes:
+        J: Jacobian there (3, 3), rad/m.
+        p_B, tau_l, F_ee_B: derivatives (3, 6).
+        turned: derivative (3, 6) of J u for the steady output u of the position law: what a steady command of the
+            motors changes to because the estimated Jacobian changes.
+    """
+
+    J: Matrix
+    p_B: Matrix
+    tau_l: Matrix
+    F_ee_B: Matrix
+    turned: Matrix
+
+
+def estimation(belief: Belief, gravity_compensation: bool, read: Matrix, standing: Matrix) -> Estimation:
+    """The estimator around the angles `read` (6,) that the encoders give, theta_m then theta_l, rad.
+
+    Args:
+        standing: motor speeds (3,) that the law commands at rest, rad/s: those that the drives' droop eats up.
+
+    Raises:
+        numpy.linalg.LinAlgError: the pose is singular.
+    """
+    at = memory_of(_ESTIMATION, belief=tuple(belief), gravity_compensation=gravity_compensation)
+    per_turn = np.repeat([belief.motor_counts, belief.joint_counts], 3) / (2.0 * np.pi)
+
+    def estimated(angles: Matrix) -> np.void:
+        at["counts"] = angles * per_turn
+        _estimate(at)
+        y: np.void = at["y"][0].copy()
+        return y
+
+    ahead, behind = ([estimated(read + way * e) for e in np.eye(6)] for way in (STEP, -STEP))
+
+    def slope(port: str) -> Matrix:
+        return np.stack([(a[port] - b[port]) / (2.0 * STEP) for a, b in zip(ahead, behind, strict=True)], axis=1)
+
+    J = estimated(read)["J"].reshape(3, 3)
+    u = np.linalg.solve(belief.N * J, standing)
+    turned = belief.N * np.einsum("ijk,j->ik", slope("J").reshape(3, 3, 6), u)
+    return Estimation(J, slope("p_B"), slope("tau_l"), slope("F_ee_B"), turned)
+
+
+class LinearLaw(NamedTuple):
+    """c(j+1) = A c + B (angles, a), (omega_ref, b) = C c + D (angles, a), with the period of the controller.
+
+    The inputs are the six angles, then `LOOPS`, then `REFERENCES`; the outputs three omega_ref, then `LOOPS`, then
+    `ESTIMATED`. With every loop closed the inputs `LOOPS` are the outputs `LOOPS`.
+    """
+
+    A: Matrix
+    B: Matrix
+    C: Matrix
+    D: Matrix
+
+
+STATES = 9 + 3 + 1 + 3
+"""Integral, derivative and last error of three position loops and the force loop, low-passed force, slow torques."""
+
+
+def linear_law(settings: Settings, estimation: Estimation) -> LinearLaw:
+    """The controller's matrices: one call of it for each unit vector."""
+    inputs = 6 + len(LOOPS) + len(REFERENCES)
+    columns = [_call(settings, estimation, z[:STATES], z[STATES:]) for z in np.eye(STATES + inputs)]
+    whole = np.stack(columns, axis=1)
+    return LinearLaw(whole[:STATES, :STATES], whole[:STATES, STATES:], whole[STATES:, :STATES], whole[STATES:, STATES:])
+
+
+def _call(settings: Settings, estimation: Estimation, state: Matrix, inputs: Matrix) -> Matrix:
+    """(state, outputs) after one call of the controller, as `twin/controller/task_controller.py` puts it together."""
+    angles, u_in, dp_in, p_ref, F_ref = np.split(inputs, [6, 9, 10, 13])
+    h = settings.period
+    p, F_ee_B = estimation.p_B @ angles, estimation.F_ee_B @ angles
+    F_z = state[12] + low_pass_share(settings.corner, h) * (-F_ee_B[2] - state[12])
+    force, force_state = _pid(settings.force, state[9:12], F_ref[0] - F_z, h)
+    error = p_ref - p
+    error[2] += dp_in[0]
+    position = [_pid(settings.position, state[3 * i : 3 * i + 3], error[i], h) for i in range(3)]
+    lead, slow = _damped(settings, state[13:], estimation.tau_l @ angles)
+    omega_ref = settings.N * estimation.J @ u_in + estimation.turned @ angles + lead
+    u_out, pid_states = [u for u, _ in position], [kept for _, kept in position]
+    return np.concatenate([*pid_states, force_state, [F_z], slow, omega_ref, u_out, [-force], p, [F_z]])
+
+
+def _pid(gains: Gains, state: Matrix, error: float, h: float) -> tuple[float, Matrix]:
+    """(output, state) of one loop that nothing limits; its state is integral, derivative, last error."""
+    pid = np.array([(*gains, *state, 1)], dtype=PID)
+    output = _control(pid, error, h)
+    return output, np.concatenate([pid["integral"], pid["derivative"], pid["error"]])
+
+
+def _damped(settings: Settings, slow: Matrix, tau_l: Matrix) -> tuple[Matrix, Matrix]:
+    """(motor speeds (3,) by which the motors give way, low-passed torques (3,))."""
+    lead = np.zeros(3)
+    if settings.damping is None:
+        return lead, slow
+    felt = np.array([damper(settings.damping, slow, started=True)], dtype=DAMPER)
+    _give_way(felt, settings.N * settings.eta, tau_l, settings.period, lead)
+    return lead, felt["slow"][0].copy()
+
+
+MEASURED = ("theta_m_1", "theta_m_2", "theta_m_3", "theta_l_1", "theta_l_2", "theta_l_3")
+TRUE = ("p_B_x", "p_B_y", "p_B_z", "F_ee_B_z")
+COMMANDS = ("omega_ref_1", "omega_ref_2", "omega_ref_3")
+LOADS = ("tau_load_1", "tau_load_2", "tau_load_3")
+
+
+class Stepping(NamedTuple):
+    """How the co-simulation steps.
+
+    Attributes:
+        tick: s.
+        substeps: of the plant per tick.
+        period: ticks between two calls of the controller.
+        delay: ticks from its call to the drives.
+        jacobi: all continuous components see what is valid at the tick; else the plant sees the drives' newest angles.
+    """
+
+    tick: float
+    substeps: int
+    period: int
+    delay: int
+    jacobi: bool
+
+
+def runge_kutta_step(A: Matrix, B: Matrix, h: float, substeps: int) -> tuple[Matrix, Matrix]:
+    """(A_d, B_d) of dx/dt = A x + B u over `h` (s), u held: what the plant's integrator makes of it.
+
+    Classical Runge-Kutta multiplies a linear state by R(h A), R(z) = 1 + z + z^2/2 + z^3/6 + z^4/24 (Hairer and Wanner
+    1996, Solving Ordinary Differential Equations II, IV.2); the derivative of its step at a state of rest is the same.
+    """
+    z = A * (h / substeps)
+    one = np.eye(len(A))
+    input_share = one + z / 2.0 @ (one + z / 3.0 @ (one + z / 4.0))
+    A_1, B_1 = one + z @ input_share, h / substeps * input_share @ B
+    A_d, B_d = one, np.zeros_like(B)
+    for _ in range(substeps):
+        A_d, B_d = A_1 @ A_d, A_1 @ B_d + B_1
+    return A_d, B_d
+
+
+def tick_map(plant: control.StateSpace, drives: Sequence[DriveModel], stepping: Stepping) -> control.StateSpace:
+    """One tick: commands `COMMANDS` in, `MEASURED` and `TRUE` out, all as small deviations.
+
+    Args:
+        plant: linearised, continuous time, inputs theta_m_1 .. 3, outputs with the names used here.
+        drives: one per joint.
+    """
+    rows = {name: i for i, name in enumerate(plant.output_labels)}
+    A_p, B_p = runge_kutta_step(plant.A, plant.B, stepping.tick, stepping.substeps)
+    # states: plant, drives, theta_m, and the tau_load that the plant has published
+    n_p, n_d = len(A_p), [len(drive.A) for drive in drives]
+    start = n_p + np.concatenate([[0], np.cumsum(n_d)]).astype(int)
+    angle, load = start[3] + np.arange(3), start[3] + 3 + np.arange(3)
+    n = int(start[3]) + 6
+    A, B = np.zeros((n, n)), np.zeros((n, 3))
+    for i, drive in enumerate(drives):
+        own = slice(start[i], start[i + 1])
+        A[own, own], A[own, load[i]], B[own, i] = drive.A, drive.B[:, 1], drive.B[:, 0]
+        A[angle[i], own], A[angle[i], load[i]], B[angle[i], i] = drive.C[0], drive.D[0, 1], drive.D[0, 0]
+        A[angle[i], angle[i]] = 1.0
+    seen, seen_of_command = (np.eye(n)[angle], np.zeros((3, 3))) if stepping.jacobi else (A[angle], B[angle])
+    A[:n_p], B[:n_p] = B_p @ seen, B_p @ seen_of_command
+    A[:n_p, :n_p] += A_p
+    torque = [rows[name] for name in LOADS]
+    A[load] = plant.C[torque] @ A[:n_p] + plant.D[torque] @ seen
+    B[load] = plant.C[torque] @ B[:n_p] + plant.D[torque] @ seen_of_command
+    C = np.zeros((len(MEASURED) + len(TRUE), n))
+    C[range(3), angle] = 1.0
+    C[3:, :n_p] = plant.C[[rows[name] for name in (*MEASURED[3:], *TRUE)]]
+    return control.ss(
+        A, B, C, np.zeros((len(C), 3)), stepping.tick, inputs=list(COMMANDS), outputs=[*MEASURED, *TRUE], name="tick"
+    )
+
+
+def period_map(tick: control.StateSpace, stepping: Stepping) -> control.StateSpace:
+    """The same from one call of the controller to the next: its command is held for the period, after the delay.
+
+    A delay of q periods and r ticks means that the command of q + 1 periods ago is still on for the first r ticks.
+    """
+    q, r = divmod(stepping.delay, stepping.period)
+    A, early, late = np.eye(tick.nstates), np.zeros_like(tick.B), np.zeros_like(tick.B)
+    for k in range(stepping.period):
+        A, early, late = tick.A @ A, tick.A @ early, tick.A @ late
+        if k < r:
+            early = early + tick.B
+        else:
+            late = late + tick.B
+    n, kept = tick.nstates, q + (1 if r else 0)
+    # states: those of the tick, then the commands of 1, 2 .. periods ago
+    A_, B_ = np.zeros((n + 3 * kept, n + 3 * kept)), np.zeros((n + 3 * kept, 3))
+    A_[:n, :n] = A
+    A_[n + 3 :, n:-3] = np.eye(3 * max(0, kept - 1))
+    for age, share in ((q, late), (q + 1, early)):
+        if age == 0:
+            B_[:n] += share
+        elif age <= kept:
+            A_[:n, n + 3 * (age - 1) : n + 3 * age] += share
+    if kept:
+        B_[n : n + 3] = np.eye(3)
+    C = np.hstack([tick.C, np.zeros((len(tick.C), 3 * kept))])
+    T = stepping.period * stepping.tick
+    return control.ss(A_, B_, C, tick.D, T, inputs=list(COMMANDS), outputs=tick.output_labels, name="robot")
+
 
 Loops: TypeAlias = control.StateSpace
 """All loops of the robot, open, as `open_loops` names their inputs and outputs."""

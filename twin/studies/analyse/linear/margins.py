@@ -3,6 +3,24 @@
 The frequency response is evaluated point by point and handed to python-control as data. Its margins of a state-space
 loop go through a transfer function's coefficients, which rounding ruins with a dozen states near z = 1: for a stable
 loop of this robot the gain margin came out as 0.9 where it is 90.
+
+Disk margins: how far gain and phase of several loops may be off, all at once and each as it likes. Each loop is
+multiplied by a complex number f of its own, from a disk (Seiler, Packard and Gahinet 2020, An Introduction to Disk
+Margins, IEEE Control Systems 40(5):78):
+
+    f = (1 + (1 - sigma)/2 delta) / (1 - (1 + sigma)/2 delta),  |delta| < alpha.
+
+The loops stay stable for all of them up to alpha = 1 / max mu(S + (sigma - 1)/2 1), the largest over all frequencies, S
+being their sensitivity. Balanced, sigma = 0, the disk reaches from (1 - alpha/2)/(1 + alpha/2) to its inverse on the
+real axis, and holds all turns of up to 2 arctan(alpha/2).
+
+All of it is of the linear model, at the frequencies that are looked at: what is narrower than their grid is not seen.
+
+How large a diagonal perturbation has to be until it makes a matrix singular: the structured singular value, mu. mu(M)
+is one over the largest singular value of the smallest complex diagonal Delta with det(1 - Delta M) = 0. No D that is
+diagonal and positive moves it, so it is at most the largest singular value of D M D^-1 for any of them, and the
+smallest of those is taken for it. For up to three rows that is mu itself; for more it is an upper bound, which errs on
+the safe side (Doyle 1982, IEE Proc D 129:242; Packard and Doyle 1993, Automatica 29:71).
 """
 
 from collections.abc import Sequence
@@ -13,8 +31,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from twin.studies.analyse.linear.drive_model import Matrix
-from twin.studies.analyse.linear.loops import Loops, closed_loops, spectral_radius
-from twin.studies.analyse.linear.sampled_law import LOOPS
+from twin.studies.analyse.linear.loops import LOOPS, Loops, closed_loops, spectral_radius
 
 Complex = NDArray[np.complex128]
 
@@ -169,3 +186,142 @@ def poles(z: Complex, period: float) -> list[Pole]:
     # a pole at z = 1, rounding aside, neither grows nor decays
     magnitude = np.maximum(np.abs(s), 1e-9)
     return [Pole(float(magnitude[i]), float(-s.real[i] / magnitude[i])) for i in np.argsort(-s.real)]
+
+
+EXPONENTS = (4.0, 32.0, 256.0, 2048.0)
+"""Of the norms that end up as the largest singular value: seven singular values that are equal count 0.1 % too much."""
+STEPS, LONGEST, SHORTEST = 60, 3.0, 1e-9
+"""How often log D is moved on, how far at most, and to which share of a step it is tried."""
+WIDEST = 60.0
+"""Spread of log D: a loop that nothing comes back to wants an infinite one."""
+FLAT, TINY = 1e-13, 1e-300
+"""A fall of the norm that is none, and a matrix that is none."""
+CLOSE = 1e-5
+"""Relative. Bounds that are no farther apart are one."""
+
+
+def scaled(M: Complex, log_D: Matrix) -> Complex:
+    """D M D^-1 of matrices (..., k, k), for the logarithms (..., k) of D."""
+    return M * np.exp(log_D[..., :, None] - log_D[..., None, :])
+
+
+def best_scaling(M: Complex, start: Matrix) -> Matrix:
+    """log D (k,) with which the largest singular value of D M D^-1 is smallest.
+
+    It is a convex function of log D with edges where singular values are equal; sums of their powers have none, and
+    come close with the exponent (Schatten norms).
+
+    Args:
+        M: (k, k).
+        start: log D to begin with.
+    """
+    found = start
+    for exponent in EXPONENTS:
+        found = _lowest(M, found, exponent)
+    return found - found.mean()
+
+
+def _norm(M: Complex, log_D: Matrix, exponent: float) -> tuple[float, Matrix]:
+    """Logarithm of the norm of D M D^-1, and its derivatives (k,) by log D."""
+    left, sizes, right = np.linalg.svd(scaled(M, log_D))
+    share = (sizes / max(sizes[0], TINY)) ** exponent
+    total = share.sum()
+    # a singular value's logarithm goes with |u_k|^2 - |v_k|^2
+    slopes = np.abs(left.T) ** 2 - np.abs(right) ** 2
+    return float(np.log(max(sizes[0], TINY)) + np.log(total) / exponent), share @ slopes / total
+
+
+def _lowest(M: Complex, log_D: Matrix, exponent: float) -> Matrix:
+    """log D with the smallest norm, by the method of Broyden, Fletcher, Goldfarb and Shanno."""
+    value, slope = _norm(M, log_D, exponent)
+    inverse = np.eye(len(log_D))
+    for _ in range(STEPS):
+        way = -inverse @ slope
+        fall = float(way @ slope)
+        if fall > -FLAT or np.ptp(log_D) > WIDEST:
+            break
+        length = min(1.0, LONGEST / np.abs(way).max())
+        ahead = _norm(M, log_D + length * way, exponent)
+        while ahead[0] > value + 0.1 * length * fall and length > SHORTEST:
+            length *= 0.4
+            ahead = _norm(M, log_D + length * way, exponent)
+        if not ahead[0] < value:
+            break
+        moved, turned = length * way, ahead[1] - slope
+        log_D, (value, slope) = log_D + moved, ahead
+        curved = float(moved @ turned)
+        if curved > 0.0:
+            left = np.eye(len(log_D)) - np.outer(moved, turned) / curved
+            inverse = left @ inverse @ left.T + np.outer(moved, moved) / curved
+    return log_D
+
+
+def largest(M: Complex) -> tuple[int, float]:
+    """(which, bound) of the matrix (n, k, k) whose upper bound of mu is largest.
+
+    The scaling of the one that seems largest is the best for it and good for its neighbours, so that few have to be
+    looked at.
+    """
+    bounds = np.linalg.svd(M, compute_uv=False)[:, 0]
+    log_D, looked_at = np.zeros(M.shape[-1]), 0.0
+    for _ in range(len(M)):
+        which = int(np.argmax(bounds))
+        if bounds[which] <= looked_at * (1.0 + CLOSE):
+            break
+        log_D = best_scaling(M[which], log_D)
+        bounds = np.minimum(bounds, np.linalg.svd(scaled(M, log_D), compute_uv=False)[:, 0])
+        looked_at = max(looked_at, float(bounds[which]))
+    which = int(np.argmax(bounds))
+    return which, float(bounds[which])
+
+
+BETWEEN = 25
+"""Frequencies looked at between that of the smallest margin and the next ones, twice."""
+
+
+class DiskMargin(NamedTuple):
+    """How far all loops of the linear model may be off at once, at the frequencies that were looked at.
+
+    Attributes:
+        alpha: size of the disk; at least that for more than three loops.
+        frequency: of the swing that they then have (rad/s).
+    """
+
+    alpha: float
+    frequency: float
+
+    @property
+    def gain(self) -> float | None:
+        """Factor by which each gain may grow or shrink; None: by any."""
+        return (2.0 + self.alpha) / (2.0 - self.alpha) if self.alpha < 2.0 else None
+
+    @property
+    def phase(self) -> float:
+        """By which each phase may be off (rad)."""
+        return float(2.0 * np.arctan(0.5 * self.alpha))
+
+    def facts(self) -> dict[str, float | None]:
+        """For JSON, SI."""
+        return {"alpha": self.alpha, "frequency": self.frequency, "gain": self.gain, "phase": self.phase}
+
+
+def smallest_disk(S: Complex, skew: float = 0.0) -> tuple[int, float]:
+    """(which, alpha) of the sensitivity (n, k, k) that leaves the smallest disk, with sigma = `skew`."""
+    which, mu = largest(S + 0.5 * (skew - 1.0) * np.eye(S.shape[-1]))
+    return which, 1.0 / mu
+
+
+def disk_margin(loops: Loops, gains: dict[str, float], breaks: Sequence[str]) -> DiskMargin:
+    """Of the loops opened at all `breaks` at once, see `sensitivity`, of a system that is stable."""
+    omega = frequencies(loops.dt)
+    for _ in range(3):
+        which, alpha = smallest_disk(sensitivity(loops, gains, breaks, omega))
+        found = DiskMargin(alpha, float(omega[which]))
+        omega = _around(omega, which)
+    return found
+
+
+def _around(omega: Matrix, which: int) -> Matrix:
+    """Frequencies from the one before `which` to the one after it."""
+    low, high = omega[max(which - 1, 0)], omega[min(which + 1, len(omega) - 1)]
+    return np.unique(np.concatenate([np.geomspace(low, high, 2 * BETWEEN + 1), [omega[which]]]))

@@ -1,14 +1,20 @@
 """Distances against their definition, written down word for word and slow."""
 
+import math
 import random
 import time
 
 import numpy as np
+import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-
-from twin.experiment.requirement import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
+from twin.studies.metrics.better import SAME, Standing, overall, standing
+from twin.studies.metrics.checked_requirement import checked_requirement
 from twin.studies.metrics.distance import distance
+
+from twin.errors import InputRefused
+from twin.experiment.requirement import AtMost, Formula, Joined, Not, Term, Until, Within, requirement
+from twin.recording.layout import Field
 from validation.yardsticks.temporal_logic import Curves, formula
 
 
@@ -91,3 +97,72 @@ def test_a_minute_at_1_ms_is_judged_in_a_tenth_of_a_second():
     distance(wanted, run)
     # 10 ms were seen; a window looked at tick by tick takes minutes
     assert time.process_time() - began < 1.0
+
+
+FIELDS = {
+    "plant.F_ee_B": Field("F_ee_B", 3, "double", "N", ""),
+    "plant.p_B": Field("p_B", 3, "double", "m", ""),
+    "controller.F_z": Field("F_z", 1, "double", "N", ""),
+    "controller.omega_ref": Field("omega_ref", 3, "double", "rad/s", ""),
+    "controller.triggered": Field("triggered", 1, "bool", "1", ""),
+}
+
+
+@pytest.mark.parametrize(
+    ("text", "told"),
+    [
+        ("always (plant.F_ee <= 18 N)", r"no such signal as plant.F_ee; did you mean 'plant.F_ee_B'"),
+        ("always (|plant.F_ee_B| <= 18)", "N beside 1; expected the same unit"),
+        ("always (|plant.F_ee_B| <= 18 mm)", "N beside m"),
+        ("always (plant.F_ee_B <= 18 N)", r"a comparison of vectors; expected one component, x\[2\]"),
+        ("always (plant.F_ee_B[3] <= 18 N)", r"it has 3 components; expected \[0\] to \[2\]"),
+        ("always (controller.F_z[0] <= 18 N)", "expected no index"),
+        ("always (plant.p_B - controller.F_z <= 1 m)", "m beside N"),
+        ("always (|plant.F_ee_B + controller.F_z| <= 1 N)", "a sum of 3 and 1 components"),
+        ("controller.F_z", "is not true or false; expected a comparison"),
+        ("1 N <= 2 N", "a comparison of numbers"),
+        ("always (controller.F_z <= 9 N and plant.p_B[2] <= 0 mm)", "compares in N and in m"),
+        ("alway (controller.F_z <= 9 N)", "unknown word 'alway'"),
+    ],
+)
+def test_a_requirement_that_no_run_can_be_held_to_is_refused(text, told):
+    with pytest.raises(InputRefused, match=told):
+        checked_requirement(text, FIELDS)
+
+
+def test_the_unit_of_a_distance_is_that_of_its_comparisons():
+    assert checked_requirement("always (|controller.omega_ref| <= 30 rpm)", FIELDS)[1] == "rad/s"
+    assert checked_requirement("eventually controller.triggered", FIELDS)[1] == "1"
+
+
+NUMBERS = st.one_of(st.none(), st.floats(0.0, 1e6), st.just(math.inf))
+VALUES = st.dictionaries(st.sampled_from("abcdef"), NUMBERS)
+
+
+def test_less_is_better_and_a_fiftieth_is_the_same():
+    found = standing(
+        {"a": 1.0, "b": 2.0, "c": 1.0, "d": None, "e": 1.0, "f": 0.0},
+        {"a": 2.0, "b": 1.0, "c": 1.0 + 0.9 * SAME, "d": 1.0, "e": math.inf, "f": 1e-12},
+    )
+    assert found == Standing(better=("a", "e"), worse=("b",), same=("c", "f"))
+    assert found.sentence("B", "A") == "B beside A: better in a, e; worse in b; the same in c, f"
+
+
+@given(VALUES, VALUES)
+def test_what_is_better_one_way_round_is_worse_the_other(one: dict[str, float | None], other: dict[str, float | None]):
+    there, back = standing(one, other), standing(other, one)
+    assert set(there.better) == set(back.worse) and set(there.same) == set(back.same)
+    both = {name for name in one if one[name] is not None and other.get(name) is not None}
+    assert {*there.better, *there.worse, *there.same} == both
+
+
+def test_over_several_experiments_it_is_torn_where_they_disagree():
+    found = overall([Standing(("a", "b"), ("c",), ("d",)), Standing(("b",), ("a",), ("c", "d"))])
+    assert found == Standing(better=("b",), worse=("c",), same=("d",), torn=("a",))
+    assert found.sentence("B", "A") == (
+        "B beside A: better in b; worse in c; the same in d; now better, now worse in a"
+    )
+
+
+def test_nothing_in_common_is_said_so():
+    assert standing({"a": 1.0}, {"b": 1.0}).sentence("B", "A") == "B beside A: no measure that both have"

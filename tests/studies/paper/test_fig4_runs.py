@@ -2,9 +2,9 @@ from pathlib import Path
 
 import numpy as np
 from PIL import Image
+from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4
 
 from twin.recording.recording import Recording
-from twin.studies.paper.fig4_picture import FP_BASED, FP_REFERENCE, P_BASED, PRE_DEFINE, draw_fig4
 from twin.studies.paper.fig4_runs import fig4_runs
 
 

@@ -1,0 +1,301 @@
+"""How far a run is from violating a formula: quantitative semantics of signal temporal logic at tick 0.
+
+A comparison's distance is the larger side minus the smaller one, `not` turns it round, `and` and `always` take the
+smallest, `or` and `eventually` the largest (Fainekos and Pappas 2009; Donze and Maler 2010). A window that reaches
+beyond the end of the run ends there; one that begins after it holds always and never. Offline and in discrete time, in
+time proportional to the run's length (Donze, Ferrere and Maler 2013).
+
+Whether a formula can be evaluated: of signals that a run has, in units that fit together.
+
+Which series each verdict rests on: what a part of another make has to put out for a run to be scored in full.
+
+Which of two is better, measure by measure, in words.
+"""
+
+import math
+from collections.abc import Container, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.ndimage import maximum_filter1d
+
+from twin.errors import InputRefused, nearest
+from twin.experiment.requirement import AtMost, Formula, Holds, Joined, Not, Sum, Term, Until, Within, requirement
+from twin.units import known_unit
+
+Curve = NDArray[np.float64]
+
+
+class Run(Protocol):
+    """A run as `Trace` keeps it."""
+
+    @property
+    def tick(self) -> float: ...
+
+    def held(self, key: str, /) -> NDArray: ...
+
+
+def distance(formula: Formula, run: Run) -> float:
+    """Distance of `run` from violating `formula`, in the unit of its comparisons; negative: it violates it.
+
+    Args:
+        run: every tick of it, at least one.
+    """
+    return float(_distances(formula, run)[0])
+
+
+def _distances(formula: Formula, run: Run) -> Curve:
+    """At every tick, (n,)."""
+    match formula:
+        case AtMost(smaller, larger):
+            return _value(larger, run) - _value(smaller, run)
+        case Holds(signal):
+            return np.where(run.held(signal), np.inf, -np.inf)
+        case Not(of):
+            return -_distances(of, run)
+        case Joined(how, left, right):
+            return (np.minimum if how == "and" else np.maximum)(_distances(left, run), _distances(right, run))
+        case Within(how, of, begin, end):
+            sign = -1.0 if how == "always" else 1.0
+            return sign * _largest(sign * _distances(of, run), *_ticks(begin, end, run))
+        case Until(hold, goal, begin, end):
+            first, last = _ticks(begin, end, run)
+            held, reached = _distances(hold, run), _distances(goal, run)
+            # with hold until begin, and from there untimed; that the goal is in time is the third of them
+            before = -_largest(-held, 0, first - 1)
+            after = _shifted(_untimed(held, reached), first)
+            return np.minimum(np.minimum(before, after), _largest(reached, first, last))
+
+
+def _ticks(begin: float, end: float | None, run: Run) -> tuple[int, int | None]:
+    return round(begin / run.tick), None if end is None else round(end / run.tick)
+
+
+def _largest(values: Curve, first: int, last: int | None) -> Curve:
+    """Largest of `values` from `first` to `last` ticks later on, as far as the run goes; -inf where there is none."""
+    if last is None or last - first >= len(values):
+        return _shifted(np.maximum.accumulate(values[::-1])[::-1], first)
+    if last < first:
+        return np.full(len(values), -np.inf)
+    size = last - first + 1
+    # the filter's window is centred; origin makes it begin at the tick
+    windows = maximum_filter1d(values, size, mode="constant", cval=-np.inf, origin=-(size // 2))
+    return _shifted(windows, first)
+
+
+def _shifted(values: Curve, ticks: int) -> Curve:
+    """`values` of so many ticks later; -inf where the run is over."""
+    return np.concatenate([values[ticks:], np.full(min(ticks, len(values)), -np.inf)])
+
+
+def _untimed(held: Curve, reached: Curve) -> Curve:
+    """Of `held until reached`, whenever that is."""
+    found, later = np.empty(len(held)), -np.inf
+    for tick in range(len(held) - 1, -1, -1):
+        later = max(reached[tick], min(held[tick], later))
+        found[tick] = later
+    return found
+
+
+def _value(terms: Sum, run: Run) -> Curve:
+    """(n,), or (n, k) where the signals are vectors; a number where there are none."""
+    return np.asarray(sum(term.sign * _term(term, run) for term in terms))
+
+
+def _term(term: Term, run: Run) -> Curve:
+    if isinstance(term.what, tuple):
+        inside = _value(term.what, run)
+        return np.linalg.norm(inside, axis=1) if np.ndim(inside) == 2 else np.abs(inside)
+    if not isinstance(term.what, str):
+        return np.asarray(term.what)
+    values = run.held(term.what).astype(float, copy=False)
+    return values if term.index is None else values[:, term.index]
+
+
+class Signal(Protocol):
+    """What is known of a recorded signal before a run, as `twin.recording.layout.Field` has it."""
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def kind(self) -> str: ...
+    @property
+    def unit(self) -> str: ...
+
+
+def checked_requirement(text: str, signals: Mapping[str, Signal]) -> tuple[Formula, str]:
+    """The formula that `text` spells, and the SI unit of its distance; "1" where it compares nothing.
+
+    Args:
+        signals: `topic.field` of those that a run has.
+
+    Raises:
+        InputRefused: it spells none, names a signal that is not among these, or mixes units.
+    """
+    try:
+        formula = requirement(text)
+        units = _units(formula, signals)
+    except ValueError as problem:
+        raise InputRefused(f'"{text}": {problem}') from None
+    if len(units) > 1:
+        raise InputRefused(
+            f'"{text}": compares in {" and in ".join(sorted(units))}, and a distance has one unit; make a requirement '
+            "for each"
+        )
+    return formula, units.pop() if units else "1"
+
+
+def _units(formula: Formula, signals: Mapping[str, Signal]) -> set[str]:
+    """SI units of the comparisons in `formula`.
+
+    Raises:
+        ValueError: it cannot be evaluated.
+    """
+    match formula:
+        case AtMost(smaller, larger):
+            sides = [_measure(side, signals) for side in (smaller, larger)]
+            if not any(isinstance(term.what, str | tuple) for term in (*smaller, *larger)):
+                raise ValueError("a comparison of numbers; expected a signal on one side")
+            if sides[0].size > 1 or sides[1].size > 1:
+                raise ValueError("a comparison of vectors; expected one component, x[2], or the size, |x|")
+            return {_common(*sides)}
+        case Holds(signal):
+            if _known(signal, signals).kind != "bool":
+                raise ValueError(f"{signal} is not true or false; expected a comparison")
+            return set()
+        case Not(of) | Within(_, of):
+            return _units(of, signals)
+        case Joined(_, left, right) | Until(left, right):
+            return _units(left, signals) | _units(right, signals)
+
+
+class _Measure(NamedTuple):
+    size: int
+    unit: str
+
+
+def _common(one: _Measure, other: _Measure) -> str:
+    if one.unit != other.unit:
+        raise ValueError(f"{one.unit} beside {other.unit}; expected the same unit, and of every number its own")
+    return one.unit
+
+
+def _measure(terms: Sum, signals: Mapping[str, Signal]) -> _Measure:
+    found = [_of_term(term, signals) for term in terms]
+    for one in found[1:]:
+        _common(found[0], one)
+        if one.size != found[0].size:
+            raise ValueError(f"a sum of {found[0].size} and {one.size} components; expected as many")
+    return found[0]
+
+
+def _of_term(term: Term, signals: Mapping[str, Signal]) -> _Measure:
+    if isinstance(term.what, tuple):
+        return _measure(term.what, signals)._replace(size=1)
+    if not isinstance(term.what, str):
+        assert term.unit is not None
+        return _Measure(1, term.unit.si)
+    signal = _known(term.what, signals)
+    if term.index is not None and (signal.size == 1 or term.index >= signal.size):
+        wanted = f"[0] to [{signal.size - 1}]" if signal.size > 1 else "no index"
+        raise ValueError(f"{term.what}[{term.index}]: it has {signal.size} components; expected {wanted}")
+    unit = known_unit(signal.unit)
+    return _Measure(signal.size if term.index is None else 1, unit.si if unit else signal.unit)
+
+
+def _known(name: str, signals: Mapping[str, Signal]) -> Signal:
+    if name not in signals:
+        raise ValueError(f"no such signal as {name}; {nearest(name, signals, 'there are {}', 3)}")
+    return signals[name]
+
+
+MEASURES = {
+    "the estimated force": ("plant.F_ee_B", "controller.F_z"),
+    "settling": ("plant.F_ee_B", "controller.F_z_ref"),
+    "overshoot": ("plant.F_ee_B", "controller.F_z_ref"),
+    "force error": ("plant.F_ee_B", "controller.F_z_ref", "controller.triggered"),
+    "settled force error": ("plant.F_ee_B", "controller.F_z_ref"),
+    "distance from the path": ("plant.p_B", "controller.p_ref_B"),
+    "the estimated position": ("plant.p_B", "estimator.p_B"),
+}
+"""Short names of a report's measures, by which runs are compared -> the series that each needs."""
+OF_A_CONSTANT_FORCE = ("settling", "overshoot", "settled force error")
+"""Measures of runs without tasks."""
+FIG4 = (
+    "plant.p_B", "plant.F_ee_B", "scale.F_z", "estimator.p_B", "estimator.F_ee_B", "controller.p_ref_B",
+    "controller.p_cmd_B", "controller.F_z", "controller.F_z_ref", "controller.triggered",
+)  # fmt: skip
+"""What the claims of Fig. 4 are judged on."""
+FIG5 = ("plant.p_B", "plant.v_B", "plant.F_ee_B", "controller.task", "controller.phase")
+"""What the claims of Fig. 5 are judged on: without any of these nothing can be said."""
+
+
+def lacking(series: Iterable[str], fields: Container[str]) -> list[str]:
+    """Those of `series` that are not among `fields`."""
+    return [name for name in series if name not in fields]
+
+
+SAME = 0.02
+"""Share of the larger value within which two count as the same: a fiftieth is what a picture still shows."""
+ROUNDING = 1e-9
+"""In SI units: values that differ by no more are the same however small they are."""
+
+Values = Mapping[str, float | None]
+"""Measures by name, less is better; None: there is none."""
+
+
+@dataclass(frozen=True)
+class Standing:
+    """One beside another: names of measures in which it is better, worse, the same; `torn`: now one, now the other."""
+
+    better: tuple[str, ...] = ()
+    worse: tuple[str, ...] = ()
+    same: tuple[str, ...] = ()
+    torn: tuple[str, ...] = ()
+
+    def sentence(self, one: str, other: str) -> str:
+        """`B beside A: better in ..., worse in ..., the same in ...`"""
+        said = (("better in", self.better), ("worse in", self.worse), ("the same in", self.same))
+        parts = [
+            f"{how} {', '.join(names)}" for how, names in (*said, ("now better, now worse in", self.torn)) if names
+        ]
+        return f"{one} beside {other}: {'; '.join(parts) or 'no measure that both have'}"
+
+
+def standing(one: Values, other: Values) -> Standing:
+    """How `one` stands beside `other`, in what both have; infinity is worse than any number."""
+    ranks: dict[int, list[str]] = {-1: [], 0: [], 1: []}
+    for name, value in one.items():
+        beside = other.get(name)
+        if value is not None and beside is not None:
+            ranks[_rank(value, beside)].append(name)
+    return Standing(tuple(ranks[-1]), tuple(ranks[1]), tuple(ranks[0]))
+
+
+def overall(standings: Sequence[Standing]) -> Standing:
+    """Of several: better where it is better in one at least and worse in none, and so on."""
+    if len(standings) == 1:
+        return standings[0]
+    better = [name for one in standings for name in one.better]
+    worse = [name for one in standings for name in one.worse]
+    same = [name for one in standings for name in one.same]
+    return Standing(
+        better=_first(name for name in better if name not in worse),
+        worse=_first(name for name in worse if name not in better),
+        same=_first(name for name in same if name not in better and name not in worse),
+        torn=_first(name for name in better if name in worse),
+    )
+
+
+def _first(names: Iterable[str]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(names))
+
+
+def _rank(value: float, beside: float) -> int:
+    # what never happens is at infinity, to which all else is near
+    near = math.isfinite(value) and math.isfinite(beside)
+    if value == beside or (near and abs(value - beside) <= max(ROUNDING, SAME * max(abs(value), abs(beside)))):
+        return 0
+    return -1 if value < beside else 1
